@@ -1,0 +1,78 @@
+"""Turns what a caller passes into private float64 arrays, or says what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhtbench.errors import ProblemError
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+def real_array(name: str, value: Any) -> NDArray[np.float64]:
+    """A private, read-only float64 copy of ``value``.
+
+    Raises
+    ------
+    TypeError
+        ``value`` is None, a string, complex, masked, ragged or of object type.
+    ProblemError
+        An entry is NaN or infinite.
+    """
+    array = real_values(name, value)
+    if not np.all(np.isfinite(array)):
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ProblemError(f"{name} must be finite; entry {list(where)} is {array[where]}.")
+    array.setflags(write=False)
+    return array
+
+
+def real_values(name: str, value: Any) -> NDArray[np.float64]:
+    """A private float64 copy of ``value``; entries may be NaN or infinite (a callback's result, say)."""
+    expected = f"{name} must be real numbers"
+    if value is None:
+        raise TypeError(f"{expected}; got None.")
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{expected}; got a masked array. Fill the masked entries first.")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise TypeError(f"{expected}; got a ragged sequence ({error}).") from error
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{expected}; got dtype {array.dtype} ({type(value).__name__}).")
+    return np.array(array, dtype=np.float64, order="C")
+
+
+def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
+    """A private, read-only vector ``(size,)``; scalars, columns and rows are refused, never broadcast."""
+    array = real_array(name, value)
+    if array.ndim != 1 or (size is not None and array.shape != (size,)):
+        wanted = f"({size},)" if size is not None else "a one-dimensional array (n,)"
+        raise ProblemError(f"{name} must have shape {wanted}; got {array.shape}.")
+    return array
+
+
+def real_number(name: str, value: Any, *, unit: str = "") -> float:
+    """A finite float; booleans, strings and arrays of more than one entry are refused."""
+    if isinstance(value, bool) or isinstance(value, str) or value is None:
+        raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.size != 1:
+        raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
+    number = float(array.reshape(()))
+    if not np.isfinite(number):
+        raise ProblemError(f"{name} must be finite{unit}; got {number}.")
+    return number
+
+
+def positive_integer(name: str, value: Any) -> int:
+    """An integer of at least 1."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name} must be a whole number of at least 1; got {value!r}.")
+    if value < 1:
+        raise ProblemError(f"{name} must be at least 1; got {value}.")
+    return int(value)

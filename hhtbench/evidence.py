@@ -1,0 +1,111 @@
+"""Evidence: claims with the number measured, the bound and the verdict, as table, JSON and curves.
+
+``check`` and ``verify`` (later ``validate``) all return an :class:`Evidence`; its JSON is
+``{schema, passed, rows: [{id, claim, measured, bound, passed}], environment}``.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from tabulate import tabulate
+
+SCHEMA = "hhtbench.evidence/1"
+LIBRARIES = ("hhtbench", "numpy", "scipy", "jax", "jaxlib", "equinox")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One claim and what was measured."""
+
+    id: str  #: short and stable, "5.1/q"
+    claim: str  #: a sentence
+    measured: str | float
+    bound: str  #: the bound as a reader would say it, "2.00 +- 0.05"; "not judged" where nothing is
+    passed: bool | None  #: None: printed beside the claims, not judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """One line of a plot."""
+
+    label: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """A table of curves that the report draws."""
+
+    id: str
+    title: str
+    caption: str  #: what is seen and what it shows
+    x_label: str  #: with unit
+    y_label: str  #: with unit
+    curves: tuple[Curve, ...]
+    logarithmic: bool = True
+    slope: float | None = None  #: slope of a guide line, for convergence plots
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """Rows and plots of one check or verification."""
+
+    title: str
+    rows: tuple[Row, ...]
+    plots: tuple[Plot, ...] = ()
+    seconds: float | None = None  #: wall time of the measurement
+    environment: dict[str, str] = field(default_factory=lambda: environment())
+
+    @property
+    def passed(self) -> bool:
+        """True when no judged row failed and at least one was judged."""
+        judged = [row.passed for row in self.rows if row.passed is not None]
+        return bool(judged) and all(judged)
+
+    @property
+    def summary(self) -> str:
+        """The closing line: how many claims hold, which fail."""
+        judged = [row for row in self.rows if row.passed is not None]
+        failed = [row.id for row in judged if not row.passed]
+        line = f"{self.title}: {len(judged) - len(failed)} of {len(judged)} claims hold"
+        return f"{line}; failed: {', '.join(failed)}" if failed else line
+
+    def table(self, style: str = "simple") -> str:
+        """The rows as a text table (``style`` as in tabulate: simple, github, html)."""
+        verdict = {True: "ok", False: "FAIL", None: ""}
+        body = [[r.id, r.claim, _number(r.measured), r.bound, verdict[r.passed]] for r in self.rows]
+        return tabulate(body, headers=["id", "claim", "measured", "bound", ""], tablefmt=style, disable_numparse=True)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The JSON contract as plain Python values."""
+        rows = [
+            {"id": r.id, "claim": r.claim, "measured": r.measured, "bound": r.bound, "passed": r.passed} for r in self.rows
+        ]
+        return {"schema": SCHEMA, "title": self.title, "passed": self.passed, "rows": rows, "environment": self.environment}
+
+    def write_json(self, path: str | Path) -> None:
+        """Write :meth:`as_dict` to ``path``."""
+        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+
+
+def environment() -> dict[str, str]:
+    """Machine and versions a figure was measured with."""
+    found = {"python": platform.python_version(), "machine": platform.machine(), "system": platform.system()}
+    for library in LIBRARIES:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            found[library] = "not installed"
+    return {**found, "date": datetime.now(UTC).strftime("%Y-%m-%d")}
+
+
+def _number(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"

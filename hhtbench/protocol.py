@@ -1,0 +1,188 @@
+"""The physics, written once: what a user declares and every solver receives.
+
+Read this file first.  A **System** is the physics, a **Problem** adds a start, an interval and what to
+measure, a **Solver** turns a Problem and a Request into a Solution.
+
+Symbols, used with this meaning everywhere:
+
+=========  =========  ==============================================================  ==============
+symbol     shape      meaning                                                         unit
+=========  =========  ==============================================================  ==============
+``t``      scalar     time                                                            s
+``q``      (n,)       generalised coordinates                                         m, rad
+``v``      (n,)       velocities, dq/dt                                               m/s, rad/s
+``vdot``   (n,)       accelerations, dv/dt                                            m/s^2, rad/s^2
+``a``      (n,)       the HHT method's auxiliary accelerations (not dv/dt at t)       m/s^2, rad/s^2
+``lam``    (m,)       multipliers of the position constraints                         N, N m
+``mu``     (p,)       multipliers of the velocity constraints                         N, N m
+``M``      (n, n)     mass matrix                                                     kg, kg m^2
+``F``      (n,)       applied generalised force                                       N, N m
+``Q``      (n,)       reaction (constraint) force                                     N, N m
+``f, r``   (n,)       ``M^-1 F``, ``M^-1 Q``                                          m/s^2, rad/s^2
+``g``      (m,)       position constraints, ``0 = g(t, q)``                           m, rad
+``g_q``    (m, n)     their Jacobian, ``G`` for short
+``k``      (p,)       velocity constraints, ``0 = k(t, q, v)``                        m/s, rad/s
+``k_v``    (p, n)     their Jacobian with respect to v, ``K`` for short
+``h``      scalar     step                                                            s
+``alpha``  scalar     damping parameter of the HHT method, in [-1/3, 0]
+``beta``   scalar     Newmark weight of the end acceleration in the position
+``gamma``  scalar     Newmark weight of the end acceleration in the velocity
+``b``      scalar     weight of the end reaction in the position
+=========  =========  ==============================================================  ==============
+
+The equations are ``q' = v``, ``M(t,q) v' = F(t,q,v) + Q``, ``0 = g(t,q)``, ``0 = k(t,q,v)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from hhtbench.arguments import Vector, real_array, real_number, real_vector
+from hhtbench.errors import ProblemError
+
+if TYPE_CHECKING:
+    from hhtbench.request import Request
+    from hhtbench.result import Solution
+
+PHYSICS = ("force", "mass_matrix", "constraint", "velocity_constraint", "reaction", "velocity_reaction", "energy", "invariants")
+DERIVATIVES = (
+    "force_jacobians",  # (t,q,v) -> (F_q (n,n), F_v (n,n)); None for one that is zero
+    "constraint_jacobian",  # (t,q) -> (m,n)
+    "constraint_time_derivative",  # (t,q) -> (m,)
+    "constraint_acceleration",  # (t,q,v) -> (m,): g_tt + 2 g_tq v + g_qq(v,v), so that g'' = g_q vdot + this
+    "velocity_constraint_jacobian",  # (t,q,v) -> (p,n): k_v
+    "reaction_jacobians",  # (t,q,lam) -> (Q_q (n,n), Q_lam (n,m))
+    "sparsity",  # mapping: name of a derivative -> boolean pattern
+)
+
+
+def parameter(default: Any = ..., *, doc: str = "") -> Any:
+    """A physical parameter of a :class:`System`: stored as a float64 array.
+
+    Arrays, not Python floats: a new value then reuses the compiled code, a float would be traced again.
+    ``doc`` states meaning and unit.
+    """
+    options: dict[str, Any] = {"converter": lambda x: jnp.asarray(x, dtype=jnp.float64), "metadata": {"doc": doc}}
+    return eqx.field(**options) if default is ... else eqx.field(default=default, **options)
+
+
+class System(eqx.Module):
+    """Physics in pure ``jax.numpy`` functions; subclass it and declare what the scene requires, no more.
+
+    Required: ``force(t, q, v) -> (n,)``.  Optional, each costing nothing while undeclared (an attribute that
+    is missing or None is undeclared):
+
+    ``mass_matrix``
+        Field: scalar, ``(n,)`` or ``(n, n)``; or method ``(t, q) -> (n, n)``.  Identity if undeclared; may be
+        singular where the KKT matrix ``[[M, C^T], [C, 0]]`` is regular.
+    ``constraint(t, q) -> (m,)``, ``velocity_constraint(t, q, v) -> (p,)``
+        ``g`` and ``k``.
+    ``reaction(t, q, lam) -> (n,)``, ``velocity_reaction(t, q, v, mu) -> (n,)``
+        Generalised reaction forces; ``-g_q^T lam`` and ``-k_v^T mu`` if undeclared.  May be nonlinear in ``lam``.
+    ``energy(t, q, v) -> scalar``, ``invariants(t, q, v) -> dict of scalars``
+        Measured, never used by a solver.
+
+    The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.
+    """
+
+
+class NumpySystem:
+    """The same physics as plain callables on NumPy arrays (a wrapped external code, say).
+
+    Takes the names of :class:`System` and of ``DERIVATIVES`` as keywords.  Derivatives that are missing come
+    from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
+    the difference scheme (about 1e-9), not to roundoff.  Arguments are read-only copies.
+    """
+
+    def __init__(self, *, force: Callable[..., Any], **declared: Any) -> None:
+        unknown = sorted(set(declared) - set(PHYSICS) - set(DERIVATIVES))
+        if unknown:
+            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(PHYSICS + DERIVATIVES)}.")
+        for name, value in {"force": force, **declared}.items():
+            if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
+                raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")
+            if name == "mass_matrix" and value is not None and not callable(value):
+                value = real_array("mass_matrix", value)
+            object.__setattr__(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a NumpySystem is not changed after it is made; make a new one with {name}=...")
+
+
+def declared(system: System | NumpySystem, name: str) -> Any:
+    """What ``system`` declares under ``name``, or None."""
+    return getattr(system, name, None)
+
+
+class Motion(NamedTuple):
+    """State and multipliers at one time: ``q, v`` (n,), ``lam`` (m,), ``mu`` (p,)."""
+
+    q: Any
+    v: Any
+    lam: Any
+    mu: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Typical sizes, used to scale errors and drift: one number each or one per component."""
+
+    q: Any = 1.0
+    v: Any = 1.0
+    lam: Any = 1.0
+    mu: Any = 1.0
+
+
+Observable = Callable[[float, Vector, Vector, Vector], Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A System with a consistent start, an interval and what to measure."""
+
+    name: str
+    system: System | NumpySystem
+    t_span: tuple[float, float]  #: start and end [s]
+    q0: Vector  #: (n,) coordinates at the start
+    v0: Vector  #: (n,) velocities at the start
+    lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
+    mu_guess: Vector | None = None  #: (p,) the same for the velocity constraints
+    scales: Scales = field(default_factory=Scales)
+    observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
+    exact: Callable[[float], Motion] | None = None  #: closed solution
+    reference: Mapping[str, Any] | None = None  #: {"t": (k,), "q": (k,n), "v": (k,n), "lam": (k,m), "digits": int}
+    sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
+    tags: tuple[str, ...] = ()
+    source: str = ""  #: where the equations and values come from
+
+    def __post_init__(self) -> None:
+        q0 = real_vector("q0", self.q0)
+        if q0.size == 0:
+            raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
+        v0 = real_vector("v0", self.v0, q0.size)
+        if not isinstance(self.t_span, (tuple, list)) or len(self.t_span) != 2:
+            raise ProblemError(f"t_span must be two times (start, end) [s]; got {self.t_span!r}.")
+        span = tuple(real_number(f"t_span[{i}]", t, unit=" [s]") for i, t in enumerate(self.t_span))
+        for name, value in {"q0": q0, "v0": v0, "t_span": span}.items():
+            object.__setattr__(self, name, value)
+        for name in ("lam_guess", "mu_guess"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, real_vector(name, value))
+
+
+class Solver(Protocol):
+    """What the bench knows of a solver."""
+
+    name: str
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """The reason why this solver cannot take the problem or request, or None; no physics is called."""
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate; numerical failures end in ``Solution.status``, never in an exception."""

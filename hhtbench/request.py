@@ -1,0 +1,176 @@
+"""What a caller asks of a solver: tolerances or steps, outputs, budgets."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector, positive_integer, real_array, real_number, real_vector
+from hhtbench.errors import ProblemError
+
+RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
+RTOL_CEILING = 0.1  # above it a solution has no correct digit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Tolerances (``rtol, atol``) or steps (``step`` or ``steps``), output times and budgets.
+
+    ``step=h`` takes ``N = ceil(span / h)`` equal steps of ``span / N``; ``steps=N`` takes N equal steps;
+    ``steps=array`` takes the given lengths, which must add up to the span.  These three and the tolerances
+    exclude one another.  Budgets count over the whole span.
+    """
+
+    rtol: float | None = None  #: relative tolerance
+    atol: Any = None  #: absolute tolerance: a number or one per component
+    step: float | None = None  #: constant step [s], positive; its sign follows from the interval
+    steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
+    t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
+    max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
+    max_evaluations: int | None = None  #: most residual evaluations
+    max_seconds: float | None = None  #: most wall-clock time [s]
+    options: Mapping[str, Any] = field(default_factory=dict)  #: options of one solver
+
+    def __post_init__(self) -> None:
+        changes = {
+            "rtol": _rtol(self.rtol),
+            "atol": _atol(self.atol, self.rtol),
+            "step": _positive("step", self.step, " [s]"),
+            "steps": _steps(self.steps),
+            "t_eval": None if self.t_eval is None else _output_times(self.t_eval),
+            "max_seconds": _positive("max_seconds", self.max_seconds, " [s]"),
+        }
+        for name in ("max_num_steps", "max_evaluations"):
+            value = getattr(self, name)
+            changes[name] = None if value is None else positive_integer(name, value)
+        for name, value in changes.items():
+            object.__setattr__(self, name, value)
+        given = [name for name in ("step", "steps") if getattr(self, name) is not None]
+        if self.rtol is not None or self.atol is not None:
+            given.append("rtol/atol")
+        if len(given) > 1:
+            raise ProblemError(f"{' and '.join(given)} exclude one another; give one of them.")
+
+    @property
+    def fixed(self) -> bool:
+        """True when the steps are given, not chosen by error control."""
+        return self.step is not None or self.steps is not None
+
+
+def make_request(**keywords: Any) -> Request:
+    """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
+    known = [f.name for f in fields(Request)]
+    unknown = sorted(set(keywords) - set(known))
+    if unknown:
+        raise TypeError(f"unknown request option {', '.join(unknown)}; known: {', '.join(known)}.")
+    return Request(**keywords)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepPlan:
+    """Prescribed steps over one interval, without an array of times for equal steps."""
+
+    t0: float
+    t1: float
+    count: int
+    lengths: Vector | None  #: (count,) signed, or None for equal steps
+    ends: Vector | None  #: (count,) end times, or None for equal steps
+
+    def length(self, index: int) -> float:
+        """Signed length [s] of step ``index``: nominal, not the difference of two rounded times."""
+        return float(self.lengths[index]) if self.lengths is not None else (self.t1 - self.t0) / self.count
+
+    def end(self, index: int) -> float:
+        """End time [s] of step ``index``; the last one is t1 exactly."""
+        if index == self.count - 1:
+            return self.t1
+        if self.ends is not None:
+            return float(self.ends[index])
+        return self.t0 + (self.t1 - self.t0) * ((index + 1) / self.count)
+
+
+def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
+    """The prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""
+    span = t1 - t0
+    if request.step is not None:
+        count = max(1, math.ceil(abs(span) / request.step * (1 - 1e-12)))  # 1e-12: 0.1 / 0.001 is 100 steps, not 101
+        return StepPlan(t0=t0, t1=t1, count=count, lengths=None, ends=None)
+    if isinstance(request.steps, int):
+        return StepPlan(t0=t0, t1=t1, count=request.steps, lengths=None, ends=None)
+    if request.steps is None:
+        raise ProblemError("the steps are not prescribed; give step=h, steps=N or steps=array of lengths.")
+    total = math.fsum(request.steps)
+    if abs(total - abs(span)) > 1e-9 * abs(span):
+        raise ProblemError(f"steps must add up to the interval's length {abs(span):.17g} s; they add up to {total:.17g} s.")
+    lengths = np.copysign(request.steps, span)
+    return StepPlan(t0=t0, t1=t1, count=len(lengths), lengths=lengths, ends=t0 + np.cumsum(lengths))
+
+
+def check_output_times(t_eval: Vector, t0: float, t1: float) -> None:
+    """Raise unless ``t_eval`` runs from t0 towards t1 within the interval (equal neighbours are allowed)."""
+    direction = -1.0 if t1 < t0 else 1.0
+    if np.any(direction * np.diff(t_eval) < 0):
+        raise ProblemError("t_eval must be sorted along the interval; sort it.")
+    low, high = min(t0, t1), max(t0, t1)
+    outside = t_eval[(t_eval < low) | (t_eval > high)]
+    if outside.size:
+        raise ProblemError(f"t_eval must lie within [{low:.17g}, {high:.17g}] s; got {outside[0]:.17g}.")
+
+
+def _rtol(value: Any) -> float | None:
+    if value is None:
+        return None
+    number = real_number("rtol", value)
+    if number < 0:
+        raise ProblemError(f"rtol must not be negative; got {number}.")
+    if 0 < number < RTOL_FLOOR:
+        warnings.warn(f"rtol={number:g} is below roundoff; {RTOL_FLOOR:.2g} is used.", UserWarning, stacklevel=4)
+        return RTOL_FLOOR
+    if number > RTOL_CEILING:
+        warnings.warn(f"rtol={number:g} is larger than {RTOL_CEILING}: no digit will be right.", UserWarning, stacklevel=4)
+    return number
+
+
+def _atol(value: Any, rtol: Any) -> Any:
+    if value is None:
+        return None
+    array = real_array("atol", value)
+    if array.ndim > 1:
+        raise ProblemError(f"atol must be a number or one number per component (n,); got shape {array.shape}.")
+    if np.any(array < 0):
+        raise ProblemError(f"atol must not be negative; got {array.min()}.")
+    if rtol == 0 and np.any(array == 0):
+        raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
+    return float(array) if array.ndim == 0 else array
+
+
+def _positive(name: str, value: Any, unit: str) -> float | None:
+    if value is None:
+        return None
+    number = real_number(name, value, unit=unit)
+    if number <= 0:
+        raise ProblemError(f"{name} must be positive{unit}; got {number}.")
+    return number
+
+
+def _steps(value: Any) -> int | Vector | None:
+    if value is None:
+        return None
+    if isinstance(value, (int, np.integer)) or np.ndim(value) == 0:
+        return positive_integer("steps", value)
+    lengths = real_vector("steps", value)
+    if lengths.size == 0 or np.any(lengths <= 0):
+        raise ProblemError("steps must be a whole number or an array of positive lengths [s].")
+    return lengths
+
+
+def _output_times(value: Any) -> Vector:
+    times = real_vector("t_eval", value)
+    if times.size == 0:
+        raise ProblemError("t_eval must hold at least one time; leave it out for output at every step.")
+    return times

@@ -1,0 +1,117 @@
+"""What a solver returns: status, counters, trajectory."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol import Motion
+
+
+class Status(enum.Enum):
+    """How a solve ended: one vocabulary for every solver.
+
+    ``code`` is SUNDIALS' integer where it has the same outcome, else None; ``text`` says what to do.
+    """
+
+    success = ("success", 0, "The end of the interval was reached.")
+    event = ("event", 2, "A terminal event stopped the integration; continue from the returned state.")
+    max_steps = ("max_steps", -1, "The step budget is used up; raise max_num_steps or loosen the request.")
+    step_too_small = ("step_too_small", -3, "The error test fails at the smallest step; loosen the tolerances or look for a jump in the forces.")
+    newton_failed = ("newton_failed", -4, "Newton's iteration did not converge; take a smaller step, check the derivatives with `hhtbench check`.")
+    singular_iteration_matrix = ("singular_iteration_matrix", -6, "The matrix of the step is singular; see the message for the rank and `hhtbench check` for the rows.")
+    redundant_constraints = ("redundant_constraints", None, "Rows of the constraint Jacobian are dependent; remove the rows named in the message.")
+    nonfinite_callback = ("nonfinite_callback", -8, "A function of the system returned NaN or infinity; the message names it.")
+    inconsistent_initial = ("inconsistent_initial", None, "The start violates the constraints; the message names the rows. Correct q0, v0 or ask for calc_initcond.")
+    time_resolution = ("time_resolution", None, "The step is below the spacing of floating-point times; shift the time origin or take longer steps.")
+    evaluation_budget = ("evaluation_budget", None, "The budget of evaluations is used up; raise max_evaluations.")
+    deadline = ("deadline", None, "The time budget is used up; raise max_seconds.")
+    interrupted = ("interrupted", None, "The solve was interrupted from outside.")
+    declined = ("declined", -22, "The solver cannot take this problem or request; the message says why.")
+    unreliable = ("unreliable", None, "The library reported success but its result failed the check.")
+    user_exception = ("user_exception", None, "A function of the system raised an exception.")
+    crashed = ("crashed", None, "The worker process died.")
+    out_of_memory = ("out_of_memory", None, "The worker process ran out of memory.")
+
+    def __init__(self, label: str, code: int | None, text: str) -> None:
+        self.label = label
+        self.code = code
+        self.text = text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counters:
+    """Work done; None means not reported, never zero instead.
+
+    One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.
+    ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
+    """
+
+    steps_accepted: int | None = 0
+    steps_rejected_error: int | None = 0
+    steps_rejected_newton: int | None = 0
+    newton_iterations: int | None = 0
+    residual_evaluations: int | None = 0
+    jacobian_evaluations: int | None = 0
+    factorisations: int | None = 0
+    linear_solves: int | None = 0
+    event_evaluations: int | None = 0
+    nonfinite_evaluations: int | None = 0
+    provenance: str = "counted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepsData:
+    """Stage values of the HHT method, one row per accepted step."""
+
+    t: Vector  #: (N,) end times of the steps [s]
+    h: Vector  #: (N,) signed lengths [s]
+    a: Matrix  #: (N, n) auxiliary accelerations at the end of the step, near f(t + alpha h)
+    lam_start: Matrix  #: (N, m) multiplier of the reaction at the start of the step, first order
+    lam_end: Matrix  #: (N, m) the same at its end (or midpoint), first order
+    mu_half: Matrix  #: (N, p) multiplier of the velocity constraints at the midpoint
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level."""
+
+    t: Vector  #: (n_t,) [s]
+    q: Matrix  #: (n_t, n)
+    v: Matrix  #: (n_t, n)
+    lam: Matrix  #: (n_t, m) multipliers of the position constraints
+    mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
+    status: Status
+    message: str  #: what happened, where, and what to do
+    counters: Counters = field(default_factory=Counters)
+    steps_data: StepsData | None = None  #: HHT only
+    t_events: tuple[Vector, ...] = ()
+    interpolant: Callable[[Any], Motion] | None = None  #: dense output over the accepted steps
+
+    @property
+    def success(self) -> bool:
+        """True when the interval's end (or a terminal event) was reached."""
+        return self.status in (Status.success, Status.event)
+
+    def __call__(self, t: Any) -> Motion:
+        """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays."""
+        if self.interpolant is None:
+            raise ValueError("this solution has no dense output: no step was accepted, or the solver keeps none.")
+        return self.interpolant(t)
+
+    def __repr__(self) -> str:
+        rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
+        rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]
+        counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
+        rows += [(name, "not reported" if value is None else str(value)) for name, value in counted]
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
+
+
+def _span(t: Vector) -> str:
+    return f"{t[0]:.17g} ... {t[-1]:.17g} ({np.size(t)} rows)" if np.size(t) else "no rows"
