@@ -5,12 +5,11 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.protocol import Motion
 
 
 class Status(enum.Enum):
@@ -77,6 +76,13 @@ class StepsData:
     mu_half: Matrix  #: (N, p) multiplier of the velocity constraints at the midpoint
 
 
+class DenseOutput(NamedTuple):
+    """Interpolated state: ``q, v`` (n,) at one time, (k, n) at k times."""
+
+    q: Matrix
+    v: Matrix
+
+
 @dataclass(frozen=True, kw_only=True)
 class Solution:
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level."""
@@ -91,14 +97,14 @@ class Solution:
     counters: Counters = field(default_factory=Counters)
     steps_data: StepsData | None = None  #: HHT only
     t_events: tuple[Vector, ...] = ()
-    interpolant: Callable[[Any], Motion] | None = None  #: dense output over the accepted steps
+    interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
 
     @property
     def success(self) -> bool:
         """True when the interval's end (or a terminal event) was reached."""
         return self.status in (Status.success, Status.event)
 
-    def __call__(self, t: Any) -> Motion:
+    def __call__(self, t: Any) -> DenseOutput:
         """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays."""
         if self.interpolant is None:
             raise ValueError("this solution has no dense output: no step was accepted, or the solver keeps none.")

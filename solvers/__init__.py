@@ -1,1 +1,1 @@
-
+"""Solvers: each turns a Problem and a Request into a Solution."""

@@ -1,1 +1,27 @@
+"""Turns physics into callables: every derived function, by one of several routes with the same values.
 
+``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` makes it fast; no
+other module compiles anything.
+"""
+
+from hhtbench.lowering.augmented import augment
+from hhtbench.lowering.compiling import compile_function, route_of
+from hhtbench.lowering.derive import Dynamics, derive
+from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank, mass_is_singular
+from hhtbench.lowering.levels import ConstraintLevels, Levels
+from hhtbench.lowering.structure import Structure
+
+__all__ = [
+    "AccelerationLevel",
+    "ConstraintLevels",
+    "ConstraintRank",
+    "Dynamics",
+    "Levels",
+    "Structure",
+    "augment",
+    "compile_function",
+    "constraint_rank",
+    "derive",
+    "mass_is_singular",
+    "route_of",
+]

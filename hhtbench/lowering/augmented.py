@@ -1,0 +1,91 @@
+"""A regular mass matrix for systems whose own is singular but whose KKT matrix is regular.
+
+On the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so adding ``rho C^T (C vdot + c)`` to the equations changes
+nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The new mass is positive definite exactly where M is positive
+definite on the null space of C.  Solving with the KKT matrix inside every f instead would put the reaction into f and
+leave nothing for the two stage multipliers of the extended HHT method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering.differences import derivative
+from hhtbench.lowering.jax_dynamics import JaxDynamics
+from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.structure import Structure
+
+
+class AugmentedDynamics(eqx.Module):
+    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``; the rest is passed through.
+
+    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
+    """
+
+    inner: Any
+    rho: Any  #: scalar weight, float64 array
+
+    @property
+    def structure(self) -> Structure:
+        """Sizes and dependencies: the augmented mass is variable, the force uses q and v."""
+        return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("inner", "rho") or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def _rows(self, t: Any, q: Any) -> Any:
+        """C (rows, n) as a function of (t, q)."""
+        blocks = []
+        if self.inner.structure.m:
+            blocks.append(self.inner.constraint_jacobian(t, q))
+        if self.inner.structure.p and not self.inner.structure.velocity_reaction_uses_v:
+            blocks.append(self.inner.velocity_constraint_jacobian(t, q, 0.0 * q))
+        return self.inner.xp.concatenate(blocks, axis=0)
+
+    def _acceleration_terms(self, t: Any, q: Any, v: Any) -> Any:
+        """c (rows,): the part of the constraints' second time derivative without C vdot."""
+        parts = []
+        if self.inner.structure.m:
+            parts.append(self.inner.constraint_acceleration(t, q, v))
+        if self.inner.structure.p and not self.inner.structure.velocity_reaction_uses_v:
+            parts.append(self.inner.velocity_constraint_acceleration(t, q, v))
+        return self.inner.xp.concatenate(parts)
+
+    def mass(self, t: Any, q: Any) -> Any:
+        """M + rho C^T C (n, n)."""
+        rows = self._rows(t, q)
+        return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """F - rho C^T c (n,)."""
+        return self.inner.force(t, q, v) - self.rho * (self._rows(t, q).T @ self._acceleration_terms(t, q, v))
+
+    def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
+        """Derivative of ``mass(t, q) x`` by q, (n, n)."""
+        product = lambda y: self.mass(t, y) @ x  # noqa: E731 - one expression, used once in either branch
+        return jax.jacfwd(product)(q) if self.inner.xp is jnp else derivative(product, q, 1)
+
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        """(F_q, F_v) of the augmented force, each (n, n)."""
+        if self.inner.xp is jnp:
+            return jax.jacfwd(self.force, 1)(t, q, v), jax.jacfwd(self.force, 2)(t, q, v)
+        return derivative(lambda x: self.force(t, x, v), q, 1), derivative(lambda x: self.force(t, q, x), v, 1)
+
+
+def augment(dynamics: JaxDynamics | NumpyDynamics, t: float, q: Vector) -> AugmentedDynamics:
+    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q)."""
+    plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
+    rows = np.asarray(plain._rows(t, q))
+    mass = np.asarray(dynamics.mass(t, q))
+    size = np.abs(mass).max() or 1.0
+    rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
+    return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))

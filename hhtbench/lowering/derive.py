@@ -1,0 +1,191 @@
+"""``derive``: from a System to its Dynamics, with shapes checked and dependencies read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.arguments import Vector, real_values
+from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.jax_dynamics import JaxDynamics
+from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
+from hhtbench.lowering.structure import Structure, used_arguments
+from hhtbench.protocol import NumpySystem, System, declared
+
+Dynamics = JaxDynamics | NumpyDynamics | AugmentedDynamics
+
+
+def derive(
+    system: System | NumpySystem, t: float, q: Vector, v: Vector, *, ignored: tuple[str, ...] = ()
+) -> JaxDynamics | NumpyDynamics:
+    """Every derived function of ``system``, uncompiled.
+
+    Parameters
+    ----------
+    t, q, v
+        A point, for the sizes: (n,) arrays.
+    ignored
+        Declared derivatives that are derived afresh instead of used.
+
+    Raises
+    ------
+    ProblemError
+        A declared function returns the wrong shape; the text names it and both shapes.
+    TypeError
+        A declared function returns something that is not a real array, or nothing declares ``force``.
+    """
+    if not callable(declared(system, "force")):
+        raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
+    if isinstance(system, System):
+        return _remember(system, t, q, v, ignored)
+    if isinstance(system, NumpySystem):
+        return _derive_numpy(system, t, q, v, ignored)
+    raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
+
+
+KEPT = 64  # systems whose derived functions are remembered: reading their structure costs a trace each
+_derived: dict[Any, tuple[System, JaxDynamics]] = {}
+
+
+def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
+    """A system is immutable: its dynamics is derived once per size."""
+    key = (id(system), np.shape(q), ignored)
+    if key not in _derived:
+        dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+        while len(_derived) >= KEPT:
+            _derived.pop(next(iter(_derived)))
+        _derived[key] = (system, dynamics)  # the system is kept, so that its id stays its own
+    return _derived[key][1]
+
+
+def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> JaxDynamics:
+    n = q.size
+    time = jnp.asarray(t, dtype=float)
+    expect_shape(system, "force", (n,), time, q, v)
+    m = _rows_jax(system, "constraint", time, q)
+    p = _rows_jax(system, "velocity_constraint", time, q, v)
+    mass = _mass_kind(system)
+    if mass == "variable":
+        expect_shape(system, "mass_matrix", (n, n), time, q)
+        mass = "variable" if any(used_arguments(system.mass_matrix, time, q)) else "constant"  # type: ignore[attr-defined]
+    _expect_optional_shapes(system, time, q, v, m, p)
+    force_uses = used_arguments(system.force, time, q, v)  # type: ignore[attr-defined]
+    general = Structure(n=n, m=m, p=p, mass=mass)
+    plain = JaxDynamics(system=system, structure=general, ignored=ignored)
+    structure = Structure(
+        n=n,
+        m=m,
+        p=p,
+        mass=mass,
+        force_uses_q=force_uses[1],
+        force_uses_v=force_uses[2],
+        rheonomic=m > 0 and (used_arguments(plain.constraint, time, q)[0] or _declares(system, "constraint_time_derivative")),
+        linear_reaction=_reactions_are_linear(plain, time, q, v),
+        velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
+    )
+    constant = _constant_mass(system, time, q) if mass == "constant" else None
+    return JaxDynamics(
+        system=system, structure=structure, ignored=ignored, constant_mass=constant, inverse_mass=_inverse(constant, jnp)
+    )
+
+
+def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
+    n = np.size(q)
+    mass = _mass_kind(system)
+    m = _rows_numpy(system, "constraint", t, q)
+    p = _rows_numpy(system, "velocity_constraint", t, q, v)
+    linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
+    structure = Structure(n=n, m=m, p=p, mass=mass, linear_reaction=linear)
+    constant = mass_as_matrix(system.mass_matrix, n, np) if mass == "constant" else None  # type: ignore[attr-defined]
+    return NumpyDynamics(system, structure, ignored, constant, _inverse(constant, np))
+
+
+def _mass_kind(system: System | NumpySystem) -> str:
+    mass = declared(system, "mass_matrix")
+    if mass is None:
+        return "identity"
+    return "variable" if callable(mass) else "constant"
+
+
+def _constant_mass(system: System, t: Any, q: Any) -> Any:
+    mass = system.mass_matrix  # type: ignore[attr-defined]
+    return mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
+
+
+def _inverse(mass: Any, xp: Any) -> Any:
+    """The inverse of a constant mass, or None where it is singular (solvers then augment it)."""
+    if mass is None:
+        return None
+    values = np.asarray(mass)
+    scale = np.sqrt(np.abs(np.diag(values)))
+    if np.any(scale == 0) or np.linalg.cond(values / np.outer(scale, scale)) > 1e14:  # 1e14: no digit of the inverse is right
+        return None
+    return xp.asarray(np.linalg.inv(values))
+
+
+def _rows_jax(system: System, name: str, *arguments: Any) -> int:
+    if declared(system, name) is None:
+        return 0
+    shape = abstract_result(system, name, *arguments).shape
+    if len(shape) != 1:
+        raise wrong_shape(name, ("constraints",), shape)  # type: ignore[arg-type]
+    return shape[0]
+
+
+def _rows_numpy(system: NumpySystem, name: str, t: float, *arguments: Any) -> int:
+    function = declared(system, name)
+    if function is None:
+        return 0
+    copies = [np.array(argument, dtype=np.float64) for argument in arguments]
+    for copy in copies:
+        copy.setflags(write=False)
+    result = real_values(f"{name} result", function(float(t), *copies))
+    if result.ndim != 1:
+        raise wrong_shape(name, ("constraints",), result.shape)  # type: ignore[arg-type]
+    return result.size
+
+
+def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: int) -> None:
+    n = q.size
+    lam, mu = jnp.zeros(m), jnp.zeros(p)
+    expected = {
+        "reaction": ((n,), (t, q, lam)),
+        "velocity_reaction": ((n,), (t, q, v, mu)),
+        "constraint_jacobian": ((m, n), (t, q)),
+        "constraint_time_derivative": ((m,), (t, q)),
+        "constraint_acceleration": ((m,), (t, q, v)),
+        "velocity_constraint_jacobian": ((p, n), (t, q, v)),
+    }
+    for name, (shape, arguments) in expected.items():
+        if _declares(system, name):
+            expect_shape(system, name, shape, *arguments)
+    pairs = {"force_jacobians": (((n, n), (n, n)), (t, q, v)), "reaction_jacobians": (((n, n), (n, m)), (t, q, lam))}
+    for name, (shapes, arguments) in pairs.items():
+        if _declares(system, name):
+            _expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
+
+
+def _expect_pair(name: str, pair: Any, shapes: Any) -> None:
+    if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+        raise TypeError(f"{name} must return two matrices of shapes {shapes}; got {type(pair).__name__}.")
+    for value, shape in zip(pair, shapes, strict=True):
+        if value is not None and value.shape != shape:
+            raise wrong_shape(name, shape, value.shape)
+
+
+def _declares(system: System | NumpySystem, name: str) -> bool:
+    return declared(system, name) is not None
+
+
+def _reactions_are_linear(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> bool:
+    """Whether both reactions are linear in the multipliers: their Jacobian does not use them."""
+    system, m, p = dynamics.system, dynamics.structure.m, dynamics.structure.p
+    if m and _declares(system, "reaction") and used_arguments(jax.jacfwd(system.reaction, 2), t, q, jnp.zeros(m))[2]:  # type: ignore[attr-defined]
+        return False
+    if p and _declares(system, "velocity_reaction"):
+        return not used_arguments(jax.jacfwd(system.velocity_reaction, 3), t, q, v, jnp.zeros(p))[3]  # type: ignore[attr-defined]
+    return True

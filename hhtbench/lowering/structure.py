@@ -1,0 +1,40 @@
+"""What a system declares and depends on: read once, so that what is absent is never computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jax.interpreters import partial_eval
+
+
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """Sizes and dependencies of one system; hashable, so compiled code is shared between equal ones."""
+
+    n: int  #: coordinates
+    m: int  #: position constraints
+    p: int  #: velocity constraints
+    mass: str  #: "identity", "constant" or "variable"
+    force_uses_q: bool = True  #: False: F_q is zero and not computed
+    force_uses_v: bool = True  #: False: F_v is zero and not computed
+    rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
+    linear_reaction: bool = True  #: True: Q is linear in lam, one solve gives the multipliers
+    velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
+
+    @property
+    def constrained(self) -> bool:
+        """True when there is any constraint."""
+        return self.m + self.p > 0
+
+
+def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool, ...]:
+    """For each argument, whether any output of ``function`` depends on it (dead code removed from its jaxpr)."""
+    closed = jax.make_jaxpr(function)(*arguments)
+    _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
+    bounds = np.cumsum([0, *sizes])
+    return tuple(any(used[bounds[i] : bounds[i + 1]]) for i in range(len(arguments)))

@@ -1,0 +1,311 @@
+"""One step of the extended HHT-alpha method as pure array functions, formulas (H4) to (H14) of THEORY.md.
+
+Backend-neutral: the functions use operators and the array namespace ``dynamics.xp`` only, so that every engine traces
+or calls the same lines.  Nothing here branches on a value, only on what a system declares (:class:`Layout`).
+
+Everything known before a step travels in one vector (``Layout.pack``), everything unknown in another.  The unknowns
+are accelerations and multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhtbench.lowering import Structure
+
+
+class Layout(NamedTuple):
+    """Which unknowns a step has; hashable, it selects the compiled code.
+
+    The reaction of a stage is eliminated where it is an explicit function of the other unknowns, else its
+    acceleration ``R`` is an unknown with a row ``M R - Q = 0`` of its own.
+    """
+
+    structure: Structure
+    moving: bool  #: the end reaction is taken at a place that depends on q1
+    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or the mass there is not known
+
+    @property
+    def unknowns(self) -> dict[str, int]:
+        """Names and sizes of the unknowns, in order; those of undeclared constraints are absent."""
+        s = self.structure
+        sizes = {"a": s.n}
+        if s.m:
+            sizes |= {"R1": s.n} if self.end_unknown else {}
+            sizes |= {"lam0": s.m, "lam1": s.m}
+        if s.p:
+            sizes |= {"Rk": s.n, "mu": s.p}
+        return sizes
+
+    @property
+    def knowns(self) -> dict[str, tuple[int, ...]]:
+        """Names and shapes of what is known before the step, in order."""
+        n = self.structure.n
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("h", "t1", "alpha", "q_a", "v_a"), ())
+        shapes |= {"q_known": (n,), "v_known": (n,), "f0": (n,)}
+        if self.structure.mass == "variable":
+            shapes |= {"inverse_mass": (n, n)}
+        if self.structure.m:
+            shapes |= dict.fromkeys(("t0", "t_stage", "q_R0", "q_R1", "v_R0", "v_R1", "theta"), ())
+            shapes |= {"q0": (n,), "q_stage": (n,)}
+            if self.structure.mass == "variable" and not self.end_unknown:
+                shapes |= {"inverse_mass_stage": (n, n)}
+        if self.structure.p:
+            shapes |= {"t_half": (), "q_half": (n,), "v0": (n,)}
+        return shapes
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return sum(self.unknowns.values())
+
+    def pack(self, values: Mapping[str, Any]) -> np.ndarray:
+        """The known values as one vector."""
+        return np.concatenate([np.ravel(values[name]) for name in self.knowns])
+
+    def known(self, vector: Any) -> dict[str, Any]:
+        """The inverse of :meth:`pack`."""
+        result, offset = {}, 0
+        for name, shape in self.knowns.items():
+            size = int(np.prod(shape))
+            result[name] = vector[offset] if shape == () else vector[offset : offset + size].reshape(shape)
+            offset += size
+        return result
+
+    def split(self, vector: Any) -> dict[str, Any]:
+        """The unknowns by name; the last axis of ``vector`` is the one of the unknowns."""
+        result, offset = {}, 0
+        for name, size in self.unknowns.items():
+            result[name] = vector[..., offset : offset + size]
+            offset += size
+        return result
+
+
+class Stages(NamedTuple):
+    """The end of a step and its reactions, as functions of the unknowns."""
+
+    q1: Any  #: (n,)
+    v1: Any  #: (n,)
+    end: Any  #: (n,) place of the end reaction, or None without position constraints
+
+
+def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Mapping[str, Any]) -> Stages:
+    """q1 and v1 from accelerations and reactions, (H4) and (H5)."""
+    h, s = known["h"], layout.structure
+    q1 = known["q_known"] + known["q_a"] * unknown["a"]  # (H4)
+    v1 = known["v_known"] + known["v_a"] * unknown["a"]  # (H5)
+    end = None
+    if s.p:
+        q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
+        v1 = v1 + h * unknown["Rk"]  # (H10)
+    if s.m:
+        start_reaction = _start_reaction(dynamics, unknown["lam0"], known)
+        q1 = q1 + known["q_R0"] * start_reaction
+        v1 = v1 + known["v_R0"] * start_reaction
+        if layout.end_unknown:
+            q1 = q1 + known["q_R1"] * unknown["R1"]
+            v1 = v1 + known["v_R1"] * unknown["R1"]
+        elif not layout.moving:
+            end_reaction = _explicit_end_reaction(dynamics, layout, known["q_stage"], unknown["lam1"], known)
+            q1 = q1 + known["q_R1"] * end_reaction
+            v1 = v1 + known["v_R1"] * end_reaction
+        end = known["q_stage"] + known["theta"] * q1 if layout.moving else known["q_stage"]  # (H8)
+        if layout.moving and not layout.end_unknown:
+            v1 = v1 + known["v_R1"] * _explicit_end_reaction(dynamics, layout, end, unknown["lam1"], known)
+    return Stages(q1, v1, end)
+
+
+def step_residual(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+    """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
+
+    Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
+    velocity rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
+    """
+    unknown, known = layout.split(x), layout.known(packed)
+    place = stages(dynamics, layout, unknown, known)
+    return dynamics.xp.concatenate(_rows(dynamics, layout, unknown, known, place))
+
+
+def _rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
+    s, h, t1 = layout.structure, known["h"], known["t1"]
+    force = dynamics.force(t1, place.q1, place.v1)
+    balance = _mass_times(dynamics, t1, place.q1, unknown["a"] + known["alpha"] * known["f0"])
+    rows = [_accelerate(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
+    if s.m and layout.end_unknown:
+        reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
+        inertia = _mass_times(dynamics, known["t_stage"], place.end, unknown["R1"])
+        rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H8)
+    if s.m:
+        rows.append(dynamics.constraint(t1, place.q1) * (2.0 / (h * h)))  # (H7)
+        rows.append(dynamics.constraint_velocity(t1, place.q1, place.v1) / h)  # (H7)
+    if s.p:
+        half = 0.5 * (known["v0"] + place.v1)
+        reaction = dynamics.velocity_reaction(known["t_half"], known["q_half"], half, unknown["mu"])
+        inertia = _mass_times(dynamics, known["t_half"], known["q_half"], unknown["Rk"])
+        rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H10)
+        rows.append(dynamics.velocity_constraint(t1, place.q1, place.v1) / h)  # (H10)
+    return rows
+
+
+def step_residual_and_matrix(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+    """Residual, exact Newton matrix and the derivatives of q1 and v1 by the unknowns, (H14).
+
+    Returns
+    -------
+    array (size + size*size + 2*n*size,)
+        Residual, matrix, dq1/dx and dv1/dx, each in row-major order; :func:`unpack_matrix` takes them apart.
+    """
+    xp = dynamics.xp
+    unknown, known = layout.split(x), layout.known(packed)
+    place = stages(dynamics, layout, unknown, known)
+    q_x, v_x = _end_derivatives(dynamics, layout, unknown, known, place)
+    residual = xp.concatenate(_rows(dynamics, layout, unknown, known, place))
+    matrix = xp.concatenate(_matrix_rows(dynamics, layout, unknown, known, place, q_x, v_x), axis=0)
+    return xp.concatenate([residual, matrix.ravel(), q_x.ravel(), v_x.ravel()])
+
+
+def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
+    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`step_residual_and_matrix`."""
+    size = layout.size
+    return packed[:size], packed[size:].reshape(-1, size)
+
+
+def step_end(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+    """q1 and v1 of the converged unknowns, one vector (2n,)."""
+    place = stages(dynamics, layout, layout.split(x), layout.known(packed))
+    return dynamics.xp.concatenate([place.q1, place.v1])
+
+
+def _matrix_rows(
+    dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
+) -> list[Any]:
+    """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
+    s, h, t1, alpha = layout.structure, known["h"], known["t1"], known["alpha"]
+    direct = _Columns(dynamics, layout)
+    by_q, by_v = dynamics.force_jacobians(t1, place.q1, place.v1)
+    by_q = None if by_q is None else -(1.0 + alpha) * by_q
+    by_v = None if by_v is None else -(1.0 + alpha) * by_v
+    if s.mass == "variable":
+        mass_q = dynamics.mass_product_jacobian(t1, place.q1, unknown["a"] + alpha * known["f0"])
+        by_q = mass_q if by_q is None else by_q + mass_q
+    row = _chain(by_q, q_x, by_v, v_x)
+    mass = dynamics.mass(t1, place.q1) if s.mass == "variable" else dynamics.xp.eye(s.n)
+    rows = [direct.add(_accelerate(dynamics, known, row), a=_accelerate(dynamics, known, mass) if s.mass == "variable" else mass)]
+    if s.m and layout.end_unknown:
+        rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
+    if s.m:
+        jacobian = dynamics.constraint_jacobian(t1, place.q1)
+        velocity_q = dynamics.constraint_velocity_jacobian(t1, place.q1, place.v1)
+        rows.append((2.0 / (h * h)) * (jacobian @ q_x))
+        rows.append((velocity_q @ q_x + jacobian @ v_x) / h)
+    if s.p:
+        rows += _velocity_constraint_rows(dynamics, layout, unknown, known, place, q_x, v_x)
+    return rows
+
+
+def _end_reaction_row(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any) -> Any:
+    t = known["t_stage"]
+    reaction_q, reaction_lam = dynamics.reaction_jacobians(t, place.end, unknown["lam1"])
+    by_q = -reaction_q
+    mass = dynamics.mass(t, place.end) if layout.structure.mass == "variable" else None
+    if mass is not None:
+        by_q = by_q + dynamics.mass_product_jacobian(t, place.end, unknown["R1"])
+    row = known["theta"] * (by_q @ q_x) if layout.moving else None
+    own = dynamics.xp.eye(layout.structure.n) if mass is None else _accelerate(dynamics, known, mass)
+    scaled = None if row is None else _accelerate(dynamics, known, row)
+    return _Columns(dynamics, layout).add(scaled, R1=own, lam1=-_accelerate(dynamics, known, reaction_lam))
+
+
+def _velocity_constraint_rows(
+    dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
+) -> list[Any]:
+    t, q, half = known["t_half"], known["q_half"], 0.5 * (known["v0"] + place.v1)
+    by_v, by_mu = dynamics.velocity_reaction_jacobians(t, q, half, unknown["mu"])
+    row = None if by_v is None else _accelerate(dynamics, known, -0.5 * (by_v @ v_x))
+    variable = layout.structure.mass == "variable"
+    own = _accelerate(dynamics, known, dynamics.mass(t, q)) if variable else dynamics.xp.eye(layout.structure.n)
+    reaction = _Columns(dynamics, layout).add(row, Rk=own, mu=-_accelerate(dynamics, known, by_mu))
+    k_q = dynamics.velocity_constraint_position_jacobian(known["t1"], place.q1, place.v1)
+    k_v = dynamics.velocity_constraint_jacobian(known["t1"], place.q1, place.v1)
+    return [reaction, (k_q @ q_x + k_v @ v_x) / known["h"]]
+
+
+def _end_derivatives(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages) -> tuple[Any, Any]:
+    """dq1/dx and dv1/dx (n, size) of (H4), (H5)."""
+    s, h = layout.structure, known["h"]
+    eye = dynamics.xp.eye(s.n)
+    q_blocks, v_blocks = {"a": known["q_a"] * eye}, {"a": known["v_a"] * eye}
+    if s.p:
+        q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
+    if not s.m:
+        columns = _Columns(dynamics, layout)
+        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
+    at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
+    at_start = _inverse_mass_times(dynamics, known, "inverse_mass", at_start)
+    q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
+    columns = _Columns(dynamics, layout)
+    if layout.end_unknown:
+        q_blocks["R1"], v_blocks["R1"] = known["q_R1"] * eye, known["v_R1"] * eye
+        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
+    by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
+    at_end = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_lam)
+    v_blocks["lam1"] = known["v_R1"] * at_end
+    if not layout.moving:
+        q_blocks["lam1"] = known["q_R1"] * at_end
+        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
+    q_x = columns.add(None, **q_blocks)
+    moved = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_q) @ q_x
+    return q_x, columns.add(known["v_R1"] * known["theta"] * moved, **v_blocks)
+
+
+class _Columns:
+    """Places blocks under the columns of their unknowns; absent blocks are zero."""
+
+    def __init__(self, dynamics: Any, layout: Layout) -> None:
+        self.xp, self.layout = dynamics.xp, layout
+
+    def add(self, row: Any, **blocks: Any) -> Any:
+        """``row`` (rows, size) or None for zero, plus the named blocks."""
+        height = next(iter(blocks.values())).shape[0]
+        zeros = self.xp.zeros
+        direct = [blocks.get(name, zeros((height, size))) for name, size in self.layout.unknowns.items()]
+        placed = self.xp.concatenate(direct, axis=1)
+        return placed if row is None else row + placed
+
+
+def _chain(by_q: Any, q_x: Any, by_v: Any, v_x: Any) -> Any:
+    """by_q @ q_x + by_v @ v_x where either may be absent."""
+    if by_q is None:
+        return None if by_v is None else by_v @ v_x
+    return by_q @ q_x if by_v is None else by_q @ q_x + by_v @ v_x
+
+
+def _start_reaction(dynamics: Any, lam: Any, known: Any) -> Any:
+    return _inverse_mass_times(dynamics, known, "inverse_mass", dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
+
+
+def _explicit_end_reaction(dynamics: Any, layout: Layout, q: Any, lam: Any, known: Any) -> Any:
+    return _inverse_mass_times(dynamics, known, "inverse_mass_stage", dynamics.reaction(known["t_stage"], q, lam))  # (H8)
+
+
+def _inverse_mass_times(dynamics: Any, known: Any, name: str, x: Any) -> Any:
+    """M^-1 x with the inverse mass that is known for this place; a constant mass has only one, (H2)."""
+    inverse = known.get(name)
+    if inverse is None:
+        inverse = dynamics.inverse_mass
+    return x if inverse is None else inverse @ x
+
+
+def _accelerate(dynamics: Any, known: Any, x: Any) -> Any:
+    """Force rows to acceleration rows, (H13); None stays None."""
+    return None if x is None else _inverse_mass_times(dynamics, known, "inverse_mass", x)
+
+
+def _mass_times(dynamics: Any, t: Any, q: Any, x: Any) -> Any:
+    """M(t, q) x; without a declared mass, x itself."""
+    if dynamics.structure.mass == "identity":
+        return x
+    return dynamics.mass(t, q) @ x

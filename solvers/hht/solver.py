@@ -1,0 +1,314 @@
+"""``HHT``: the integrator's own face, and its adapter for the bench."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector, real_number, real_vector
+from hhtbench.counting import Work
+from hhtbench.errors import ProblemError, Stop
+from hhtbench.lowering import ConstraintLevels, derive, route_of
+from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
+from hhtbench.request import Request, StepPlan, check_output_times, make_request, plan_steps
+from hhtbench.result import Counters, Solution, Status
+from solvers.hht.coefficients import Method, make_method
+from solvers.hht.engine import Failure, HostEngine
+from solvers.hht.history import History
+from solvers.hht.integrate import assemble, integrate, unrecovered
+from solvers.hht.start import Place, dynamics_for, first_state, inconsistency, project, regular
+from solvers.hht.state import State
+
+OPTIONS = ("alpha", "b", "reaction", "rescale_a", "start", "calc_initcond")
+
+
+class HHT:
+    """The extended HHT-alpha method (Jay and Negrut, ETNA 26, 2007) for one system; THEORY.md states the formulas.
+
+    Parameters
+    ----------
+    system
+        A :class:`~hhtbench.protocol.System` or :class:`~hhtbench.protocol.NumpySystem`.
+    alpha
+        Damping parameter in [-1/3, 0]; 0 keeps the energy of fast vibrations, -1/3 damps them most.
+    b
+        Weight of the end reaction in the position, not 1/2.
+    reaction
+        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).
+    rescale_a
+        Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
+    start
+        Auxiliary acceleration of the first step: "f0", "shifted" or "trapezoidal".
+    calc_initcond
+        Project an inconsistent start onto both constraint levels instead of refusing it.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        An option is out of range or unknown; the text says what was expected.
+    """
+
+    def __init__(
+        self,
+        system: System | NumpySystem,
+        *,
+        alpha: float = -0.05,
+        b: float = 0.0,
+        reaction: str = "implicit",
+        rescale_a: bool = True,
+        start: str = "f0",
+        calc_initcond: bool = False,
+    ) -> None:
+        if not isinstance(system, (System, NumpySystem)):
+            raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
+        self.system = system
+        self.method: Method = make_method(alpha=alpha, b=b, reaction=reaction, rescale_a=rescale_a, start=start)
+        self.calc_initcond = calc_initcond
+        self._state: State | None = None
+        self._step: float | None = None
+        self._engine: HostEngine | None = None
+        self._busy = threading.Lock()
+
+    def solve(
+        self, tspan: Any, q0: Any, v0: Any, *, lam_guess: Any = None, mu_guess: Any = None, **request: Any
+    ) -> Solution:
+        """Integrate over ``tspan = (t0, t1)`` [s] from ``q0, v0`` (n,) with prescribed steps.
+
+        ``lam_guess`` (m,) and ``mu_guess`` (p,) pick the root where the reaction is nonlinear.  The other keywords
+        are those of :class:`~hhtbench.request.Request`; ``step``, or ``steps``, is required.
+
+        Returns
+        -------
+        Solution
+            With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
+            the system's own functions is raised again as it is, with ``.partial_solution``.
+        """
+        asked = make_request(**request)
+        if not asked.fixed:
+            raise ProblemError("HHT takes prescribed steps: give step=h, steps=N or steps=array of lengths [s].")
+        if not isinstance(tspan, (tuple, list, np.ndarray)) or np.shape(tspan) != (2,):
+            raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
+        t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
+        place, guesses = self._start_values(t0, q0, v0, lam_guess, mu_guess)
+        if asked.t_eval is not None:
+            check_output_times(asked.t_eval, t0, t1)
+        plan = plan_steps(asked, t0, t1)
+        with self._alone():
+            return _Run(self, asked, plan, place, guesses).solution()
+
+    def init_step(self, t0: float, q0: Any, v0: Any, *, step: float, lam_guess: Any = None, mu_guess: Any = None) -> Status:
+        """Prepare stepping by hand with a constant signed ``step`` [s]; returns the status of the start."""
+        place, guesses = self._start_values(real_number("t0", t0, unit=" [s]"), q0, v0, lam_guess, mu_guess)
+        self._step = real_number("step", step, unit=" [s]")
+        if self._step == 0.0:
+            raise ProblemError("step must not be zero.")
+        with self._alone():
+            started = begin(self, place, guesses, self._step, Work())
+        self._engine, self._state = started.engine, started.state
+        return started.failure.status if started.failure else Status.success
+
+    def step(self) -> Status:
+        """Take one step from :attr:`state`; on a failure the state stays and the status says why."""
+        if self._state is None or self._step is None:
+            raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
+        with self._alone():
+            if self._engine is None:
+                self._engine = self._rebuild()
+            t1 = self._state.t + self._step
+            if t1 == self._state.t:
+                return Status.time_resolution
+            taken = self._engine.step(self._state, self._step, t1)
+        if isinstance(taken, Failure):
+            return taken.status
+        self._state = taken.state
+        return Status.success
+
+    @property
+    def state(self) -> State:
+        """The frozen state after the last step taken by hand."""
+        if self._state is None:
+            raise ProblemError("there is no state; call init_step first.")
+        return self._state
+
+    def _rebuild(self) -> HostEngine:
+        """An engine for a state that came from a pickle; no start is computed again."""
+        state = self.state
+        dynamics = dynamics_for(self.system, Place(state.t, state.q, state.v))
+        return HostEngine(dynamics, self.method, Work())
+
+    def _start_values(
+        self, t0: float, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any
+    ) -> tuple[Place, tuple[Vector | None, Vector | None]]:
+        q = real_vector("q0", q0)
+        if q.size == 0:
+            raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
+        v = real_vector("v0", v0, q.size)
+        lam = None if lam_guess is None else real_vector("lam_guess", lam_guess)
+        mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
+        return Place(t0, q, v), (lam, mu)
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        if not self._busy.acquire(blocking=False):
+            raise RuntimeError("this HHT object is already solving (another thread, or a call from its own callback); make one per use.")
+        try:
+            yield
+        finally:
+            self._busy.release()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k not in ("_busy", "_engine")}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__dict__.update(saved, _busy=threading.Lock(), _engine=None)
+
+
+@dataclass(frozen=True)
+class Started:
+    """The engine with its first state, or why there is none."""
+
+    engine: HostEngine | None
+    state: State | None
+    failure: Failure | None
+    note: str = ""
+
+
+def begin(solver: HHT, place: Place, guesses: tuple[Vector | None, Vector | None], h: float, work: Work) -> Started:
+    """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
+    try:
+        return _begin(solver, place, guesses, h, work)
+    except Stop:
+        work.add("nonfinite_evaluations")
+    try:
+        return _begin(solver, place, guesses, h, work)
+    except Stop as stop:
+        return Started(None, None, Failure(Status.nonfinite_callback, f"{stop}, at the start"))
+
+
+def _begin(solver: HHT, place: Place, guesses: tuple[Vector | None, Vector | None], h: float, work: Work) -> Started:
+    dynamics = _counted(dynamics_for(solver.system, place), work)
+    note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
+    if dynamics.structure.constrained:
+        levels = ConstraintLevels(dynamics)
+        if solver.calc_initcond:
+            projected = project(dynamics, levels, place)
+            if isinstance(projected, Failure):
+                return Started(None, None, projected)
+            place, moved = projected
+            note = f"{note} {moved}.".strip()
+        failure = inconsistency(levels, place)
+        if failure:
+            return Started(None, None, failure)
+    for name, guess, size in (("lam_guess", guesses[0], dynamics.structure.m), ("mu_guess", guesses[1], dynamics.structure.p)):
+        if guess is not None and guess.shape != (size,):
+            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+    engine = HostEngine(dynamics, solver.method, work, _fallback(solver.system, place, work))
+    state = first_state(engine, place, *guesses, h)
+    if isinstance(state, Failure):
+        return Started(None, None, state)
+    return Started(engine, state, None, note)
+
+
+def _counted(dynamics: Any, work: Work) -> Any:
+    """A NumPy system's dynamics tells ``work`` of every callback."""
+    if route_of(dynamics) != "numpy":
+        return dynamics
+    import dataclasses
+
+    if hasattr(dynamics, "rho"):
+        return type(dynamics)(inner=_counted(dynamics.inner, work), rho=dynamics.rho)
+    return dataclasses.replace(dynamics, on_call=work.on_call)
+
+
+def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
+    names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
+    if not names:
+        return None
+    return lambda: _counted(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)
+
+
+class _Run:
+    """One call of ``HHT.solve``."""
+
+    def __init__(
+        self, solver: HHT, request: Request, plan: StepPlan, place: Place, guesses: tuple[Vector | None, Vector | None]
+    ) -> None:
+        self.solver, self.request, self.plan, self.place, self.guesses = solver, request, plan, place, guesses
+        self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
+        self.history: History | None = None
+        self.engine: HostEngine | None = None
+
+    def solution(self) -> Solution:
+        try:
+            return self._solution()
+        except BaseException as error:
+            error.partial_solution = self._partial(error)  # type: ignore[attr-defined]
+            raise
+
+    def _solution(self) -> Solution:
+        started = begin(self.solver, self.place, self.guesses, self.plan.length(0), self.work)
+        if started.engine is None or started.state is None:
+            failure = started.failure
+            return empty_solution(self.place.q.size, failure.status, failure.message, self.work.counters())  # type: ignore[union-attr]
+        self.engine = started.engine
+        self.history = History(started.engine.structure, started.state)
+        plan = self.plan
+        if plan.t0 == plan.t1:
+            plan = StepPlan(t0=plan.t0, t1=plan.t1, count=0, lengths=None, ends=None)
+        end = integrate(started.engine, started.state, plan, self.history, self.request.max_num_steps)
+        return assemble(started.engine, self.history, self.request.t_eval, end, started.note)
+
+    def _partial(self, error: BaseException) -> Solution:
+        status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
+        message = f"{type(error).__name__}: {error}."
+        if self.engine is None or self.history is None:
+            return empty_solution(self.place.q.size, status, message, self.work.counters())
+        return unrecovered(self.engine, self.history, self.request.t_eval, message, status)
+
+
+def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:
+    """A Solution without rows: nothing was integrated."""
+    none = np.zeros((0, 0))
+    rows = np.zeros((0, n))
+    return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)
+
+
+@dataclass(frozen=True)
+class HHTSolver:
+    """The adapter of :class:`HHT` for the bench: ``load_solver("hht(alpha=-0.1, b=0)")``."""
+
+    name: str
+    options: Mapping[str, Any]
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """Declines error-controlled requests."""
+        unknown = sorted(set(request.options) - set(OPTIONS))
+        if unknown:
+            return f"unknown option {', '.join(unknown)}; known: {', '.join(OPTIONS)}"
+        if not request.fixed:
+            return "hht takes prescribed steps: give step=h, steps=N or steps=array; it has no error control yet"
+        return None
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate ``problem`` over its interval."""
+        hht = HHT(problem.system, **{**self.options, **request.options})
+        names = ("step", "steps", "t_eval", "max_num_steps", "max_evaluations", "max_seconds")
+        asked = {name: getattr(request, name) for name in names}
+        return hht.solve(
+            problem.t_span, problem.q0, problem.v0, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess, **asked
+        )
+
+
+def solver(**options: Any) -> HHTSolver:
+    """The extended HHT-alpha method; options as in :class:`HHT`."""
+    unknown = sorted(set(options) - set(OPTIONS))
+    if unknown:
+        raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(OPTIONS)}.")
+    checked = {k: v for k, v in options.items() if k != "calc_initcond"}
+    make_method(**{"alpha": -0.05, "b": 0.0, "reaction": "implicit", "rescale_a": True, "start": "f0", **checked})
+    return HHTSolver("hht", dict(options))

@@ -1,0 +1,39 @@
+"""The frozen state between two steps: everything the next step needs, nothing else, so that it can be saved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hhtbench.arguments import Matrix, Vector
+from solvers.hht.linear import Factor
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Where an integration stands after a step."""
+
+    t: float  #: [s]
+    q: Vector  #: (n,)
+    v: Vector  #: (n,)
+    a: Vector  #: (n,) auxiliary acceleration, near f(t + alpha h)
+    f: Vector  #: (n,) M^-1 F at (t, q, v)
+    h: float | None  #: signed length of the last step [s]; None before the first
+    lam: Vector  #: (m,) multiplier estimate at t, starts the next Newton iteration or KKT solve
+    mu: Vector  #: (p,) the same for the velocity constraints
+    vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
+    inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
+    unknowns: Vector | None  #: (size,) of the last step
+    earlier: Vector | None  #: (size,) of the one before, if it had the same length
+    factor: Factor | None  #: kept factorisation
+    size_q: float  #: largest |q| seen
+    size_v: float  #: largest |v| seen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One accepted step: the new state and the stage values the step was made with."""
+
+    state: State
+    lam_start: Vector  #: (m,)
+    lam_end: Vector  #: (m,)
+    mu_half: Vector  #: (p,)
