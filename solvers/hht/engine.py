@@ -21,6 +21,7 @@ from solvers.hht.state import State, Step
 from solvers.hht.weights import known_values
 
 EPS = float(np.finfo(np.float64).eps)
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class Failure:
 
     status: Status
     message: str
+
+
+def largest(x: Vector) -> float:
+    """Largest magnitude in ``x`` (n,)."""
+    return float(np.abs(x).max())
 
 
 def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
@@ -137,10 +143,9 @@ class HostEngine:
 
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
         n = self.structure.n
-        size_q = max(state.size_q, abs(h) * state.size_v)
-        size_v = max(state.size_v, abs(h) * float(np.max(np.abs(state.vdot))), float(np.max(np.abs(h * state.f))))
-        tiny = np.finfo(float).tiny
-        sizes = np.concatenate([np.full(n, max(size_q, tiny)), np.full(n, max(size_v, tiny))])
+        sizes = np.empty(2 * n)
+        sizes[:n] = max(state.size_q, abs(h) * state.size_v, TINY)
+        sizes[n:] = max(state.size_v, abs(h) * largest(state.vdot), abs(h) * largest(state.f), TINY)
         return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add)
 
     def _guess(self, state: State, h: float) -> Vector:
@@ -182,8 +187,8 @@ class HostEngine:
             unknowns=x,
             earlier=state.unknowns if state.h == h else None,
             factor=outcome.factor,
-            size_q=max(state.size_q, float(np.max(np.abs(q1)))),
-            size_v=max(state.size_v, float(np.max(np.abs(v1)))),
+            size_q=max(state.size_q, largest(q1)),
+            size_v=max(state.size_v, largest(v1)),
         )
         return Step(state=new, lam_start=lam0, lam_end=lam1, mu_half=mu)
 
@@ -191,7 +196,7 @@ class HostEngine:
         """Whether h moves q by less than its roundoff, (H22): the position rows then hold no information."""
         if self.structure.m == 0:
             return False
-        moved = abs(h) * float(np.max(np.abs(state.v))) + h * h * float(np.max(np.abs(state.vdot)))
+        moved = abs(h) * largest(state.v) + h * h * largest(state.vdot)
         return moved < EPS * state.size_q or h * h == 0.0
 
     def _shortest_step(self, state: State, h: float, t1: float) -> Step:

@@ -6,6 +6,7 @@ not serve: they carry roundoff of g divided by h^2 and stop shrinking near h = 1
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -62,7 +63,7 @@ class Iteration:
 
     def solve(self, x: Vector, factor: Factor | None) -> Outcome:
         """Iterate from ``x`` with ``factor`` as long as it contracts, with fresh ones where it does not."""
-        options, last = self.options, np.inf
+        options, last = self.options, math.inf
         fresh = False
         for _ in range(options.max_iterations):
             self.count("newton_iterations")
@@ -70,21 +71,21 @@ class Iteration:
                 factor, residual = self._factorise(x)
                 if factor is None:
                     return Outcome(None, None, "nonfinite" if residual is None else "singular", x)
-                fresh, last = True, np.inf
+                fresh, last = True, math.inf
             else:
                 residual = self.functions.residual(x, self.packed)
             increment = self._solve(factor, residual)
             moved = self._size(factor, increment)
-            if not np.isfinite(moved):
+            if not math.isfinite(moved):
                 if fresh:
                     return Outcome(None, None, "nonfinite", x)
                 factor = None
                 continue
-            rate = moved / last if np.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
+            rate = moved / last if math.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
             candidate = x - increment
             if self._converged(moved, rate, last):
                 return Outcome(candidate, factor, "")
-            if last < np.inf and rate > (options.worst_rate if fresh else options.refresh_rate):
+            if last < math.inf and rate > (options.worst_rate if fresh else options.refresh_rate):
                 if fresh and rate > options.worst_rate:
                     return Outcome(None, None, "diverged", candidate)
                 factor, x = None, (candidate if rate < 1 else x)
@@ -95,14 +96,14 @@ class Iteration:
     def solve_damped(self, x: Vector) -> Outcome:
         """Newton with a fresh matrix each time and increments halved while the residual is not smaller or not finite."""
         factor, residual = self._factorise(x)
-        last = np.inf
+        last = math.inf
         for _ in range(self.options.max_damped):
             if factor is None:
                 return Outcome(None, None, "nonfinite" if residual is None else "singular", x)
             self.count("newton_iterations")
             increment = self._solve(factor, residual)
             moved = self._size(factor, increment)
-            if self._converged(moved, moved / last if np.isfinite(last) else 0.0, last):
+            if self._converged(moved, moved / last if math.isfinite(last) else 0.0, last):
                 return Outcome(x - increment, factor, "")
             size = float(np.linalg.norm(increment))
             for halving in range(self.options.max_halvings):
@@ -131,11 +132,11 @@ class Iteration:
 
     def _size(self, factor: Factor, increment: Vector) -> float:
         """Largest change of q1 and v1 over typical sizes, (H15)."""
-        return float(np.max(np.abs(factor.maps @ increment) / self.sizes))
+        return float((np.abs(factor.maps @ increment) / self.sizes).max())
 
     def _converged(self, moved: float, rate: float, last: float) -> bool:
         options = self.options
         left = moved * rate / (1.0 - rate) if 0.0 < rate < 1.0 else moved
         if min(left, moved) <= options.tolerance:
             return True
-        return moved <= options.stagnation and last < np.inf and moved >= 0.5 * last
+        return moved <= options.stagnation and last < math.inf and moved >= 0.5 * last

@@ -48,7 +48,7 @@ def known_values(
     }
     if layout.structure.m:
         values |= _reaction_values(method.reaction, c.b, state, h, t1)
-        if "inverse_mass_stage" in layout.knowns:
+        if "inverse_mass_stage" in layout.arrays:
             values["inverse_mass_stage"] = inverse_mass(values["t_stage"], values["q_stage"])
     if layout.structure.p:
         values |= {"t_half": state.t + 0.5 * h, "q_half": q + 0.5 * h * v, "v0": v}  # (H10)
