@@ -1,0 +1,53 @@
+"""What the problem files share: range checks of parameters and the stored reference values."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import real_number
+from hhtbench.errors import ProblemError
+
+REFERENCES = Path(__file__).with_name("references")
+
+
+def checked(
+    name: str, value: Any, *, above: float = -np.inf, at_least: float = -np.inf, below: float = np.inf, unit: str
+) -> float:
+    """``value`` as a float inside the stated range.
+
+    Raises
+    ------
+    ProblemError
+        Outside the range; the text names the parameter, the range and what came.
+    TypeError
+        Not a real number.
+    """
+    number = real_number(name, value, unit=f" [{unit}]")
+    if number > above and number >= at_least and number < below:
+        return number
+    limits = [f"above {above:g}"] if above > -np.inf else []
+    limits += [f"at least {at_least:g}"] if at_least > -np.inf else []
+    limits += [f"below {below:.10g}"] if below < np.inf else []
+    raise ProblemError(f"{name} must be {' and '.join(limits)} [{unit}]; got {number:g}.")
+
+
+def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
+    """The rows of ``references/<name>.json`` up to ``t_end`` [s], or None where there is none.
+
+    Returns
+    -------
+    dict
+        ``t`` (k,), ``q, v`` (k, n), ``lam`` (k, m), ``mu`` (k, p) as float64, ``digits`` and ``source``.  The file
+        keeps the digits as strings because they are more than a double holds.
+    """
+    stored = json.loads((REFERENCES / f"{name}.json").read_text(encoding="utf-8"))
+    t = np.array(stored["t"], dtype=np.float64)
+    rows = t <= t_end
+    if not rows.any():
+        return None
+    values = {key: np.array(stored[key], dtype=np.float64)[rows] for key in ("q", "v", "lam", "mu")}
+    return {"t": t[rows], **values, "digits": int(stored["digits_verified"]), "source": stored["source"]}
