@@ -57,13 +57,13 @@ def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
 
 
 def real_number(name: str, value: Any, *, unit: str = "") -> float:
-    """A finite float; booleans, strings and arrays of more than one entry are refused."""
-    if isinstance(value, bool) or isinstance(value, str) or value is None:
+    """A finite float; booleans, strings and arrays (also of one entry) are refused."""
+    if isinstance(value, (bool, str)) or value is None:
         raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
     array = np.asarray(value)
-    if array.dtype.kind not in "fiu" or array.size != 1:
+    if array.dtype.kind not in "fiu" or array.ndim != 0:
         raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
-    number = float(array.reshape(()))
+    number = float(array)
     if not np.isfinite(number):
         raise ProblemError(f"{name} must be finite{unit}; got {number}.")
     return number

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -29,6 +30,12 @@ class Row:
     measured: str | float
     bound: str  #: the bound as a reader would say it, "2.00 +- 0.05"; "not judged" where nothing is
     passed: bool | None  #: None: printed beside the claims, not judged
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.measured, str):  # NumPy's and JAX's scalars are not JSON
+            object.__setattr__(self, "measured", float(self.measured))
+        if self.passed is not None:
+            object.__setattr__(self, "passed", bool(self.passed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,15 +92,16 @@ class Evidence:
         return tabulate(body, headers=["id", "claim", "measured", "bound", ""], tablefmt=style, disable_numparse=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """The JSON contract as plain Python values."""
+        """The JSON contract as plain Python values; a number that is not finite is written as text."""
         rows = [
-            {"id": r.id, "claim": r.claim, "measured": r.measured, "bound": r.bound, "passed": r.passed} for r in self.rows
+            {"id": r.id, "claim": r.claim, "measured": _json(r.measured), "bound": r.bound, "passed": r.passed}
+            for r in self.rows
         ]
         return {"schema": SCHEMA, "title": self.title, "passed": self.passed, "rows": rows, "environment": self.environment}
 
     def write_json(self, path: str | Path) -> None:
         """Write :meth:`as_dict` to ``path``."""
-        Path(path).write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        Path(path).write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def environment() -> dict[str, str]:
@@ -109,3 +117,7 @@ def environment() -> dict[str, str]:
 
 def _number(value: str | float) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _json(value: str | float) -> str | float:
+    return value if isinstance(value, str) or math.isfinite(value) else str(value)

@@ -49,7 +49,16 @@ if TYPE_CHECKING:
     from hhtbench.request import Request
     from hhtbench.result import Solution
 
-PHYSICS = ("force", "mass_matrix", "constraint", "velocity_constraint", "reaction", "velocity_reaction", "energy", "invariants")
+PHYSICS = (
+    "force",
+    "mass_matrix",
+    "constraint",
+    "velocity_constraint",
+    "reaction",
+    "velocity_reaction",
+    "energy",
+    "invariants",
+)
 DERIVATIVES = (
     "force_jacobians",  # (t,q,v) -> (F_q (n,n), F_v (n,n)); None for one that is zero
     "constraint_jacobian",  # (t,q) -> (m,n)

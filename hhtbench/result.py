@@ -21,13 +21,41 @@ class Status(enum.Enum):
     success = ("success", 0, "The end of the interval was reached.")
     event = ("event", 2, "A terminal event stopped the integration; continue from the returned state.")
     max_steps = ("max_steps", -1, "The step budget is used up; raise max_num_steps or loosen the request.")
-    step_too_small = ("step_too_small", -3, "The error test fails at the smallest step; loosen the tolerances or look for a jump in the forces.")
-    newton_failed = ("newton_failed", -4, "Newton's iteration did not converge; take a smaller step, check the derivatives with `hhtbench check`.")
-    singular_iteration_matrix = ("singular_iteration_matrix", -6, "The matrix of the step is singular; see the message for the rank and `hhtbench check` for the rows.")
-    redundant_constraints = ("redundant_constraints", None, "Rows of the constraint Jacobian are dependent; remove the rows named in the message.")
-    nonfinite_callback = ("nonfinite_callback", -8, "A function of the system returned NaN or infinity; the message names it.")
-    inconsistent_initial = ("inconsistent_initial", None, "The start violates the constraints; the message names the rows. Correct q0, v0 or ask for calc_initcond.")
-    time_resolution = ("time_resolution", None, "The step is below the spacing of floating-point times; shift the time origin or take longer steps.")
+    step_too_small = (
+        "step_too_small",
+        -3,
+        "The error test fails at the smallest step; loosen the tolerances or look for a jump in the forces.",
+    )
+    newton_failed = (
+        "newton_failed",
+        -4,
+        "Newton's iteration did not converge; take a smaller step, check the derivatives with `hhtbench check`.",
+    )
+    singular_iteration_matrix = (
+        "singular_iteration_matrix",
+        -6,
+        "The matrix of the step is singular; see the message for the rank and `hhtbench check` for the rows.",
+    )
+    redundant_constraints = (
+        "redundant_constraints",
+        None,
+        "Rows of the constraint Jacobian are dependent; remove the rows named in the message.",
+    )
+    nonfinite_callback = (
+        "nonfinite_callback",
+        -8,
+        "A function of the system returned NaN or infinity; the message names it.",
+    )
+    inconsistent_initial = (
+        "inconsistent_initial",
+        None,
+        "The start violates the constraints; the message names the rows. Correct q0, v0 or ask for calc_initcond.",
+    )
+    time_resolution = (
+        "time_resolution",
+        None,
+        "The step is below the spacing of floating-point times; shift the time origin or take longer steps.",
+    )
     evaluation_budget = ("evaluation_budget", None, "The budget of evaluations is used up; raise max_evaluations.")
     deadline = ("deadline", None, "The time budget is used up; raise max_seconds.")
     interrupted = ("interrupted", None, "The solve was interrupted from outside.")

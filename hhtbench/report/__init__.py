@@ -1,1 +1,5 @@
+"""Turns evidence into pages: tables and figures in, files out."""
 
+from hhtbench.report.write import write_report
+
+__all__ = ["write_report"]

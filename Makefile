@@ -1,0 +1,48 @@
+# make bench    measure the claims of the HHT paper; the report goes to reports/latest
+# make test     style, types, arrows between the rooms, tests
+# make picture  the README's picture: the report's page, seen by a headless browser
+# make clean    remove what these made
+#
+# Another Python: make test PYTHON=python3.13
+
+PYTHON ?= python3
+BROWSER ?= chromium
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
+
+# Compiled functions are kept between runs, so that a second run does not compile again.
+export HHTBENCH_CACHE ?= $(CURDIR)/$(VENV)/cache
+export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
+export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
+
+.DELETE_ON_ERROR:
+.PHONY: bench test picture clean
+
+bench: $(STAMP)
+	$(BIN)/hhtbench verify paper --report reports/latest
+
+test: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+
+picture: bench
+	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \
+		--screenshot="$(CURDIR)/reports/published/convergence.png" "file://$(CURDIR)/reports/latest/convergence.html"
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis reports/latest
+
+# An editable install sees new entry points only when it is installed again: hence pyproject.toml.
+$(STAMP): pyproject.toml requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null || { \
+		echo "hhtbench needs Python 3.11, 3.12 or 3.13; $(PYTHON) is: $$($(PYTHON) --version 2>&1 | head -n 1)." >&2; \
+		echo "Name another one: make PYTHON=python3.12" >&2; exit 1; }
+	@echo "installing into $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv --clear $(VENV)
+	@$(PIP) install -r requirements.lock
+	@$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@

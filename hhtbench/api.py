@@ -1,0 +1,52 @@
+"""One call from a problem and a request to a solution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhtbench.protocol import Problem, Solver
+from hhtbench.registry import load_problem, load_solver
+from hhtbench.request import check_output_times, make_request
+from hhtbench.result import Solution, Status
+
+
+def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) -> Solution:
+    """Integrate ``problem`` with ``solver``.
+
+    Parameters
+    ----------
+    problem
+        A Problem or a spec such as ``planar_chain(n_links=100)``.
+    solver
+        A solver or a spec such as ``hht(alpha=-0.1)``.
+    request
+        Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``
+
+    Returns
+    -------
+    Solution
+        Numerical failures end in its ``status``.  A solver that cannot take the problem or request gives
+        ``Status.declined``, no rows, and the reason as ``message``.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        Wrong use, before any function of the system is called.
+    """
+    loaded = load_problem(problem)
+    chosen = load_solver(solver)
+    asked = make_request(**request)
+    if asked.t_eval is not None:
+        check_output_times(asked.t_eval, *loaded.t_span)
+    reason = chosen.accepts(loaded, asked)
+    return chosen.solve(loaded, asked) if reason is None else _declined(loaded, reason)
+
+
+def _declined(problem: Problem, reason: str) -> Solution:
+    """A solution without rows for a solver that cannot take the problem; no function of the system is called for it."""
+    n = problem.q0.size
+    m, p = (np.size(guess) if guess is not None else 0 for guess in (problem.lam_guess, problem.mu_guess))
+    q, v, lam, mu = (np.empty((0, width)) for width in (n, n, m, p))
+    return Solution(t=np.empty(0), q=q, v=v, lam=lam, mu=mu, status=Status.declined, message=reason)

@@ -1,0 +1,145 @@
+"""Finds what distributions register under the entry-point groups, and imports one of them at a time."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import json
+from difflib import get_close_matches
+from functools import reduce
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from urllib.parse import unquote, urlparse
+from urllib.request import url2pathname
+
+from hhtbench.errors import NotFoundError, ProblemError
+
+GROUPS = {
+    "problem": "hhtbench.problems",
+    "solver": "hhtbench.solvers",
+    "verification": "hhtbench.verifications",
+}
+
+
+def names(kind: str) -> list[str]:
+    """Sorted names registered for ``kind``, a key of ``GROUPS``; nothing is imported."""
+    return sorted({entry.name for entry in entry_points(group=GROUPS[kind])})
+
+
+def find(kind: str, name: str) -> EntryPoint:
+    """The one entry point of that name.
+
+    Raises
+    ------
+    NotFoundError
+        There is none; the text names the closest.
+    ProblemError
+        Several distributions register the name.
+    """
+    found = list(entry_points(group=GROUPS[kind], name=name))
+    if not found:
+        raise NotFoundError(_unknown(kind, name))
+    if len(found) > 1:
+        owners = " and ".join(sorted(f"{_owner(entry)} ({entry.value})" for entry in found))
+        raise ProblemError(f"the {kind} {name} is registered more than once: by {owners}. Uninstall one of them.")
+    return found[0]
+
+
+def load(kind: str, name: str) -> Any:
+    """Import the module behind ``name``, and no other, and return the registered object."""
+    entry = find(kind, name)
+    _refuse_shadow(entry)
+    try:
+        module = importlib.import_module(entry.module)
+    except Exception as error:
+        raise ProblemError(
+            f"the {kind} {name} of {_owner(entry)} cannot be imported: {type(error).__name__}: {error}. "
+            f"Python found {entry.module.partition('.')[0]} at {_places(entry.module)}."
+        ) from error
+    try:
+        return reduce(getattr, filter(None, entry.attr.split(".")), module)
+    except AttributeError as error:
+        raise ProblemError(f"the {kind} {name} of {_owner(entry)}: {error} (file {_file(module)}).") from error
+
+
+def summary(kind: str, name: str) -> str:
+    """First line of the module's docstring, read without importing the module; "" where that is not possible."""
+    entries = list(entry_points(group=GROUPS[kind], name=name))
+    if len(entries) != 1:
+        return f"registered by {' and '.join(sorted(_owner(entry) for entry in entries))}: not usable"
+    top, *rest = entries[0].module.split(".")
+    for folder in _locations(top):
+        base = folder.joinpath(*rest) if rest else folder
+        for file in (base.with_suffix(".py"), base / "__init__.py", base):
+            if file.is_file():
+                return _first_line(file)
+    return ""
+
+
+def _first_line(file: Path) -> str:
+    try:
+        text = ast.get_docstring(ast.parse(file.read_bytes()))
+    except (SyntaxError, ValueError, OSError):
+        return ""
+    return text.splitlines()[0] if text else ""
+
+
+def _unknown(kind: str, name: str) -> str:
+    known = names(kind)
+    text = f"there is no {kind} named {name!r}."
+    if not known:
+        return f"{text} None is registered: is the distribution installed (pip install -e .)?"
+    close = get_close_matches(name, known, n=1)
+    if close:
+        text += f" Did you mean {close[0]}?"
+    return f"{text} `hhtbench list` shows all; a file is named as FILE.py:{name}."
+
+
+def _owner(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown distribution"
+
+
+def _refuse_shadow(entry: EntryPoint) -> None:
+    """Raise when Python would import another file than the distribution's, before that file is executed."""
+    roots = _roots(entry)
+    found = _locations(entry.module.partition(".")[0])
+    if roots and found and not any(place.is_relative_to(root) for place in found for root in roots):
+        raise ProblemError(
+            f"{entry.group.removeprefix('hhtbench.').removesuffix('s')} {entry.name}: {_owner(entry)} means its own "
+            f"{entry.module}, but Python finds {_places(entry.module)} first, which hides it. "
+            f"Rename that file or folder, or run from elsewhere."
+        )
+
+
+def _roots(entry: EntryPoint) -> list[Path]:
+    """Folders that may hold the distribution's modules: where it is installed, or its project if editable."""
+    if entry.dist is None:
+        return []
+    roots = [Path(str(entry.dist.locate_file(""))).resolve()]
+    origin = json.loads(entry.dist.read_text("direct_url.json") or "{}")
+    if origin.get("dir_info", {}).get("editable"):
+        roots.append(Path(url2pathname(unquote(urlparse(origin["url"]).path))).resolve())
+    return roots
+
+
+def _locations(package: str) -> list[Path]:
+    """Where Python finds a top-level package or module, without executing it."""
+    try:
+        spec = importlib.util.find_spec(package)  # that of the imported module, where it is imported already
+    except ValueError:  # a module made by hand has none
+        return []
+    if spec is None:
+        return []
+    places = list(spec.submodule_search_locations or []) or [spec.origin]
+    return [Path(place).resolve() for place in places if place]
+
+
+def _places(module: str) -> str:
+    return ", ".join(str(place) for place in _locations(module.partition(".")[0])) or "no file"
+
+
+def _file(module: ModuleType) -> str:
+    return str(getattr(module, "__file__", None) or "unknown")

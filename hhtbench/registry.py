@@ -1,0 +1,135 @@
+"""Problems, solvers and verifications by name, by file or as objects; nothing is imported before it is asked for."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from hhtbench import plugins
+from hhtbench.errors import ProblemError
+from hhtbench.evidence import Evidence
+from hhtbench.filespec import load_attribute
+from hhtbench.protocol import Problem, Solver
+from hhtbench.specs import Spec, parse_spec
+
+Verification = Callable[[Callable[[str], None] | None], Evidence]
+
+
+def list_problems() -> list[str]:
+    """Names that :func:`load_problem` knows."""
+    return plugins.names("problem")
+
+
+def list_solvers() -> list[str]:
+    """Names that :func:`load_solver` knows."""
+    return plugins.names("solver")
+
+
+def list_verifications() -> list[str]:
+    """Names that :func:`load_verification` knows."""
+    return plugins.names("verification")
+
+
+def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
+    """The problem of a spec: ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``; a Problem as it is.
+
+    Parameters
+    ----------
+    spec
+        A name of :func:`list_problems` or a file with the attribute that holds a Problem or a function which
+        returns one.
+    parameters
+        Further keyword arguments of that function.
+
+    Raises
+    ------
+    NotFoundError
+        The name, file or attribute does not exist.
+    ProblemError
+        The spec cannot be read, a parameter is unknown or given twice, or no Problem came out.
+    """
+    if isinstance(spec, Problem):
+        _refuse_arguments(f"the problem {spec.name}", parameters)
+        return spec
+    found = parse_spec(spec)
+    made = _make("problem", found, parameters)
+    if not isinstance(made, Problem):
+        raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
+    return made
+
+
+def load_solver(spec: str | Solver, **options: Any) -> Solver:
+    """The solver of a spec, ``hht(alpha=-0.1)``; a solver as it is.  Errors as in :func:`load_problem`."""
+    if not isinstance(spec, str):
+        if not _is_solver(spec):
+            raise TypeError(f"a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}.")
+        _refuse_arguments("the solver", options)
+        return spec
+    found = parse_spec(spec)
+    made = _make("solver", found, options)
+    if not _is_solver(made):
+        raise ProblemError(
+            f"{found.target} must be a solver with accepts() and solve(), or return one; got {_kind_of(made)}."
+        )
+    return made
+
+
+def load_verification(name: str) -> Verification:
+    """The verification registered as ``name``: ``verify(progress) -> Evidence``."""
+    found = parse_spec(name)
+    if found.path is not None or found.arguments:
+        raise ProblemError(f"a verification is named without file and arguments; got {name}.")
+    verify = plugins.load("verification", found.name)
+    if not callable(verify):
+        raise ProblemError(f"the verification {name} must be a function; got {_kind_of(verify)}.")
+    return verify
+
+
+def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
+    """What the spec's target is, or returns when called with the arguments."""
+    twice = sorted(set(spec.arguments) & set(further))
+    if twice:
+        raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
+    arguments = {**spec.arguments, **further}
+    target = plugins.load(kind, spec.name) if spec.path is None else load_attribute(spec.path, spec.name)
+    if isinstance(target, Problem) or _is_solver(target):
+        _refuse_arguments(spec.target, arguments)
+        return target
+    if not callable(target):
+        return target
+    _check_arguments(spec.target, target, arguments)
+    return target(**arguments)
+
+
+def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
+    """Compare with the signature first: a TypeError from inside the factory is then not mistaken for this one."""
+    try:
+        signature = inspect.signature(factory)
+    except (TypeError, ValueError):
+        return  # a compiled callable without a signature: calling it will tell
+    known = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    try:
+        signature.bind(**arguments)
+    except TypeError as error:
+        shown = ", ".join(str(p.replace(annotation=p.empty)) for p in known)
+        wrong = [key for key in arguments if key not in {p.name for p in known}]
+        close = get_close_matches(wrong[0], [p.name for p in known], n=1) if wrong else []
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise ProblemError(f"{name}: {error}.{hint} Known parameters: {shown or 'none'}.") from error
+
+
+def _refuse_arguments(name: str, arguments: Mapping[str, Any]) -> None:
+    if arguments:
+        raise ProblemError(f"{name} is finished and takes no parameters; got {', '.join(sorted(arguments))}.")
+
+
+def _is_solver(value: Any) -> bool:
+    return (
+        not isinstance(value, type) and callable(getattr(value, "accepts", None)) and callable(getattr(value, "solve", None))
+    )
+
+
+def _kind_of(value: Any) -> str:
+    return f"the class {value.__name__}" if isinstance(value, type) else f"{type(value).__name__}"

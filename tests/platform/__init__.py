@@ -1,0 +1,1 @@
+"""Claims about the platform around the numerics."""

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench import NumpySystem, Problem, ProblemError, Status, System, solve
+
+
+class Declines:
+    name = "declines"
+
+    def accepts(self, problem, request):
+        return "it never takes anything"
+
+    def solve(self, problem, request):
+        raise RuntimeError("must not be reached")
+
+
+class Pendulum(System):
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+    def constraint(self, t, q):
+        return jnp.array([q @ q - 1.0])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([v[0], v[1], v[0] + v[1]])
+
+
+def _problem(system, **changes):
+    values = {"name": "p", "system": system, "t_span": (0.0, 1.0), "q0": [1.0, 0.0], "v0": [0.0, 0.0]}
+    return Problem(**{**values, **changes})
+
+
+NUMPY = NumpySystem(force=lambda t, q, v: -q, constraint=lambda t, q: np.zeros(4))
+
+
+@pytest.mark.parametrize(
+    ("problem", "m", "p"),
+    [
+        (_problem(Pendulum()), 1, 3),
+        (_problem(Pendulum(), lam_guess=[1.0]), 1, 3),
+        (_problem(NUMPY), 4, 0),
+        (_problem(NumpySystem(force=lambda t, q, v: -q)), 0, 0),
+    ],
+)
+def test_declined_problem_gives_no_rows_of_the_right_width_and_the_reason(problem, m, p):
+    solution = solve(problem, Declines())
+    assert solution.status is Status.declined
+    assert not solution.success
+    assert solution.message == "it never takes anything"
+    assert solution.t.shape == (0,)
+    assert [getattr(solution, name).shape for name in ("q", "v", "lam", "mu")] == [(0, 2), (0, 2), (0, m), (0, p)]
+    assert "it never takes anything" in repr(solution)
+
+
+def test_solve_takes_specs_and_request_keywords(acme):
+    solution = solve("acme_fall(n=3)", "acme_still", step=0.1)
+    assert solution.success
+    assert solution.q.shape == (2, 3)
+
+
+def test_unknown_request_keyword_is_a_type_error_that_lists_the_known():  # O7
+    with pytest.raises(TypeError, match=r"unknown request option rtoll; known: rtol, atol"):
+        solve(_problem(NUMPY), Declines(), rtoll=1e-3)
+
+
+def test_output_times_outside_the_interval_are_refused_before_the_solver_is_asked():  # S8
+    with pytest.raises(ProblemError, match=r"t_eval must lie within \[0, 1\]"):
+        solve(_problem(NUMPY), Declines(), t_eval=[0.5, 2.0])
+    with pytest.raises(ProblemError, match="sorted along the interval"):
+        solve(_problem(NUMPY), Declines(), t_eval=[0.5, 0.2])

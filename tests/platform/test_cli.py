@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from hhtbench import cli
+from hhtbench.errors import ProblemError
+from hhtbench.evidence import Evidence, Row
+
+
+@pytest.fixture
+def run():
+    runner = CliRunner()
+    return lambda *words: runner.invoke(cli.main, list(words))
+
+
+def _evidence(passed):
+    rows = (Row(id="start/g", claim="the start is consistent", measured=1e-3, bound="<= 1e-9", passed=passed),)
+    return Evidence(title="check of fall", rows=rows)
+
+
+def test_list_shows_names_and_first_docstring_lines(acme, run):
+    result = run("list")
+    assert result.exit_code == 0
+    line = next(line for line in result.output.splitlines() if "acme_fall" in line)
+    assert line.split(maxsplit=1)[1] == "A weight that falls."
+    assert [word for word in ("problems", "solvers", "verifications") if f"{word}\n" not in result.output] == []
+
+
+def test_solve_prints_status_counters_and_end_state_and_writes_arrays(acme, run, tmp_path):
+    file = tmp_path / "run.npz"
+    result = run("solve", "acme_fall(height=2)", "--solver", "acme_still", "--step", "0.1", "--output", str(file))
+    assert result.exit_code == 0, result.output
+    assert "status: success: stood still" in result.output
+    assert "newton_iterations: 0" in result.output
+    assert "at t = 1 s" in result.output
+    arrays = np.load(file)
+    assert arrays["q"].tolist() == [[2.0], [2.0]]
+    assert str(arrays["status"]) == "success"
+
+
+def test_solve_prints_the_error_where_the_end_is_known(mechanism, acme, run):
+    with (mechanism / "my_mechanism.py").open("a") as file:
+        file.write(
+            "from dataclasses import replace\n"
+            "from hhtbench.protocol import Motion, Scales\n"
+            "known = replace(finished, scales=Scales(q=10.0), exact=lambda t: Motion([1.5], [0.0], [], []))\n"
+            "table = replace(finished, reference={'t': [0.0, 1.0], 'q': [[1.0], [1.25]], 'digits': 9})\n"
+        )
+    exact = run("solve", "my_mechanism.py:known", "--solver", "acme_still", "--steps", "3").output
+    assert "against the exact solution" in exact
+    assert "q 5.000e-01 5.000e-02" in " ".join(exact.split())
+    assert (
+        "against the reference (9 digits)"
+        in run("solve", "my_mechanism.py:table", "--solver", "acme_still", "--steps", "3").output
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["solve", "acme_fall", "--solver", "acme_still", "--steps", "3"], 0),
+        (["solve", "acme_fall", "--solver", "acme_still(alpha=-1)", "--steps", "3"], 1),
+        (["solve", "acme_fall", "--solver", "acme_still", "--rtol", "1e-3"], 1),
+        (["verify", "acme_good"], 0),
+        (["verify", "acme_bad"], 1),
+        (["verify", "acme_ugly"], 2),
+        (["solve", "acme_fal"], 2),
+        (["solve", "acme_fall(", "--step", "0.1"], 2),
+        (["solve", "acme_fall", "--solver", "acme_still", "--step", "-1"], 2),
+        (["solve", "acme_fall", "--solver", "acme_still", "--step", "1", "--rtol", "1e-3"], 2),
+        (["solve", "acme_fall", "--step", "abc"], 2),
+        (["solve", "acme_fall", "--solver", "acme_still", "--step", "1", "--output", "not/there/run.npz"], 2),
+        (["describe", "nothing.py:problem"], 2),
+        (["check", "acme_nonsense"], 2),
+        (["unknown"], 2),
+    ],
+)
+def test_exit_code_says_well_failed_or_wrong_use(words, code, acme, run):
+    result = run(*words)
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+
+
+def test_wrong_use_is_one_message_and_traceback_is_on_request(acme, run):
+    result = run("solve", "acme_fal")
+    assert result.stderr.startswith("Error: there is no problem named 'acme_fal'")
+    assert result.stdout == ""
+    assert isinstance(run("-v", "solve", "acme_fal").exception, ProblemError)
+
+
+def test_declined_problem_is_reported_with_its_reason(acme, run):
+    result = run("solve", "acme_fall", "--solver", "acme_still", "--rtol", "1e-3")
+    assert "declined: it takes given steps only; give step=h" in result.output
+
+
+def test_warning_is_one_line_on_stderr(acme, run):
+    result = run("solve", "acme_fall", "--solver", "acme_still", "--rtol", "5")
+    assert result.stderr == "UserWarning: rtol=5 is larger than 0.1: no digit will be right.\n"
+
+
+@pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
+def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code, acme, run, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "check", lambda problem: _evidence(passed))
+    file = tmp_path / "check.json"
+    result = run("check", "acme_fall", "--json", str(file))
+    assert result.exit_code == code
+    assert "the start is consistent" in result.output
+    assert result.output.rstrip().splitlines()[-1].startswith("check of fall: ")
+    assert json.loads(file.read_text())["passed"] is passed
+
+
+def test_describe_prints_the_description(acme, run, monkeypatch):
+    monkeypatch.setattr(cli, "describe", lambda problem: f"describes {problem.name}")
+    assert run("describe", "acme_fall").output == "describes fall\n"
+
+
+def test_verify_writes_report_and_rows_and_ends_with_the_summary(acme, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("verify", "acme_good", "--json", "rows.json", "--report", "out/latest")
+    assert result.output.rstrip().splitlines()[-1] == "stands: 1 of 1 claims hold"
+    assert sorted(p.name for p in (tmp_path / "out/latest").iterdir()) == ["convergence.html", "evidence.json", "report.md"]
+    assert json.loads((tmp_path / "rows.json").read_text())["passed"] is True
+    assert "hhtbench verify acme_good --report out/latest" in (tmp_path / "out/latest/report.md").read_text()
+
+
+def test_report_shows_no_path_of_this_machine(acme, run, tmp_path):
+    run("verify", "acme_good", "--report", str(tmp_path / "elsewhere"))
+    assert str(tmp_path) not in (tmp_path / "elsewhere/report.md").read_text()
+
+
+def test_progress_is_shown_only_to_a_person_who_waits(acme, run, monkeypatch):
+    assert "halfway" not in run("verify", "acme_good").output
+    monkeypatch.setattr(cli, "_progress", lambda: lambda text: cli.click.echo(text, err=True))
+    result = run("verify", "acme_good")
+    assert "halfway" in result.stderr
+    assert "halfway" not in result.stdout
