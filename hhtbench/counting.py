@@ -58,7 +58,8 @@ class Work:
 
     def counters(self) -> Counters:
         """The tally, frozen."""
-        return Counters(**dict(self.tally))
+        counted: dict[str, Any] = dict(self.tally)
+        return Counters(**counted)
 
     def _spend_residual(self) -> None:
         if self.max_evaluations is not None and self.tally["residual_evaluations"] >= self.max_evaluations:

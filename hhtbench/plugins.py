@@ -133,8 +133,8 @@ def _locations(package: str) -> list[Path]:
         return []
     if spec is None:
         return []
-    places = list(spec.submodule_search_locations or []) or [spec.origin]
-    return [Path(place).resolve() for place in places if place]
+    places = [*(spec.submodule_search_locations or ()), *([spec.origin] if spec.origin else ())]
+    return [Path(place).resolve() for place in places]
 
 
 def _places(module: str) -> str:

@@ -77,7 +77,9 @@ def parameter(default: Any = ..., *, doc: str = "") -> Any:
     ``doc`` states meaning and unit.
     """
     options: dict[str, Any] = {"converter": lambda x: jnp.asarray(x, dtype=jnp.float64), "metadata": {"doc": doc}}
-    return eqx.field(**options) if default is ... else eqx.field(default=default, **options)
+    if default is not ...:
+        options["default_factory"] = lambda: default  # a factory, so that a default may be an array or a list
+    return eqx.field(**options)
 
 
 class System(eqx.Module):

@@ -17,10 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
 from hhtbench.lowering.differences import derivative
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.structure import Structure
+
+LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 
 
 class AugmentedDynamics(eqx.Module):
@@ -47,7 +50,7 @@ class AugmentedDynamics(eqx.Module):
         blocks = []
         if self.inner.structure.m:
             blocks.append(self.inner.constraint_jacobian(t, q))
-        if self.inner.structure.p and not self.inner.structure.velocity_reaction_uses_v:
+        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
             blocks.append(self.inner.velocity_constraint_jacobian(t, q, 0.0 * q))
         return self.inner.xp.concatenate(blocks, axis=0)
 
@@ -56,7 +59,7 @@ class AugmentedDynamics(eqx.Module):
         parts = []
         if self.inner.structure.m:
             parts.append(self.inner.constraint_acceleration(t, q, v))
-        if self.inner.structure.p and not self.inner.structure.velocity_reaction_uses_v:
+        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
             parts.append(self.inner.velocity_constraint_acceleration(t, q, v))
         return self.inner.xp.concatenate(parts)
 
@@ -72,20 +75,44 @@ class AugmentedDynamics(eqx.Module):
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
         """Derivative of ``mass(t, q) x`` by q, (n, n)."""
         product = lambda y: self.mass(t, y) @ x  # noqa: E731 - one expression, used once in either branch
-        return jax.jacfwd(product)(q) if self.inner.xp is jnp else derivative(product, q, 1)
+        return jax.jacfwd(product)(q) if self.inner.xp is jnp else derivative(product, q, 4)
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
         """(F_q, F_v) of the augmented force, each (n, n)."""
         if self.inner.xp is jnp:
             return jax.jacfwd(self.force, 1)(t, q, v), jax.jacfwd(self.force, 2)(t, q, v)
-        return derivative(lambda x: self.force(t, x, v), q, 1), derivative(lambda x: self.force(t, q, x), v, 1)
+        by_q = derivative(lambda x: self.force(t, x, v), q, 4)  # c holds 1e-9 of difference error
+        return by_q, derivative(lambda x: self.force(t, q, x), v, 4)
 
 
 def augment(dynamics: JaxDynamics | NumpyDynamics, t: float, q: Vector) -> AugmentedDynamics:
-    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q)."""
+    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
+
+    Raises
+    ------
+    ProblemError
+        No constraint can take part: there are only velocity constraints, and they are nonlinear in v.
+    """
+    dynamics = _with_known_velocity_rows(dynamics, t, q)
+    if not dynamics.structure.m and dynamics.structure.velocity_jacobian_uses_v:
+        raise ProblemError(
+            "the mass matrix is singular and the velocity constraints are nonlinear in v, so they cannot make it regular; "
+            "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
+        )
     plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
     rows = np.asarray(plain._rows(t, q))
     mass = np.asarray(dynamics.mass(t, q))
     size = np.abs(mass).max() or 1.0
     rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
     return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+
+
+def _with_known_velocity_rows(dynamics: Any, t: float, q: Vector) -> Any:
+    """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
+    if dynamics.xp is not np or not dynamics.structure.p:
+        return dynamics
+    at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
+    places = np.arange(1.0, q.size + 1)
+    moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]
+    uses_v = any(np.abs(rows - at_rest).max() > LINEAR * np.abs(at_rest).max() for rows in moving)
+    return replace(dynamics, structure=replace(dynamics.structure, velocity_jacobian_uses_v=bool(uses_v)))

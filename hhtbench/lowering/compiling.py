@@ -93,7 +93,7 @@ def _share(function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...])
 def _signature(tree: Any) -> Any:
     """A hashable description of a pytree: structure and, per leaf, shape and type or the value itself."""
     leaves, structure = jax.tree.flatten(tree)
-    described = []
+    described: list[Any] = []
     for leaf in leaves:
         if eqx.is_inexact_array(leaf):
             described.append((leaf.shape, str(leaf.dtype)))
@@ -114,7 +114,7 @@ def cache_directory() -> Path:
 
 def _use_disk_cache() -> None:
     """Point JAX's persistent cache to our folder unless the user has chosen one."""
-    if jax.config.jax_compilation_cache_dir is None:
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
         jax.config.update("jax_compilation_cache_dir", str(cache_directory() / "xla"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)

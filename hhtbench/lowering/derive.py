@@ -72,7 +72,7 @@ def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ..
     if mass == "variable":
         expect_shape(system, "mass_matrix", (n, n), time, q)
         mass = "variable" if any(used_arguments(system.mass_matrix, time, q)) else "constant"  # type: ignore[attr-defined]
-    _expect_optional_shapes(system, time, q, v, m, p)
+    _expect_optional_shapes(system, time, q, v, m, p, ignored)
     force_uses = used_arguments(system.force, time, q, v)  # type: ignore[attr-defined]
     general = Structure(n=n, m=m, p=p, mass=mass)
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)
@@ -83,8 +83,10 @@ def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ..
         mass=mass,
         force_uses_q=force_uses[1],
         force_uses_v=force_uses[2],
-        rheonomic=m > 0 and (used_arguments(plain.constraint, time, q)[0] or _declares(system, "constraint_time_derivative")),
+        rheonomic=m > 0
+        and (used_arguments(plain.constraint, time, q)[0] or _declares(system, "constraint_time_derivative")),
         linear_reaction=_reactions_are_linear(plain, time, q, v),
+        velocity_jacobian_uses_v=p > 0 and used_arguments(plain.velocity_constraint_jacobian, time, q, v)[2],
         velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
     )
     constant = _constant_mass(system, time, q) if mass == "constant" else None
@@ -122,7 +124,7 @@ def _inverse(mass: Any, xp: Any) -> Any:
         return None
     values = np.asarray(mass)
     scale = np.sqrt(np.abs(np.diag(values)))
-    if np.any(scale == 0) or np.linalg.cond(values / np.outer(scale, scale)) > 1e14:  # 1e14: no digit of the inverse is right
+    if np.any(scale == 0) or np.linalg.cond(values / np.outer(scale, scale)) > 1e14:  # no digit is right
         return None
     return xp.asarray(np.linalg.inv(values))
 
@@ -149,7 +151,7 @@ def _rows_numpy(system: NumpySystem, name: str, t: float, *arguments: Any) -> in
     return result.size
 
 
-def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: int) -> None:
+def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: int, ignored: tuple[str, ...]) -> None:
     n = q.size
     lam, mu = jnp.zeros(m), jnp.zeros(p)
     expected = {
@@ -161,11 +163,11 @@ def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: i
         "velocity_constraint_jacobian": ((p, n), (t, q, v)),
     }
     for name, (shape, arguments) in expected.items():
-        if _declares(system, name):
+        if _declares(system, name) and name not in ignored:
             expect_shape(system, name, shape, *arguments)
     pairs = {"force_jacobians": (((n, n), (n, n)), (t, q, v)), "reaction_jacobians": (((n, n), (n, m)), (t, q, lam))}
     for name, (shapes, arguments) in pairs.items():
-        if _declares(system, name):
+        if _declares(system, name) and name not in ignored:
             _expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
 
 

@@ -1,6 +1,7 @@
 """Derivatives from differences for callables that declare none, coloured where a pattern is given.
 
-Two kinds: first order (one extra point a column) where only Newton's convergence depends on it, fourth-order
+Three kinds: first order (one extra point a column) where only Newton's convergence depends on it; second-order central
+for the same where the function is made of differences itself, whose noise first order would blow up to 1e-4; fourth-order
 central where the derivative enters the equations and its error is the drift floor.  ``scipy.differentiate`` is
 not used: it adapts its step with tens of evaluations per entry.
 """
@@ -14,12 +15,13 @@ import numpy as np
 from scipy.optimize._numdiff import group_columns
 
 EPS = float(np.finfo(np.float64).eps)
-STEP = {1: EPS ** (1 / 2), 4: EPS ** (1 / 5)}  # balance truncation against roundoff for each order
-SECOND_STEP = EPS ** (1 / 6)  # the same for the fourth-order second difference
+NESTED = 2  # order for functions that hold a difference error of about 1e-12 themselves
+STEP = {1: 2.0**-26, NESTED: 2.0**-13, 4: 2.0**-10}  # near eps**(1/2), 1e-12**(1/3), eps**(1/5): truncation against noise
+SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
 
 
 def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None) -> np.ndarray:
-    """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1 or 4.
+    """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1, 2 or 4.
 
     ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.
     """
@@ -33,26 +35,44 @@ def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any 
     return np.stack(columns, axis=1) if columns else np.zeros((np.size(function(x)), 0))
 
 
+def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
+    """Derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order."""
+    e = _step_along(STEP[4], t, q, v)
+    near = np.asarray(function(e)) - np.asarray(function(-e))
+    far = np.asarray(function(2 * e)) - np.asarray(function(-2 * e))
+    return (8 * near - far) / (12 * e)
+
+
 def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
     """Second derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order, error about 1e-9."""
-    speed = float(np.max(np.abs(v), initial=0.0))
-    e = SECOND_STEP * max(1.0, float(np.max(np.abs(q), initial=0.0))) / max(1.0, speed)
-    e = (t + e) - t if t + e != t else e
+    e = _step_along(SECOND_STEP, t, q, v)
     near = function(e) + function(-e)
     far = function(2 * e) + function(-2 * e)
     return (16 * near - far - 30 * function(0.0)) / (12 * e * e)
+
+
+def _step_along(relative: float, t: float, q: Any, v: Any) -> float:
+    """A step in time that moves t by at most ``relative`` and no coordinate by more than that times its size."""
+    size = np.maximum(1.0, np.abs(np.asarray(q, dtype=np.float64)))
+    speed = float(np.max(np.abs(v) / size, initial=0.0))
+    e = relative / max(1.0, speed)
+    return (t + e) - t or e  # exactly representable, also at a late t
 
 
 def _along(function: Callable[[Any], Any], x: np.ndarray, step: np.ndarray, order: int, base: Any) -> np.ndarray:
     if order == 1:
         return np.asarray(function(x + step)) - base
     near = np.asarray(function(x + step)) - np.asarray(function(x - step))
+    if order == NESTED:
+        return near / 2
     far = np.asarray(function(x + 2 * step)) - np.asarray(function(x - 2 * step))
     return (8 * near - far) / 12
 
 
-def _coloured(function: Callable[[Any], Any], x: np.ndarray, steps: np.ndarray, order: int, pattern: np.ndarray) -> np.ndarray:
-    groups = group_columns(pattern)
+def _coloured(
+    function: Callable[[Any], Any], x: np.ndarray, steps: np.ndarray, order: int, pattern: np.ndarray
+) -> np.ndarray:
+    groups = group_columns(pattern, np.arange(x.size))  # in the order given: the fewest groups for a chain
     base = function(x) if order == 1 else None
     result = np.zeros(pattern.shape)
     for group in range(groups.max() + 1):

@@ -1,4 +1,4 @@
-"""Accelerations and multipliers from the acceleration level (the paper's (3.2)): the KKT system, solved for any Q.
+"""Accelerations and multipliers from the acceleration level, (H16) of THEORY.md: the KKT system, solved for any Q.
 
     M vdot - F - Q(lam) - Q_k(mu) = 0,    g_q vdot + c = 0,    k_v vdot + d = 0.
 
@@ -75,7 +75,7 @@ def kkt_terms(dynamics: Any, t: Any, q: Any, v: Any, x: Any) -> Any:
 
 
 class AccelerationLevel:
-    """Solves (3.2) at any point; one compiled function for residual and matrix."""
+    """Solves (H16) at any point; one compiled function for residual and matrix."""
 
     def __init__(self, dynamics: Any) -> None:
         self.structure = dynamics.structure
@@ -88,12 +88,12 @@ class AccelerationLevel:
         return packed[:size], packed[size:].reshape(size, size)
 
     def solve(self, t: float, q: Vector, v: Vector, lam: Vector | None = None, mu: Vector | None = None) -> Acceleration:
-        """Accelerations and multipliers at (t, q, v); ``lam`` (m,) and ``mu`` (p,) are starting guesses."""
+        """Accelerations and multipliers at (t, q, v); ``lam`` (m,) and ``mu`` (p,) pick the root of a nonlinear reaction."""
         s = self.structure
         x = np.zeros(s.n + s.m + s.p)
-        if lam is not None:
+        if lam is not None and not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
             x[s.n : s.n + s.m] = lam
-        if mu is not None:
+        if mu is not None and not s.linear_reaction:
             x[s.n + s.m :] = mu
         last = np.inf
         for _ in range(MAX_ITERATIONS):

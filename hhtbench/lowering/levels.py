@@ -24,7 +24,9 @@ class Levels:
 
     def scaled_position(self, s_q: Any) -> Vector:
         """|g_i| / sum_j |g_q,ij| s_q,j, (m,): the distance from the constraint in units of the typical size."""
-        return _relative(self.position, np.abs(self.position_jacobian) @ np.broadcast_to(s_q, self.position_jacobian.shape[1]))
+        return _relative(
+            self.position, np.abs(self.position_jacobian) @ np.broadcast_to(s_q, self.position_jacobian.shape[1])
+        )
 
     def scaled_velocity(self, s_v: Any) -> Vector:
         """The velocity level, |g_t + g_q v| and |k|, each over its row's size; (m + p,)."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.differences import derivative, second_derivative_along
+from hhtbench.lowering.differences import NESTED, derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.shapes import checked_result
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import NumpySystem, declared
@@ -64,6 +64,10 @@ class NumpyDynamics:
         pattern = (declared(self.system, "sparsity") or {}).get(name)
         return derivative(function, x, order, pattern)
 
+    def _order(self, *names: str) -> int:
+        """Order of differences of a function that comes from the first of ``names`` declared, else from differences."""
+        return 1 if any(self._given(name) is not None for name in names) else NESTED
+
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """F (n,)."""
         return self._call("force", (self.structure.n,), t, q, v)
@@ -101,7 +105,7 @@ class NumpyDynamics:
         """g_t (m,)."""
         if self._given("constraint_time_derivative") is not None:
             return self._call("constraint_time_derivative", (self.structure.m,), t, q)
-        return derivative(lambda s: self.constraint(s[0], q), np.array([float(t)]), 4)[:, 0]
+        return derivative_along(lambda e: self.constraint(t + e, q), float(t), q, 0.0 * q)
 
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
         """g_t + g_q v (m,), the constraint at the velocity level."""
@@ -109,7 +113,9 @@ class NumpyDynamics:
 
     def constraint_velocity_jacobian(self, t: Any, q: Any, v: Any) -> Any:
         """Derivative of ``g_t + g_q v`` by q, (m, n)."""
-        return self._difference("constraint_jacobian", lambda x: self.constraint_velocity(t, x, v), q, order=1)
+        return self._difference(
+            "constraint_jacobian", lambda x: self.constraint_velocity(t, x, v), q, self._order("constraint_jacobian")
+        )
 
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """(m,): g_tt + 2 g_tq v + g_qq(v, v), so that g'' = g_q vdot + this."""
@@ -117,7 +123,7 @@ class NumpyDynamics:
             return self._call("constraint_acceleration", (self.structure.m,), t, q, v)
         if self._given("constraint_jacobian") is None:
             return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
-        return derivative(lambda e: self.constraint_velocity(t + e[0], q + e[0] * v, v), np.zeros(1), 4)[:, 0]
+        return derivative_along(lambda e: self.constraint_velocity(t + e, q + e * v, v), float(t), q, v)
 
     def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
         """The velocity constraints k (p,)."""
@@ -135,7 +141,7 @@ class NumpyDynamics:
 
     def velocity_constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """(p,): k_t + k_q v, so that k' = k_v vdot + this."""
-        return derivative(lambda e: self.velocity_constraint(t + e[0], q + e[0] * v, v), np.zeros(1), 4)[:, 0]
+        return derivative_along(lambda e: self.velocity_constraint(t + e, q + e * v, v), float(t), q, v)
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         """Q (n,) of the position constraints, -g_q^T lam unless declared."""
@@ -148,7 +154,8 @@ class NumpyDynamics:
         n, m = self.structure.n, self.structure.m
         if self._given("reaction_jacobians") is not None:
             return self._call_pair("reaction_jacobians", ((n, n), (n, m)), t, q, lam)
-        by_q = self._difference("reaction_q", lambda x: self.reaction(t, x, lam), q, order=1)
+        order = self._order("reaction", "constraint_jacobian")
+        by_q = self._difference("reaction_q", lambda x: self.reaction(t, x, lam), q, order)
         if declared(self.system, "reaction") is None:
             return by_q, -self.constraint_jacobian(t, q).T
         return by_q, derivative(lambda x: self.reaction(t, q, x), lam, 1)
@@ -161,7 +168,8 @@ class NumpyDynamics:
 
     def velocity_reaction_jacobians(self, t: Any, q: Any, v: Any, mu: Any) -> tuple[Any, Any]:
         """(derivative by v (n, n), derivative by mu (n, p)) of the velocity reaction."""
-        by_v = derivative(lambda x: self.velocity_reaction(t, q, x, mu), v, 1)
+        order = self._order("velocity_reaction", "velocity_constraint_jacobian")
+        by_v = derivative(lambda x: self.velocity_reaction(t, q, x, mu), v, order)
         if declared(self.system, "velocity_reaction") is None:
             return by_v, -self.velocity_constraint_jacobian(t, q, v).T
         return by_v, derivative(lambda x: self.velocity_reaction(t, q, v, x), mu, 1)

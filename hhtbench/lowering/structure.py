@@ -23,6 +23,7 @@ class Structure:
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
     linear_reaction: bool = True  #: True: Q is linear in lam, one solve gives the multipliers
+    velocity_jacobian_uses_v: bool = True  #: False: k is linear in v
     velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem
+from hhtbench.protocol import Problem, System, parameter
 from hhtbench.request import RTOL_FLOOR, check_output_times, make_request, plan_steps
 
 SYSTEM = NumpySystem(force=lambda t, q, v: -q)
@@ -164,3 +164,15 @@ def test_output_times_must_run_along_the_interval_and_may_repeat():  # S8
     for wrong in ([0.5, 0.2], [-0.1, 0.5], [0.5, 1.1]):
         with pytest.raises(ProblemError, match="t_eval must"):
             check_output_times(np.array(wrong), 0.0, 1.0)
+
+
+def test_a_parameter_may_default_to_an_array_or_a_list():
+    class Springs(System):
+        k: object = parameter(np.array([1.0, 2.0]))
+        d: object = parameter([0.5, 0.25])
+
+        def force(self, t, q, v):
+            return -self.k * q - self.d * v
+
+    assert np.asarray(Springs().force(0.0, np.ones(2), np.ones(2))).tolist() == [-1.5, -2.25]
+    assert Springs(k=3).k.dtype == np.float64

@@ -1,0 +1,289 @@
+"""Derivatives that the solvers use, declared or derived, against references that use none of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.check.reference import Reference, References, State, blocks, part_rows, parts_of, split
+from hhtbench.check.rows import attempt, not_measured
+from hhtbench.evidence import Row
+from hhtbench.lowering import Structure, compile_function, route_of
+from hhtbench.protocol import declared
+
+DIFFERENCE_BOUND = 1e-6
+FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty
+COMPLEX_BOUND = 1e-12
+# A deviation is relative to the largest term of its row plus a floor: so much of all that enters the row's function,
+# since where a derivative vanishes only roundoff of those terms is left.
+DIFFERENCE_FLOOR = 1e-5
+NESTED_FLOOR = 1e-2  # the reference is a difference of differences
+DERIVED_FLOOR = 1.0  # what is judged comes from differences too
+COMPLEX_FLOOR = 1e-2
+
+
+SYMBOLS = {
+    "force": "F",
+    "mass_product": "M x",
+    "constraint": "g",
+    "constraint_velocity": "g",
+    "velocity_constraint": "k",
+    "reaction": "Q",
+    "velocity_reaction": "the velocity reaction",
+}
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """One derivative: where the solvers get it and which block of the reference Jacobian it must equal."""
+
+    declared_as: str  #: name under which a system may declare it, "" if it may not
+    text: str  #: in symbols
+    part: str
+    by: str  #: argument; "motion": along (1, v)
+    value: Callable[[Any, Any, Any], Any]  #: (dynamics, arguments, x) -> array
+    rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
+    first_order: bool = True  #: on the NumPy route it comes from first-order differences
+
+
+def _or_zero(d: Any, matrix: Any) -> Any:
+    return d.xp.zeros((d.structure.n, d.structure.n)) if matrix is None else matrix
+
+
+DERIVED: dict[str, Derivative] = {
+    "force_q": Derivative(
+        "force_jacobians", "F_q", "force", "q", lambda d, a, x: _or_zero(d, d.force_jacobians(a["t"], a["q"], a["v"])[0])
+    ),
+    "force_v": Derivative(
+        "force_jacobians", "F_v", "force", "v", lambda d, a, x: _or_zero(d, d.force_jacobians(a["t"], a["q"], a["v"])[1])
+    ),
+    "mass_product_q": Derivative(
+        "", "(M x)_q", "mass_product", "q", lambda d, a, x: d.mass_product_jacobian(a["t"], a["q"], x)
+    ),
+    "constraint_q": Derivative(
+        "constraint_jacobian", "g_q", "constraint", "q",
+        lambda d, a, x: d.constraint_jacobian(a["t"], a["q"]), first_order=False,
+    ),
+    "constraint_t": Derivative(
+        "constraint_time_derivative", "g_t", "constraint", "t",
+        lambda d, a, x: d.constraint_time_derivative(a["t"], a["q"]) if d.structure.rheonomic else d.xp.zeros(d.structure.m),
+        first_order=False,
+    ),
+    "constraint_velocity_q": Derivative(
+        "", "(g_t + g_q v)_q", "constraint_velocity", "q",
+        lambda d, a, x: d.constraint_velocity_jacobian(a["t"], a["q"], a["v"]), ("constraint_q", "constraint_t"),
+    ),
+    "constraint_acceleration": Derivative(
+        "constraint_acceleration", "g_tt + 2 g_tq v + g_qq(v, v)", "constraint_velocity", "motion",
+        lambda d, a, x: d.constraint_acceleration(a["t"], a["q"], a["v"]),
+        ("constraint_q", "constraint_t"), first_order=False,
+    ),
+    "velocity_constraint_v": Derivative(
+        "velocity_constraint_jacobian", "k_v", "velocity_constraint", "v",
+        lambda d, a, x: d.velocity_constraint_jacobian(a["t"], a["q"], a["v"]), first_order=False,
+    ),
+    "velocity_constraint_q": Derivative(
+        "", "k_q", "velocity_constraint", "q",
+        lambda d, a, x: d.velocity_constraint_position_jacobian(a["t"], a["q"], a["v"]),
+    ),
+    "velocity_constraint_acceleration": Derivative(
+        "", "k_t + k_q v", "velocity_constraint", "motion",
+        lambda d, a, x: d.velocity_constraint_acceleration(a["t"], a["q"], a["v"]), first_order=False,
+    ),
+    "reaction_q": Derivative(
+        "reaction_jacobians", "Q_q", "reaction", "q",
+        lambda d, a, x: d.reaction_jacobians(a["t"], a["q"], a["lam"])[0], ("constraint_q",),
+    ),
+    "reaction_lam": Derivative(
+        "reaction_jacobians", "Q_lam", "reaction", "lam",
+        lambda d, a, x: d.reaction_jacobians(a["t"], a["q"], a["lam"])[1], ("constraint_q",),
+    ),
+    "velocity_reaction_v": Derivative(
+        "", "Q_v", "velocity_reaction", "v",
+        lambda d, a, x: _or_zero(d, d.velocity_reaction_jacobians(a["t"], a["q"], a["v"], a["mu"])[0]),
+        ("velocity_constraint_v",),
+    ),
+    "velocity_reaction_mu": Derivative(
+        "", "Q_mu", "velocity_reaction", "mu",
+        lambda d, a, x: d.velocity_reaction_jacobians(a["t"], a["q"], a["v"], a["mu"])[1], ("velocity_constraint_v",),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Reference and given derivatives at one state."""
+
+    label: str
+    state: State
+    reference: Reference
+    given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest deviation found: relative size and a text that names the entry."""
+
+    size: float = 0.0
+    text: str = ""
+
+
+def names_of(s: Structure) -> tuple[str, ...]:
+    """The derivatives that a system of this structure has."""
+    parts = parts_of(s)
+    return tuple(name for name, derivative in DERIVED.items() if derivative.part in parts)
+
+
+def packed_derivatives(d: Any, names: tuple[str, ...], z: Any, x: Any) -> Any:
+    """The derivatives ``names`` at z, ravelled, one after another in one vector."""
+    arguments = split(d.structure, z)
+    return d.xp.concatenate([d.xp.asarray(DERIVED[name].value(d, arguments, x), dtype=float).ravel() for name in names])
+
+
+def _shape(s: Structure, name: str) -> tuple[int, int]:
+    derivative = DERIVED[name]
+    sizes = {"t": 1, "motion": 1, "q": s.n, "v": s.n, "lam": s.m, "mu": s.p}
+    return part_rows(s, derivative.part), sizes[derivative.by]
+
+
+def given_derivatives(dynamics: Any) -> Callable[[State], dict[str, Matrix | str]]:
+    """A function of the state that gives every derivative, or the reason why one cannot be had."""
+    s = dynamics.structure
+    names = names_of(s)
+    if route_of(dynamics) == "xla":
+        compiled = compile_function(packed_derivatives, dynamics, names)
+        bounds = np.cumsum([np.prod(_shape(s, name)) for name in names])[:-1]
+        return lambda state: {
+            name: flat.reshape(_shape(s, name))
+            for name, flat in zip(names, np.split(compiled(state.z, state.x), bounds), strict=True)
+        }
+
+    def one_by_one(state: State) -> dict[str, Matrix | str]:
+        found: dict[str, Matrix | str] = {}
+        for name in names:
+            outcome = attempt(lambda name=name: packed_derivatives(dynamics, (name,), state.z, state.x))  # type: ignore[misc]
+            found[name] = outcome.fault or outcome.value.reshape(_shape(s, name))
+        return found
+
+    return one_by_one
+
+
+def derivative_rows(dynamics: Any, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
+    """One row per derivative; ``faulty``: declared derivatives of the wrong shape, with the reason."""
+    rows: dict[str, Row] = {}
+    for name in names_of(dynamics.structure):
+        derivative = DERIVED[name]
+        is_declared = derivative.declared_as and declared(dynamics.system, derivative.declared_as) is not None
+        origin = "declared" if is_declared else "derived"
+        first_order = not is_declared and derivative.first_order and route_of(dynamics) == "numpy"
+        claim = f"{derivative.text} ({origin}) agrees with {SYMBOLS[derivative.part]}"
+        bound = f"{FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND:.0e} by differences"
+        failed = [f"derivative/{x}" for x in derivative.rests_on if x in rows and not rows[x].passed]
+        rests_on = [] if is_declared else failed
+        if is_declared and derivative.declared_as in faulty:
+            reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
+            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
+        elif rests_on:
+            reason = f"it is made from {' and '.join(rests_on)}, which fail"
+            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
+        else:
+            rows[name] = _row(name, claim, bound, references, samples, first_order)
+    return list(rows.values())
+
+
+def _row(name: str, claim: str, bound: str, references: References, samples: list[Sample], first_order: bool) -> Row:
+    derivative, row_id = DERIVED[name], f"derivative/{name}"
+    difference, exact = Worst(), Worst()
+    reason = references.no_complex_step.get(derivative.part, "")
+    limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
+    floor = _difference_floor(name, references)
+    for sample in samples:
+        given = sample.given[name]
+        if isinstance(given, str):
+            return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
+        by_differences = _expected(sample.reference, sample.reference.differences, derivative, references, sample.state)
+        difference = _worse(difference, given, by_differences, floor, sample.label)
+        if reason:
+            continue
+        by_complex_step = _expected(sample.reference, sample.reference.complex_step, derivative, references, sample.state)
+        if _worse(Worst(), by_complex_step.matrix, by_differences, floor, "").size > FIRST_ORDER_BOUND:
+            reason = "it is not holomorphic as written (abs, a comparison)"
+        else:
+            exact = _worse(exact, given, by_complex_step, COMPLEX_FLOOR, sample.label)
+    good = difference.size <= limit and (bool(reason) or exact.size <= COMPLEX_BOUND)
+    bound = bound if reason else f"{bound}, {COMPLEX_BOUND:.0e} by the complex step"
+    measured = _measured(difference, exact, reason) if good else _fault(difference, exact, limit)
+    return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=good)
+
+
+def _difference_floor(name: str, references: References) -> float:
+    """How much of the terms of a row counts beside its derivative, by how many differences are involved."""
+    derivative = DERIVED[name]
+    if not references.from_differences:
+        return DIFFERENCE_FLOOR
+    if not (derivative.declared_as and references.declares(derivative.declared_as)):
+        return DERIVED_FLOOR
+    nested = derivative.part == "constraint_velocity"
+    nested |= derivative.part == "reaction" and not references.declares("reaction")
+    return NESTED_FLOOR if nested else DIFFERENCE_FLOOR
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A derivative by a reference, and what its rows are measured by."""
+
+    matrix: Matrix  #: (rows, columns)
+    row_size: Matrix  #: (rows, 1) largest term of the derivative
+    terms: Matrix  #: (rows, 1) size of all that enters the row's function
+    scale: Vector  #: (columns,) typical size of the arguments
+
+
+def _expected(
+    reference: Reference, jacobians: dict[str, Matrix], derivative: Derivative, references: References, state: State
+) -> Expected:
+    where, part = blocks(references.structure), derivative.part
+    jacobian = jacobians[part]
+    terms = _largest(jacobian * references.scales) + np.abs(reference.value[part])[:, None]
+    if part == "constraint_velocity":  # it is a derivative of g itself
+        terms = terms + _largest(reference.differences["constraint"] * references.scales)
+    if derivative.by != "motion":
+        scale = references.scales[where[derivative.by]]
+        columns = jacobian[:, where[derivative.by]]
+        return Expected(columns, _largest(columns * scale), terms, scale)
+    parts = np.concatenate([jacobian[:, where["t"]], jacobian[:, where["q"]] * state.z[where["v"]]], axis=1)
+    return Expected(parts.sum(axis=1, keepdims=True), np.abs(parts).sum(axis=1, keepdims=True), terms, np.ones(1))
+
+
+def _largest(matrix: Matrix) -> Matrix:
+    """Largest magnitude of each row, (rows, 1)."""
+    return np.asarray(np.max(np.abs(matrix), axis=1, keepdims=True, initial=0.0), dtype=np.float64)
+
+
+def _worse(worst: Worst, given: Matrix, expected: Expected, floor: float, label: str) -> Worst:
+    """``worst`` or, where it is larger, the largest deviation of ``given`` relative to the size of its row."""
+    matrix = expected.matrix
+    size = expected.row_size + floor * expected.terms
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = np.abs(given - matrix) * expected.scale
+        relative = np.where(change == 0, 0.0, change / size)
+    relative = np.where(np.isnan(relative), np.inf, relative)
+    if relative.size == 0 or relative.max() <= worst.size:
+        return worst
+    i, j = np.unravel_index(np.argmax(relative), relative.shape)
+    entry = f"row {i}, column {j}, {label}: given {given[i, j]:.10g}, expected {matrix[i, j]:.10g}"
+    return Worst(float(relative[i, j]), entry)
+
+
+def _measured(difference: Worst, exact: Worst, reason: str) -> str:
+    complex_step = f"; no complex step: {reason}" if reason else f", {exact.size:.1e} by the complex step"
+    return f"{difference.size:.1e} by differences{complex_step}"
+
+
+def _fault(difference: Worst, exact: Worst, limit: float) -> str:
+    if difference.size > limit:
+        return f"{difference.size:.1e} by differences ({difference.text})"
+    return f"{exact.size:.1e} by the complex step ({exact.text})"

@@ -1,0 +1,214 @@
+"""Mass, constraints and acceleration level at the start: consistency, rank, regularity and index."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.check.reference import State, split
+from hhtbench.check.rows import attempt, not_measured
+from hhtbench.check.scales import Sizes
+from hhtbench.evidence import Row
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, ConstraintRank, Levels, constraint_rank, mass_is_singular
+from hhtbench.lowering.kkt import Acceleration
+from hhtbench.protocol import Problem
+
+CONSISTENT = 1e-8  # of the typical size
+SYMMETRIC = 1e-12
+SEMIDEFINITE = 1e-12
+DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows
+MOST_NAMED = 6  # offending rows in one text
+
+
+@dataclass(frozen=True)
+class Start:
+    """What is known at the start; each None where it could not be computed."""
+
+    n: int
+    m: int
+    p: int
+    levels: Levels | None
+    rank: ConstraintRank | None
+    found: Acceleration | None
+    imbalance: Vector | None  #: (n + m + p,) of the acceleration level, relative to the size of each row's terms
+    fault: str  #: why something is missing
+
+
+def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
+    """Levels, rank and acceleration level at the start; the user's errors become ``fault``."""
+    s = dynamics.structure
+    t, q, v = problem.t_span[0], problem.q0, problem.v0
+    levels = attempt(lambda: ConstraintLevels(dynamics).at(t, q, v))
+    rank = attempt(lambda: constraint_rank(levels.value.position_jacobian, levels.value.velocity_jacobian))
+    guesses = [
+        guess if guess is not None and guess.size == size else None
+        for guess, size in ((problem.lam_guess, s.m), (problem.mu_guess, s.p))
+    ]
+    solved = attempt(lambda: _accelerations(AccelerationLevel(dynamics), sizes, t, q, v, *guesses))
+    found, imbalance = solved.value or (None, None)
+    fault = next(filter(None, (levels.fault, rank.fault, solved.fault)), "")
+    return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault)
+
+
+def _accelerations(
+    level: AccelerationLevel, sizes: Sizes, t: float, q: Vector, v: Vector, lam: Any, mu: Any
+) -> tuple[Acceleration, Vector]:
+    """The acceleration level's solution, by least squares where its matrix is singular, and what is left over."""
+    s = level.structure
+    found = level.solve(t, q, v, lam, mu)
+    x = np.concatenate([found.vdot, found.lam, found.mu])
+    if found.singular:
+        residual, matrix = level.terms(t, q, v, x)
+        x = x - _least_squares(matrix, residual)
+        found = Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], found.residual, singular=True)
+    residual, matrix = level.terms(t, q, v, x)
+    at_rest, _ = level.terms(t, q, v, np.zeros_like(x))
+    size = np.abs(matrix) @ np.abs(x) + np.abs(at_rest)
+    size[s.n :] += np.abs(matrix[s.n :, : s.n]) @ sizes.v / sizes.t  # a typical acceleration: nothing may move at all
+    return found, np.abs(residual) / np.where(size > 0, size, 1.0)
+
+
+def _least_squares(matrix: Matrix, right: Vector) -> Vector:
+    row = np.abs(matrix).max(axis=1)
+    scaled = matrix / np.where(row > 0, row, 1.0)[:, None]
+    return np.asarray(np.linalg.lstsq(scaled, right / np.where(row > 0, row, 1.0), rcond=DEPENDENT)[0], dtype=np.float64)
+
+
+def mass_rows(dynamics: Any, states: list[State], found: Start) -> list[Row]:
+    """The mass matrix is symmetric and has no negative direction."""
+    if dynamics.structure.mass == "identity":
+        return []
+    claims = (
+        ("mass/symmetric", "the mass matrix is symmetric", f"{SYMMETRIC:.0e} of its size"),
+        ("mass/definite", "the mass matrix has no negative direction", "smallest eigenvalue not below 0"),
+    )
+    points = states if dynamics.structure.mass == "variable" else states[:1]
+    arguments = [split(dynamics.structure, state.z) for state in points]
+    outcome = attempt(lambda: [np.asarray(dynamics.mass(a["t"], a["q"])) for a in arguments])
+    fault = outcome.fault or ("" if np.all(np.isfinite(outcome.value)) else "it holds NaN or infinity")
+    if fault:
+        return [not_measured(*claim, fault) for claim in claims]
+    skew = max(float(np.abs(mass - mass.T).max() / (np.abs(mass).max() or 1.0)) for mass in outcome.value)
+    smallest = min(_smallest_eigenvalue(mass) for mass in outcome.value)
+    ok = smallest >= -SEMIDEFINITE
+    text = f"{smallest:.2g} (unit diagonal)"
+    if ok and mass_is_singular(outcome.value[0]):
+        regular = found.found is not None and not found.found.singular
+        text = f"singular; {'allowed, since the KKT matrix is regular' if regular else 'and the KKT matrix is not regular'}"
+    return [
+        Row(id=claims[0][0], claim=claims[0][1], measured=skew, bound=claims[0][2], passed=skew <= SYMMETRIC),
+        Row(id=claims[1][0], claim=claims[1][1], measured=text, bound=claims[1][2], passed=ok),
+    ]
+
+
+def _smallest_eigenvalue(mass: Matrix) -> float:
+    """Of the symmetric part with its diagonal scaled to one, so that kg and kg m^2 may stand side by side."""
+    size = np.sqrt(np.abs(np.diag(mass)))
+    size = np.where(size > 0, size, np.sqrt(np.abs(mass).max() or 1.0))
+    return float(np.linalg.eigvalsh((mass + mass.T) / 2 / np.outer(size, size)).min())
+
+
+def consistency_rows(start: Start, sizes: Sizes) -> list[Row]:
+    """The start satisfies the constraints at all three levels."""
+    rows = []
+    bound = f"{CONSISTENT:.0e} of the typical size"
+    if start.m:
+        claim = "the start satisfies the position constraints"
+        if start.levels is None:
+            rows.append(not_measured("start/position", claim, bound, start.fault))
+        else:
+            labels = [f"g[{i}]" for i in range(start.m)]
+            scaled = start.levels.scaled_position(sizes.q)
+            rows.append(_level_row("start/position", claim, bound, scaled, start.levels.position, labels))
+    if start.m + start.p:
+        claim = "the start's velocities satisfy the constraints"
+        if start.levels is None:
+            rows.append(not_measured("start/velocity", claim, bound, start.fault))
+        else:
+            labels = [f"(g_t + g_q v)[{i}]" for i in range(start.m)] + [f"k[{i}]" for i in range(start.p)]
+            scaled = start.levels.scaled_velocity(sizes.v)
+            rows.append(_level_row("start/velocity", claim, bound, scaled, start.levels.velocity_drift, labels))
+    return [*rows, _acceleration_row(start)]
+
+
+def _level_row(row_id: str, claim: str, bound: str, scaled: Vector, values: Vector, labels: list[str]) -> Row:
+    """Names the offending rows with their sizes."""
+    wrong = [i for i in np.argsort(-np.nan_to_num(scaled, nan=np.inf)) if not scaled[i] <= CONSISTENT]
+    measured: str | float = float(scaled.max(initial=0.0))
+    if wrong:
+        named = ", ".join(f"{labels[i]} = {values[i]:.3g}" for i in wrong[:MOST_NAMED])
+        measured = f"{measured:.2g}: {named}{', ...' if len(wrong) > MOST_NAMED else ''}"
+    return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=not wrong)
+
+
+def _acceleration_row(start: Start) -> Row:
+    claim = "accelerations and multipliers exist at the start" if start.m + start.p else "accelerations exist at the start"
+    bound = f"{CONSISTENT:.0e} of each row's terms"
+    if start.imbalance is None or start.found is None:
+        return not_measured("start/acceleration", claim, bound, start.fault)
+    n, m = start.n, start.m
+    labels = [f"(M vdot - F - Q)[{i}]" for i in range(n)]
+    labels += [f"d2g/dt2[{i}]" for i in range(m)] + [f"dk/dt[{i}]" for i in range(start.p)]
+    row = _level_row("start/acceleration", claim, bound, start.imbalance, start.imbalance, labels)
+    if row.passed and start.found.singular:
+        return Row(id=row.id, claim=claim, measured=f"{row.measured:.2g}, but not unique", bound=bound, passed=True)
+    return row
+
+
+def guess_rows(start: Start, problem: Problem, sizes: Sizes) -> list[Row]:
+    """The given multipliers beside those of the acceleration level; not judged."""
+    rows = []
+    for name, guess, scale in (("lam", problem.lam_guess, sizes.lam), ("mu", problem.mu_guess, sizes.mu)):
+        computed = None if start.found is None else getattr(start.found, name)
+        if guess is None or computed is None or guess.size != computed.size or computed.size == 0:
+            continue
+        apart = float(np.max(np.abs(guess - computed) / scale))
+        claim = f"distance of {name}_guess from the computed {name}, in typical sizes"
+        rows.append(Row(id=f"start/{name}_guess", claim=claim, measured=apart, bound="not judged", passed=None))
+    return rows
+
+
+def regularity_rows(start: Start) -> list[Row]:
+    """Rank of the constraints, regularity of the KKT matrix, index."""
+    rows = []
+    if start.m + start.p:
+        claim, bound = "the rows of the constraint Jacobian [g_q; k_v] are independent", f"rank {start.m + start.p}"
+        if start.rank is None:
+            rows.append(not_measured("rank", claim, bound, start.fault))
+        else:
+            full = start.rank.rank == start.rank.rows
+            measured = f"rank {start.rank.rank}" if full else f"{start.rank.text}: {_names(start)}"
+            rows.append(Row(id="rank", claim=claim, measured=measured, bound=bound, passed=full))
+        claim = "the KKT matrix [[M, C^T], [C, 0]] is regular"
+    else:
+        claim = "the mass matrix is regular"
+    if start.found is None:
+        rows.append(not_measured("kkt", claim, "regular", start.fault))
+    else:
+        singular = start.found.singular
+        rows.append(
+            Row(id="kkt", claim=claim, measured="singular" if singular else "regular", bound="regular", passed=not singular)
+        )
+    return [*rows, _index_row(start)]
+
+
+def _names(start: Start) -> str:
+    assert start.rank is not None  # noqa: S101 - for the type checker
+    return ", ".join(f"g[{i}]" if i < start.m else f"k[{i - start.m}]" for i in start.rank.redundant)
+
+
+def _index_row(start: Start) -> Row:
+    claim = "the differential index is defined"
+    if start.found is None or (start.rank is None and start.m + start.p):
+        return not_measured("index", claim, "0, 2 or 3", start.fault)
+    reason = ""
+    if start.rank is not None and start.rank.rank < start.rank.rows:
+        reason = f"redundant rows {_names(start)}"
+    elif start.found.singular:
+        reason = "the KKT matrix is singular" if start.m + start.p else "the mass matrix is singular"
+    index = "3 (position constraints)" if start.m else "2 (velocity constraints only)" if start.p else "0 (an ODE)"
+    measured = f"not defined ({reason})" if reason else index
+    return Row(id="index", claim=claim, measured=measured, bound="0, 2 or 3", passed=not reason)

@@ -1,0 +1,197 @@
+"""Shapes: every declared function is called once at the start, its result set against what the protocol asks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.arguments import real_values
+from hhtbench.check.rows import attempt, not_measured, yes_or_fault
+from hhtbench.evidence import Row
+from hhtbench.protocol import DERIVATIVES, PHYSICS, Problem, System, declared
+
+ARGUMENTS = {
+    "force": "t q v",
+    "mass_matrix": "t q",
+    "constraint": "t q",
+    "velocity_constraint": "t q v",
+    "reaction": "t q lam",
+    "velocity_reaction": "t q v mu",
+    "energy": "t q v",
+    "invariants": "t q v",
+    "force_jacobians": "t q v",
+    "constraint_jacobian": "t q",
+    "constraint_time_derivative": "t q",
+    "constraint_acceleration": "t q v",
+    "velocity_constraint_jacobian": "t q v",
+    "reaction_jacobians": "t q lam",
+}
+RESULTS = {  # sizes by letter; two entries: a pair of matrices, each may be None
+    "force": ("n",),
+    "mass_matrix": ("nn",),
+    "constraint": ("m",),
+    "velocity_constraint": ("p",),
+    "reaction": ("n",),
+    "velocity_reaction": ("n",),
+    "energy": ("",),
+    "force_jacobians": ("nn", "nn"),
+    "constraint_jacobian": ("mn",),
+    "constraint_time_derivative": ("m",),
+    "constraint_acceleration": ("m",),
+    "velocity_constraint_jacobian": ("pn",),
+    "reaction_jacobians": ("nn", "nm"),
+}
+PATTERNS = {
+    "mass_product_jacobian": "nn",
+    "force_q": "nn",
+    "force_v": "nn",
+    "constraint_jacobian": "mn",
+    "velocity_constraint_jacobian": "pn",
+    "velocity_constraint_q": "pn",
+    "reaction_q": "nn",
+}
+MEANING = {"m": "constraints", "p": "velocity constraints"}
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Which declared functions keep their shape."""
+
+    rows: tuple[Row, ...]
+    faults: dict[str, str]  #: function -> what is wrong with it
+
+    @property
+    def blocking(self) -> str:
+        """Why nothing can be derived from the system; empty where it can."""
+        names = [name for name in self.faults if name in PHYSICS and name not in ("energy", "invariants")]
+        return "; ".join(f"{name} is faulty (row shape/{name})" for name in names)
+
+    @property
+    def untrusted(self) -> tuple[str, ...]:
+        """Declared derivatives that cannot be used."""
+        return tuple(name for name in self.faults if name in DERIVATIVES)
+
+
+def survey(problem: Problem) -> Survey:
+    """Call every declared function of the system once, at the start (a JAX function is traced, not run)."""
+    system = problem.system
+    sizes: dict[str, int | None] = {"n": problem.q0.size, "m": 0, "p": 0}
+    rows, faults = {}, {}
+    for letter, name in (("m", "constraint"), ("p", "velocity_constraint")):
+        if declared(system, name) is not None:
+            result = attempt(lambda name=name: _call(problem, name, sizes))  # type: ignore[misc]
+            shape: tuple[int, ...] = () if result.fault else np.shape(result.value)
+            sizes[letter] = shape[0] if len(shape) == 1 else None
+    for name in PHYSICS + DERIVATIVES:
+        if name == "force" or declared(system, name) is not None:
+            rows[name] = _row(problem, name, sizes)
+            if not rows[name].passed:
+                faults[name] = str(rows[name].measured)
+    return Survey(tuple(rows.values()), faults)
+
+
+def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
+    row_id, bound = f"shape/{name}", _bound(name, sizes)
+    if name == "sparsity":
+        fault = _pattern_fault(declared(problem.system, "sparsity"), sizes)
+        return yes_or_fault(row_id, "sparsity gives boolean patterns by name", fault, "fits", bound)
+    claim = f"{name}({', '.join(ARGUMENTS[name].split())}) returns {bound}"
+    missing = [MEANING[x] for x, size in sizes.items() if size is None and x in _letters(name)]
+    if missing:
+        return not_measured(row_id, claim, bound, f"the number of {missing[0]} is not known, their function is faulty")
+    if name == "mass_matrix" and not callable(declared(problem.system, name)):
+        claim = f"mass_matrix is a scalar, (n,) or {bound}"
+        outcome = attempt(lambda: _field_fault(declared(problem.system, name), sizes["n"] or 0))
+    elif not callable(declared(problem.system, name)):
+        return yes_or_fault(row_id, claim, "no such function is declared", "", bound)
+    else:
+        outcome = attempt(lambda: _fault(name, _call(problem, name, sizes), sizes))
+    return yes_or_fault(row_id, claim, outcome.fault or outcome.value, bound, bound)
+
+
+def _letters(name: str) -> str:
+    """The sizes that a function's arguments and result need; constraint and velocity_constraint set m and p themselves."""
+    own = {"constraint": "m", "velocity_constraint": "p"}.get(name, "")
+    needed = "".join(RESULTS.get(name, ())) + {"lam": "m", "mu": "p"}.get(ARGUMENTS[name].split()[-1], "")
+    return needed.replace(own, "") if own else needed
+
+
+def _bound(name: str, sizes: dict[str, int | None]) -> str:
+    if name == "invariants":
+        return "a dict of real scalars"
+    if name == "sparsity":
+        return "known names, fitting shapes"
+    texts = [str(tuple(x if sizes[x] is None else sizes[x] for x in letters)).replace("'", "") for letters in RESULTS[name]]
+    return texts[0] if len(texts) == 1 else f"a pair of {texts[0]} and {texts[1]}"
+
+
+def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]) -> tuple[Any, ...]:
+    """t0 and private, read-only copies of what ``name`` takes; multipliers from their guess where it fits, else zero."""
+    values: dict[str, Any] = {"q": problem.q0, "v": problem.v0}
+    for letter, key, guess in (("m", "lam", problem.lam_guess), ("p", "mu", problem.mu_guess)):
+        size = sizes[letter] or 0
+        values[key] = guess if guess is not None and guess.size == size else np.zeros(size)
+    names = ARGUMENTS[name].split()[1:]
+    if isinstance(problem.system, System):
+        return (jnp.asarray(problem.t_span[0]), *(jnp.asarray(values[key]) for key in names))
+    copies = [np.array(values[key]) for key in names]
+    for copy in copies:
+        copy.setflags(write=False)
+    return (problem.t_span[0], *copies)
+
+
+def _call(problem: Problem, name: str, sizes: dict[str, int | None]) -> Any:
+    arguments = arguments_at_start(problem, name, sizes)
+    function = declared(problem.system, name)
+    return jax.eval_shape(function, *arguments) if isinstance(problem.system, System) else function(*arguments)
+
+
+def _fault(name: str, result: Any, sizes: dict[str, int | None]) -> str:
+    """What is wrong with ``result``; empty where it is as asked."""
+    if name == "invariants":
+        if not isinstance(result, dict):
+            return f"got {type(result).__name__}"
+        return next((f"{key}: {fault}" for key, value in result.items() if (fault := _array_fault(value, ()))), "")
+    shapes = [tuple(sizes[x] for x in letters) for letters in RESULTS[name]]
+    if len(shapes) == 1:
+        free = name in ("constraint", "velocity_constraint")  # their length is theirs to choose
+        return _array_fault(result, None if free else shapes[0])
+    if not isinstance(result, (tuple, list)) or len(result) != 2:
+        return f"got {type(result).__name__}"
+    faults = [_array_fault(value, shape) for value, shape in zip(result, shapes, strict=True) if value is not None]
+    return next(filter(None, faults), "")
+
+
+def _array_fault(value: Any, shape: tuple[int | None, ...] | None) -> str:
+    """``shape`` None: any vector."""
+    if isinstance(value, jax.ShapeDtypeStruct):
+        if value.dtype.kind not in "fiu":
+            return f"got dtype {value.dtype}"
+        given: tuple[int, ...] = value.shape
+    elif value is None:
+        return "got None"
+    else:
+        given = real_values("the result", value).shape
+    fits = len(given) == 1 if shape is None else given == shape
+    return "" if fits else f"got shape {given}"
+
+
+def _field_fault(mass: Any, n: int) -> str:
+    array = real_values("mass_matrix", np.asarray(mass))
+    return "" if array.shape in ((), (n,), (n, n)) else f"got shape {array.shape}"
+
+
+def _pattern_fault(sparsity: Any, sizes: dict[str, int | None]) -> str:
+    if not hasattr(sparsity, "items"):
+        return f"got {type(sparsity).__name__}, not a mapping"
+    for name, pattern in sparsity.items():
+        if name not in PATTERNS:
+            return f"{name} is no derivative with a pattern; known: {', '.join(PATTERNS)}"
+        expected = tuple(sizes[x] for x in PATTERNS[name])
+        if np.shape(pattern) != expected:
+            return f"{name} must have shape {expected}; got {np.shape(pattern)}"
+    return ""

@@ -1,0 +1,250 @@
+"""``describe``: what a system declares, what therefore is not computed, the route and the linear algebra, with reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from tabulate import tabulate
+
+from hhtbench.lowering import Structure, compile_function, derive, mass_is_singular, route_of
+from hhtbench.protocol import DERIVATIVES, PHYSICS, NumpySystem, Problem, System, declared
+
+WIDTHS = [None, 32, 52, 52]  # characters a column of the table
+SHOWN = 6  # entries of a parameter array that are shown; of a larger one its shape
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One line of a description."""
+
+    topic: str  #: "declared", "not computed", "computed", "route", "linear algebra" or "size"
+    subject: str
+    text: str
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Description:
+    """What :func:`describe` found."""
+
+    title: str
+    statements: tuple[Statement, ...]
+
+    def about(self, topic: str) -> tuple[Statement, ...]:
+        """The statements of one topic."""
+        return tuple(statement for statement in self.statements if statement.topic == topic)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain Python values: ``{title, statements: [{topic, subject, text, reason}]}``."""
+        rows = [{f.name: getattr(statement, f.name) for f in fields(statement)} for statement in self.statements]
+        return {"title": self.title, "statements": rows}
+
+    def __str__(self) -> str:
+        body, last = [], ""
+        for statement in self.statements:
+            topic = "" if statement.topic == last else statement.topic
+            body.append([topic, statement.subject, statement.text, statement.reason])
+            last = statement.topic
+        table = tabulate(body, headers=["", "what", "", "because"], maxcolwidths=WIDTHS, disable_numparse=True)
+        return f"{self.title}\n\n{table}"
+
+
+def describe(what: Problem | System | NumpySystem) -> Description:
+    """Describe a problem, or a system as far as that is possible without a start.
+
+    Raises
+    ------
+    ProblemError
+        A declared function returns the wrong shape; ``check`` lists them all.
+    TypeError
+        ``what`` is none of the three.
+    """
+    if isinstance(what, Problem):
+        system, title = what.system, f"{what.name}: {type(what.system).__name__}"
+        rows = [*_declared(system), *_of_problem(what)]
+    elif isinstance(what, (System, NumpySystem)):
+        system, title = what, type(what).__name__
+        rows = [*_declared(system), *_undeclared(system), *_without_start(system), _route(system)]
+    else:
+        raise TypeError(f"describe takes a Problem, a System or a NumpySystem; got {type(what).__name__}.")
+    return Description(title=title, statements=tuple(rows))
+
+
+def _declared(system: System | NumpySystem) -> list[Statement]:
+    rows = []
+    for name in PHYSICS + DERIVATIVES:
+        value = declared(system, name)
+        if value is not None:
+            rows.append(Statement("declared", name, _first_line(value) if callable(value) else _shown(value)))
+    if isinstance(system, System):
+        for field in fields(system):
+            if field.name not in PHYSICS + DERIVATIVES:
+                doc = field.metadata.get("doc", "")
+                rows.append(Statement("declared", field.name, f"= {_shown(getattr(system, field.name))}", doc))
+    return rows
+
+
+def _first_line(function: Any) -> str:
+    text = (getattr(function, "__doc__", None) or "").strip()
+    return text.splitlines()[0] if text and getattr(function, "__name__", "") else "a function"
+
+
+def _shown(value: Any) -> str:
+    if hasattr(value, "items"):
+        return ", ".join(value)
+    if not hasattr(value, "shape"):
+        return str(value)
+    array = np.asarray(value)
+    return np.array2string(array, precision=6, separator=", ") if array.size <= SHOWN else f"array {array.shape}"
+
+
+def _undeclared(system: System | NumpySystem) -> list[Statement]:
+    """What follows from names alone."""
+    absent = {name: declared(system, name) is None for name in PHYSICS}
+    rows = []
+    if absent["constraint"]:
+        rows.append(
+            Statement("not computed", "lam, g, g_q", "no multiplier lam, no position rows", "no constraint is declared")
+        )
+    if absent["velocity_constraint"]:
+        rows.append(
+            Statement(
+                "not computed", "mu, k, k_v", "no multiplier mu, no velocity rows", "no velocity_constraint is declared"
+            )
+        )
+    if absent["constraint"] and absent["velocity_constraint"]:
+        rows.append(Statement("not computed", "KKT matrix", "accelerations are M^-1 F", "without constraints it is an ODE"))
+    if absent["mass_matrix"]:
+        rows.append(Statement("not computed", "M", "no mass is factorised", "no mass_matrix is declared: identity"))
+    for name in ("energy", "invariants"):
+        if absent[name]:
+            rows.append(Statement("not computed", name, "not measured", f"no {name} is declared; solvers never use it"))
+    return rows
+
+
+def _of_problem(problem: Problem) -> list[Statement]:
+    t, q, v = problem.t_span[0], problem.q0, problem.v0
+    dynamics = derive(problem.system, t, q, v)
+    s = dynamics.structure
+    singular = _mass_is_singular(dynamics, t, q)
+    rows = [*_undeclared(problem.system), *_dependencies(dynamics, singular), *_derivatives(dynamics), _reaction(s)]
+    size = f"n = {s.n} coordinates, m = {s.m} position constraints, p = {s.p} velocity constraints"
+    rows.append(Statement("size", "n, m, p", size, "from q0 and what the constraints return"))
+    return [*(row for row in rows if row is not None), _route(problem.system), *_linear_algebra(s, singular)]
+
+
+def _dependencies(dynamics: Any, singular: bool) -> list[Statement]:
+    """What the functions do not depend on is not differentiated."""
+    s: Structure = dynamics.structure
+    rows = []
+    if s.mass == "constant" and not singular:
+        reason = "the mass does not depend on t or q"
+        rows.append(Statement("not computed", "M(t, q), (M x)_q", "the mass is constant: factorised once", reason))
+    if declared(dynamics.system, "force_jacobians") is None:
+        for uses, letter in ((s.force_uses_q, "q"), (s.force_uses_v, "v")):
+            if not uses:
+                reason = f"the force does not depend on {letter}"
+                rows.append(Statement("not computed", f"F_{letter}", f"F_{letter} is zero", reason))
+    if s.m and not s.rheonomic:
+        rows.append(Statement("not computed", "g_t", "g_t is zero", "the constraint does not depend on t"))
+    if s.p and not s.velocity_reaction_uses_v:
+        text = "the velocity reaction's derivative by v is zero"
+        rows.append(Statement("not computed", "Q_v", text, "the velocity reaction does not depend on v"))
+    if route_of(dynamics) == "numpy":
+        reason = "plain callables cannot be read: every function may depend on all its arguments"
+        rows.append(Statement("computed", "dependencies", "no derivative is taken to be zero", reason))
+    return rows
+
+
+def _derivatives(dynamics: Any) -> list[Statement]:
+    """Where the derivatives come from."""
+    s: Structure = dynamics.structure
+    needed = ["force_jacobians"] if s.force_uses_q or s.force_uses_v else []
+    needed += ["constraint_jacobian"] if s.m else []
+    needed += ["constraint_time_derivative"] if s.m and s.rheonomic else []
+    needed += ["constraint_acceleration"] if s.m else []
+    needed += ["velocity_constraint_jacobian"] if s.p else []
+    needed += ["reaction_jacobians"] if s.m else []
+    given = [name for name in needed if declared(dynamics.system, name) is not None]
+    missing = [name for name in needed if name not in given]
+    rows = []
+    if given:
+        rows.append(Statement("computed", ", ".join(given), "called as declared", "they are declared"))
+    if missing and route_of(dynamics) == "xla":
+        rows.append(Statement("computed", ", ".join(missing), "by automatic differentiation", "they are not declared"))
+        if declared(dynamics.system, "sparsity"):
+            rows.append(Statement("not computed", "sparsity", "not used", "automatic differentiation takes no pattern"))
+    elif missing:
+        coloured = "coloured " if declared(dynamics.system, "sparsity") else ""
+        text = f"by {coloured}differences; constraints then hold to about 1e-9, not to roundoff"
+        rows.append(Statement("computed", ", ".join(missing), text, "they are not declared"))
+    return rows
+
+
+def _reaction(s: Structure) -> Statement | None:
+    if not s.constrained:
+        return None
+    if s.linear_reaction:
+        return Statement("computed", "multipliers", "by one linear solve", "the reaction is linear in lam and mu")
+    reason = "the reaction is nonlinear in a multiplier, or is a callable that cannot be read; the guess picks the root"
+    return Statement("computed", "multipliers", "by Newton's iteration from lam_guess, mu_guess", reason)
+
+
+def _without_start(system: System | NumpySystem) -> list[Statement]:
+    text = "not known: sizes need a start (describe a Problem)"
+    mass = declared(system, "mass_matrix")
+    if mass is not None and not callable(mass) and np.ndim(mass) > 0:
+        return [Statement("size", "n, m, p", f"n = {np.shape(mass)[0]}; m and p {text}", "n is that of the mass matrix")]
+    return [Statement("size", "n, m, p", text, "functions show their sizes only when they are called")]
+
+
+def _route(system: System | NumpySystem) -> Statement:
+    if isinstance(system, System):
+        return Statement("route", "xla", "traced by JAX and compiled by XLA", "the functions are written in jax.numpy")
+    return Statement(
+        "route", "numpy", "called as they are, from Python", "the functions are plain callables on NumPy arrays"
+    )
+
+
+def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+    """M (n*n,) at (t, q)."""
+    return dynamics.mass(t, q).ravel()
+
+
+def _mass_is_singular(dynamics: Any, t: float, q: Any) -> bool:
+    if dynamics.structure.mass == "identity":
+        return False
+    mass = np.asarray(compile_function(mass_at, dynamics)(t, q)).reshape(q.size, q.size)
+    return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
+
+
+def _linear_algebra(s: Structure, singular: bool) -> list[Statement]:
+    rows = []
+    if singular:
+        text = "augmented: M + rho C^T C takes its place" if s.constrained else "the accelerations are not determined"
+        rows.append(Statement("linear algebra", "mass", text, "the mass is singular at the start"))
+        s = replace(s, mass="variable")
+    if s.constrained:
+        size = s.n + s.m + s.p
+        text = f"dense LU (LAPACK) of the KKT matrix, {size} x {size} = n + m + p"
+        rows.append(Statement("linear algebra", "acceleration level", text, "gives accelerations and multipliers at a time"))
+    rows.append(
+        Statement("linear algebra", "HHT step", f"dense LU (LAPACK) of the step matrix, {_step_size(s)}", _step_reason(s))
+    )
+    return rows
+
+
+def _step_size(s: Structure) -> str:
+    size = s.n + 2 * s.m + (s.n + s.p if s.p else 0)
+    most = size + (s.n if s.m else 0)
+    if most == size or s.mass != "variable":
+        return f"{size} x {size}" + (f" ({most} x {most} for b != 0)" if most > size else "")
+    return f"{most} x {most} ({size} x {size} with a predictor reaction and b = 0)"
+
+
+def _step_reason(s: Structure) -> str:
+    unknowns = ["a"] + (["the stage multipliers lam0, lam1"] if s.m else []) + (["the stage reaction and mu"] if s.p else [])
+    reason = f"the unknowns are {' and '.join(unknowns)}"
+    return f"{reason}; the end reaction too where it cannot be eliminated" if s.m else reason

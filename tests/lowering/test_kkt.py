@@ -1,0 +1,254 @@
+"""Accelerations and multipliers; rank of constraints; augmented mass."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, augment, constraint_rank, derive, mass_is_singular
+from hhtbench.protocol import NumpySystem, System
+from tests.lowering.systems import (
+    MASSLESS_NUMPY,
+    PENDULUM_NUMPY,
+    RICH_NUMPY,
+    WHEEL_NUMPY,
+    Massless,
+    MasslessWheel,
+    Pendulum,
+    Rich,
+    Springs,
+)
+
+Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])
+
+
+def null_space_solution(dynamics, t, q, v):
+    """(vdot, multipliers) on the null space of C: no matrix of the KKT system is formed."""
+    s = dynamics.structure
+    rows, bias = [], []
+    if s.m:
+        rows.append(dynamics.constraint_jacobian(t, q))
+        bias.append(dynamics.constraint_acceleration(t, q, v))
+    if s.p:
+        rows.append(dynamics.velocity_constraint_jacobian(t, q, v))
+        bias.append(dynamics.velocity_constraint_acceleration(t, q, v))
+    c, mass, force = np.vstack(rows), np.asarray(dynamics.mass(t, q)), np.asarray(dynamics.force(t, q, v))
+    particular = -np.linalg.pinv(c) @ np.concatenate(bias)
+    free = scipy.linalg.null_space(c)
+    y = np.linalg.solve(free.T @ mass @ free, free.T @ (force - mass @ particular))
+    vdot = particular + free @ y
+    return vdot, np.linalg.lstsq(c.T, force - mass @ vdot, rcond=None)[0]
+
+
+def test_rod_tension_of_a_swinging_pendulum():
+    """lam = m (v^2 / L + g cos(angle)), L = 1: statics and centripetal force, no source needed."""
+    dynamics = derive(Pendulum(mass_matrix=2.0), 0.0, np.zeros(2), np.zeros(2))
+    found = AccelerationLevel(dynamics).solve(0.0, np.array([0.6, -0.8]), 3.0 * np.array([0.8, 0.6]))
+    assert not found.singular
+    assert found.lam[0] == pytest.approx(2.0 * (9.0 + 9.81 * 0.8), rel=1e-13)
+
+
+@pytest.mark.parametrize(("system", "tolerance"), [(Massless(), 1e-12), (MASSLESS_NUMPY, 1e-7), (MasslessWheel(), 1e-12)])
+def test_a_singular_mass_with_a_regular_kkt_matrix_is_solved(system, tolerance):
+    dynamics = derive(system, 0.2, Q3, V3)
+    assert mass_is_singular(np.asarray(dynamics.mass(0.2, Q3)))
+    found = AccelerationLevel(dynamics).solve(0.2, Q3, V3)
+    vdot, multipliers = null_space_solution(dynamics, 0.2, Q3, V3)
+    assert not found.singular
+    np.testing.assert_allclose(found.vdot, vdot, rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(np.concatenate([found.lam, found.mu]), multipliers, rtol=tolerance, atol=tolerance)
+
+
+def test_badly_scaled_rows_do_not_look_singular():
+    """A pendulum of 1e9 kg on a rod of 1e-6 m, its constraint in square metres: a matter of units, not of rank."""
+    tiny = NumpySystem(
+        mass_matrix=1e9,
+        force=lambda t, q, v: np.array([0.0, -9.81e9]),
+        constraint=lambda t, q: np.array([(q @ q - 1e-12) / 2]),
+        constraint_jacobian=lambda t, q: q[None, :],
+        constraint_acceleration=lambda t, q, v: np.array([v @ v]),
+    )
+    q, v = np.array([0.6e-6, -0.8e-6]), 3e-3 * np.array([0.8, 0.6])
+    found = AccelerationLevel(derive(tiny, 0.0, q, v)).solve(0.0, q, v)
+    assert not found.singular
+    assert found.lam[0] * 1e-6 == pytest.approx(1e9 * (9e-6 / 1e-6 + 9.81 * 0.8), rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.7, 1e-8])
+def test_dependent_constraints_make_a_singular_kkt_matrix(factor):
+    def constraint(t, q):
+        row = 0.1 * q[0] + 0.3 * q[1] + 0.7 * q[2]
+        return np.array([row, factor * row])
+
+    dynamics = derive(NumpySystem(force=lambda t, q, v: -q, constraint=constraint), 0.0, np.zeros(3), np.zeros(3))
+    assert AccelerationLevel(dynamics).solve(0.0, np.zeros(3), np.zeros(3)).singular
+
+
+def test_a_free_massless_coordinate_makes_a_singular_kkt_matrix():
+    free = NumpySystem(force=lambda t, q, v: -q, mass_matrix=np.array([1.0, 0.0]), constraint=lambda t, q: q[:1])
+    dynamics = derive(free, 0.0, np.array([0.0, 1.0]), np.zeros(2))
+    assert AccelerationLevel(dynamics).solve(0.0, np.array([0.0, 1.0]), np.zeros(2)).singular
+
+
+class Quadratic(System):
+    """Reaction quadratic in lam (first test problem of Jay and Negrut): 2 lam + lam^2 = 3 at the start."""
+
+    def force(self, t, q, v):
+        return jnp.stack([q[0] * v[1] + 2 * q[1] * v[0], -q[0] * q[1] * v[0] - 2 * q[0] * v[0] * q[1] * v[1]])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] ** 2 * q[1] - 1])
+
+    def reaction(self, t, q, lam):
+        return jnp.stack([jnp.exp(-t) * q[0] * lam[0], q[1] * lam[0] ** 2])
+
+
+QUADRATIC = AccelerationLevel(derive(Quadratic(), 0.0, np.ones(2), np.array([1.0, -2.0])))
+
+
+@pytest.mark.parametrize(("guess", "root"), [(0.7, 1.0), (1.5, 1.0), (-2.0, -3.0), (-5.0, -3.0)])
+def test_a_reaction_nonlinear_in_lam_gets_the_root_of_its_guess(guess, root):
+    found = QUADRATIC.solve(0.0, np.ones(2), np.array([1.0, -2.0]), np.array([guess]))
+    assert found.residual == 0.0
+    assert found.lam[0] == pytest.approx(root, rel=1e-12)
+
+
+def test_an_acceleration_level_without_root_says_so():
+    class Rootless(Quadratic):
+        def reaction(self, t, q, lam):
+            return jnp.stack([0.0 * lam[0], -(lam[0] ** 2) - 10.0 + 0.0 * q[0]])
+
+    level = AccelerationLevel(derive(Rootless(), 0.0, np.ones(2), np.array([1.0, -2.0])))
+    found = level.solve(0.0, np.ones(2), np.array([1.0, -2.0]), np.array([1.0]))
+    assert found.residual > 1e-6
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+def test_the_whole_acceleration_level_holds_at_the_solution(route):
+    """Variable mass, rheonomic, nonlinear reaction, both kinds of constraints: (H16) row by row."""
+    dynamics = derive(Rich() if route == "jax" else RICH_NUMPY, 0.3, Q3, V3)
+    found = AccelerationLevel(dynamics).solve(0.3, Q3, V3, np.ones(1))
+    forces = dynamics.force(0.3, Q3, V3) + dynamics.reaction(0.3, Q3, found.lam)
+    forces = forces + dynamics.velocity_reaction(0.3, Q3, V3, found.mu)
+    np.testing.assert_allclose(dynamics.mass(0.3, Q3) @ found.vdot, forces, atol=1e-11)
+    ahead, back = ((0.3 + e, Q3 + e * V3 + e * e / 2 * found.vdot, V3 + e * found.vdot) for e in (1e-5, -1e-5))
+    drift = dynamics.constraint_velocity(*ahead) - dynamics.constraint_velocity(*back)
+    np.testing.assert_allclose(drift / 2e-5, 0.0, atol=1e-7)
+    drift = dynamics.velocity_constraint(*ahead) - dynamics.velocity_constraint(*back)
+    np.testing.assert_allclose(drift / 2e-5, 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "rank", "redundant"),
+    [
+        ([[1, 0, 0], [0, 1, 0]], [[0, 0, 1]], 3, 0),
+        ([[1, 0, 0], [0, 1, 0], [3.7e-8, 0, 0]], np.zeros((0, 3)), 2, {0, 2}),
+        ([[1, 0, 0]], [[0, 1, 0], [1, 1, 0]], 2, {0, 1, 2}),
+        ([[0, 0, 0], [0, 1, 0]], np.zeros((0, 3)), 1, {0}),
+        ([[1e-12, 0, 0], [0, 1e6, 0]], np.zeros((0, 3)), 2, 0),
+    ],
+    ids=["independent", "a row times 3.7e-8", "a velocity row made of two", "a row of zeros", "units apart by 1e18"],
+)
+def test_redundant_rows_are_counted_and_named(position, velocity, rank, redundant):
+    found = constraint_rank(np.array(position, dtype=float), np.array(velocity, dtype=float))
+    assert found.rank == rank
+    assert len(found.redundant) == found.rows - rank
+    if redundant:
+        assert set(found.redundant) <= redundant
+        kept = [row for i, row in enumerate([*position, *velocity]) if i not in found.redundant]
+        assert np.linalg.matrix_rank(np.array(kept)) == rank
+        assert all(str(i) in found.text for i in found.redundant)
+
+
+def test_no_constraints_have_rank_zero_of_zero():
+    assert (
+        constraint_rank(np.zeros((0, 2)), np.zeros((0, 2))).rows,
+        derive(Springs(), 0.0, Q3[:2], V3[:2]).structure.m,
+    ) == (0, 0)
+
+
+def test_levels_are_the_constraints_and_their_rates():
+    dynamics = derive(Rich(), 0.3, Q3, V3)
+    levels = ConstraintLevels(dynamics).at(0.3, Q3, V3)
+    np.testing.assert_allclose(levels.position, dynamics.constraint(0.3, Q3), rtol=1e-14)
+    rate = (dynamics.constraint(0.3 + 1e-6, Q3 + 1e-6 * V3) - dynamics.constraint(0.3 - 1e-6, Q3 - 1e-6 * V3)) / 2e-6
+    np.testing.assert_allclose(levels.velocity_drift, [rate[0], levels.velocity[0]], rtol=1e-8)
+    np.testing.assert_allclose(levels.time_derivative, dynamics.constraint_time_derivative(0.3, Q3), rtol=1e-14)
+
+
+# augmented mass
+
+
+@pytest.mark.parametrize(
+    ("system", "tolerance"),
+    [(Massless(), 1e-11), (MASSLESS_NUMPY, 1e-6), (MasslessWheel(), 1e-11), (WHEEL_NUMPY, 1e-6)],
+    ids=["position", "position, numpy", "velocity", "velocity, numpy"],
+)
+def test_an_augmented_mass_is_regular_and_changes_no_solution(system, tolerance):
+    dynamics = derive(system, 0.2, Q3, V3)
+    augmented = augment(dynamics, 0.2, Q3)
+    assert mass_is_singular(np.asarray(dynamics.mass(0.2, Q3)))
+    assert not mass_is_singular(np.asarray(augmented.mass(0.2, Q3)))
+    plain, other = (AccelerationLevel(d).solve(0.2, Q3, V3) for d in (dynamics, augmented))
+    for name in ("vdot", "lam", "mu"):
+        np.testing.assert_allclose(getattr(other, name), getattr(plain, name), rtol=tolerance, atol=tolerance)
+
+
+class MixedNonlinear(Massless):
+    """Beside the position constraints a velocity constraint nonlinear in v whose declared reaction does not use v."""
+
+    def constraint(self, t, q):
+        return jnp.stack([q[2] - q[0] * q[1]])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([v[0] + 0.5 * v[1] ** 2 - t])
+
+    def velocity_reaction(self, t, q, v, mu):
+        return jnp.stack([mu[0], 0.3 * mu[0], 0.0 * mu[0]])
+
+
+def test_velocity_constraints_nonlinear_in_v_stay_out_of_the_augmented_mass():
+    """With k_v of another velocity in the mass the accelerations would be wrong, and nothing would show it."""
+    dynamics = derive(MixedNonlinear(), 0.2, Q3, V3)
+    plain, other = (AccelerationLevel(d).solve(0.2, Q3, V3) for d in (dynamics, augment(dynamics, 0.2, Q3)))
+    np.testing.assert_allclose(other.vdot, plain.vdot, rtol=1e-11)
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+def test_augmentation_without_a_usable_constraint_is_refused(route):
+    class Curved(MasslessWheel):
+        def velocity_constraint(self, t, q, v):
+            return jnp.stack([v[2] + v[2] ** 3 - v[0]])
+
+    numpy_system = NumpySystem(
+        mass_matrix=np.array([1.0, 2.0, 0.0]),
+        force=lambda t, q, v: -q,
+        velocity_constraint=lambda t, q, v: np.array([v[2] + v[2] ** 3 - v[0]]),
+    )
+    with pytest.raises(ProblemError, match="nonlinear in v"):
+        augment(derive(Curved() if route == "jax" else numpy_system, 0.0, Q3, V3), 0.0, Q3)
+
+
+def test_the_augmented_force_jacobians_are_derivatives_on_both_routes():
+    """Differences of a force that holds differences itself: still four digits for Newton's matrix."""
+    pairs = [
+        augment(derive(system, 0.2, Q3, V3), 0.2, Q3).force_jacobians(0.2, Q3, V3) for system in (Massless(), MASSLESS_NUMPY)
+    ]
+    for exact, differences in zip(*pairs, strict=True):
+        np.testing.assert_allclose(differences, exact, rtol=1e-4, atol=1e-4 * np.abs(exact).max())
+
+
+def test_undeclared_parts_are_never_called():
+    """An unconstrained NumPy system is asked for its force alone, a pendulum for force and constraint."""
+    for system, expected in (
+        (NumpySystem(force=lambda t, q, v: -q, energy=lambda t, q, v: 0.0), {"force"}),
+        (PENDULUM_NUMPY, {"force", "constraint"}),
+    ):
+        calls = []
+        dynamics = dataclasses.replace(derive(system, 0.0, Q3[:2], V3[:2]), on_call=calls.append)
+        AccelerationLevel(dynamics).solve(0.0, Q3[:2], V3[:2])
+        ConstraintLevels(dynamics).at(0.0, Q3[:2], V3[:2])
+        assert set(calls) == expected

@@ -1,0 +1,237 @@
+"""What is read from a system: dependencies, sizes, and errors that name function and shapes."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering import derive
+from hhtbench.lowering.structure import used_arguments
+from hhtbench.protocol import NumpySystem, System
+from tests.lowering.systems import RICH_NUMPY, MasslessWheel, Pendulum, Rich, Springs
+
+
+def test_an_argument_counts_as_used_only_when_a_result_depends_on_it():
+    def function(t, q, v):
+        _ = jnp.sin(v)  # computed, but without effect
+        return q * 2 + 0 * jnp.ones(2)
+
+    assert used_arguments(function, 0.0, jnp.ones(2), jnp.ones(2)) == (False, True, False)
+
+
+@pytest.mark.parametrize(
+    ("system", "n", "facts"),
+    [
+        (
+            Springs(),
+            2,
+            {"m": 0, "p": 0, "mass": "identity", "force_uses_q": True, "force_uses_v": False, "constrained": False},
+        ),
+        (
+            Pendulum(),
+            2,
+            {"m": 1, "p": 0, "mass": "constant", "force_uses_q": False, "rheonomic": False, "linear_reaction": True},
+        ),
+        (Rich(), 3, {"m": 1, "p": 1, "mass": "variable", "rheonomic": True, "linear_reaction": False}),
+        (Rich(), 3, {"velocity_jacobian_uses_v": True, "velocity_reaction_uses_v": True, "force_uses_v": True}),
+        (MasslessWheel(), 3, {"m": 0, "p": 1, "velocity_jacobian_uses_v": False, "velocity_reaction_uses_v": False}),
+        (RICH_NUMPY, 3, {"m": 1, "p": 1, "mass": "variable", "force_uses_q": True, "linear_reaction": False}),
+    ],
+)
+def test_structure_states_sizes_and_dependencies(system, n, facts):
+    structure = derive(system, 0.1, np.full(n, 0.3), np.full(n, 0.2)).structure
+    assert {name: getattr(structure, name) for name in facts} == facts
+
+
+def test_a_mass_method_that_depends_on_nothing_counts_as_constant():
+    class Ball(Springs):
+        def mass_matrix(self, t, q):
+            return 2 * jnp.eye(2)
+
+    dynamics = derive(Ball(), 0.0, np.ones(2), np.ones(2))
+    assert dynamics.structure.mass == "constant"
+    np.testing.assert_array_equal(dynamics.inverse_mass, 0.5 * np.eye(2))
+
+
+# (function, arguments after t, what it returns, expected shape, given shape): acceptance row I8
+WRONG = [
+    ("force", 2, lambda xp: xp.ones(3), "(2,)", "(3,)"),
+    ("force", 2, lambda xp: xp.ones((2, 1)), "(2,)", "(2, 1)"),
+    ("force", 2, lambda xp: xp.ones(()), "(2,)", "()"),
+    ("mass_matrix", 1, lambda xp: xp.ones((2, 3)), "(2, 2)", "(2, 3)"),
+    ("mass_matrix", 1, lambda xp: xp.ones(2), "(2, 2)", "(2,)"),
+    ("reaction", 2, lambda xp: xp.ones(1), "(2,)", "(1,)"),
+    ("velocity_reaction", 3, lambda xp: xp.ones(3), "(2,)", "(3,)"),
+    ("constraint_jacobian", 1, lambda xp: xp.ones((2, 1)), "(1, 2)", "(2, 1)"),
+    ("constraint_time_derivative", 1, lambda xp: xp.ones((1, 1)), "(1,)", "(1, 1)"),
+    ("constraint_acceleration", 2, lambda xp: xp.ones(2), "(1,)", "(2,)"),
+    ("velocity_constraint_jacobian", 2, lambda xp: xp.ones(2), "(1, 2)", "(2,)"),
+    ("force_jacobians", 2, lambda xp: (xp.ones((2, 2)), xp.ones((2, 1))), "(2, 2)", "(2, 1)"),
+    ("reaction_jacobians", 2, lambda xp: (xp.ones((2, 2)), xp.ones((2, 2))), "(2, 1)", "(2, 2)"),
+]
+RIGHT = {
+    "force": lambda t, q, v: 0.0 * q,
+    "constraint": lambda t, q: q[:1],
+    "velocity_constraint": lambda t, q, v: v[1:],
+}
+CALLS = {  # the derived function that calls a declared one, and the arguments it takes
+    "mass_matrix": ("mass", "t q"),
+    "reaction": ("reaction", "t q lam"),
+    "reaction_jacobians": ("reaction_jacobians", "t q lam"),
+    "velocity_reaction": ("velocity_reaction", "t q v mu"),
+    "constraint_jacobian": ("constraint_jacobian", "t q"),
+    "constraint_time_derivative": ("constraint_time_derivative", "t q"),
+}
+PLACE = {"t": 0.0, "q": np.array([0.0, 1.0]), "v": np.array([1.0, 0.0]), "lam": np.ones(1), "mu": np.ones(1)}
+
+
+def jax_system(**functions):
+    methods = {name: lambda self, *arguments, f=f: f(*arguments) for name, f in functions.items()}
+    return type("Made", (System,), methods)()
+
+
+def call(system, name):
+    """Derive ``system`` and evaluate what rests on the declared function ``name``."""
+    dynamics = derive(system, PLACE["t"], PLACE["q"], PLACE["v"])
+    function, arguments = CALLS.get(name, (name, "t q v"))
+    return getattr(dynamics, function)(*(PLACE[key] for key in arguments.split()))
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+@pytest.mark.parametrize(("name", "count", "result", "expected", "given"), WRONG)
+def test_a_wrong_shape_is_refused_with_function_and_both_shapes(route, name, count, result, expected, given):
+    xp, make = (jnp, jax_system) if route == "jax" else (np, lambda **functions: NumpySystem(**functions))
+    functions = RIGHT | {name: lambda t, *arguments: result(xp)}
+    with pytest.raises(ProblemError) as error:
+        call(make(**functions), name)
+    for text in (name, expected, given):
+        assert text in str(error.value)
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+@pytest.mark.parametrize("name", ["constraint", "velocity_constraint"])
+def test_constraints_that_are_no_vector_are_refused(route, name):
+    xp, make = (jnp, jax_system) if route == "jax" else (np, lambda **functions: NumpySystem(**functions))
+    with pytest.raises(ProblemError, match=rf"{name} must return shape .*got \(2, 2\)"):
+        call(make(**(RIGHT | {name: lambda t, *arguments: xp.ones((2, 2))})), name)
+
+
+# acceptance row C6
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+@pytest.mark.parametrize(
+    "value",
+    [None, "text", np.array([1j, 2j]), np.array([None, 1.0], dtype=object), True],
+    ids=["None", "text", "complex", "object", "bool"],
+)
+def test_a_force_that_is_no_real_array_is_refused(route, value):
+    make = jax_system if route == "jax" else lambda **functions: NumpySystem(**functions)
+    with pytest.raises((TypeError, ProblemError), match="force"):
+        call(make(**(RIGHT | {"force": lambda t, q, v: value})), "force")
+
+
+def test_one_coordinate_wants_a_vector_of_one_not_a_scalar():
+    system = NumpySystem(force=lambda t, q, v: -q[0])
+    with pytest.raises(ProblemError, match=r"\(1,\).*got \(\)"):
+        derive(system, 0.0, np.ones(1), np.ones(1)).force(0.0, np.ones(1), np.ones(1))
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+def test_a_pair_of_jacobians_must_be_a_pair(route):
+    xp, make = (jnp, jax_system) if route == "jax" else (np, lambda **functions: NumpySystem(**functions))
+    with pytest.raises(TypeError, match="force_jacobians must return two matrices"):
+        call(make(**(RIGHT | {"force_jacobians": lambda t, q, v: xp.ones((2, 2))})), "force_jacobians")
+
+
+def test_a_system_without_force_is_refused():
+    class Nothing(System):
+        pass
+
+    with pytest.raises(TypeError, match="Nothing declares no force"):
+        derive(Nothing(), 0.0, np.ones(1), np.ones(1))
+
+
+def test_a_value_that_is_not_finite_names_function_component_and_time():
+    system = NumpySystem(force=lambda t, q, v: np.array([0.0, np.inf]))
+    with pytest.raises(NonFiniteValue, match=r"force\[1\] = inf at t = 2"):
+        derive(system, 0.0, np.ones(2), np.ones(2)).force(2.0, np.ones(2), np.ones(2))
+
+
+def test_an_ignored_derivative_is_neither_used_nor_checked():
+    system = jax_system(**(RIGHT | {"constraint_jacobian": lambda t, q: jnp.ones((5, 5))}))
+    dynamics = derive(system, 0.0, PLACE["q"], PLACE["v"], ignored=("constraint_jacobian",))
+    np.testing.assert_array_equal(dynamics.constraint_jacobian(0.0, PLACE["q"]), [[1.0, 0.0]])
+
+
+# what callbacks may return and do: acceptance rows C7 to C10
+Q, V = np.array([1.0, 2.0]), np.array([0.5, 0.25])
+
+
+def numpy_force(function):
+    return derive(NumpySystem(force=function), 0.0, Q, V).force(0.0, Q, V)
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [list, tuple, lambda x: x.astype(np.float32), lambda x: x.astype(int), jnp.asarray, np.asfortranarray],
+    ids=["list", "tuple", "float32", "int", "jax", "fortran"],
+)
+def test_results_of_any_real_kind_are_taken_as_float64(convert):
+    force = numpy_force(lambda t, q, v: convert(2 * q))
+    assert force.dtype == np.float64
+    np.testing.assert_array_equal(force, [2.0, 4.0])
+
+
+@pytest.mark.parametrize("argument", [1, 2])
+def test_a_callback_that_writes_into_its_arguments_is_stopped(argument):
+    def force(*arguments):
+        arguments[argument][0] = 7.0
+        return -arguments[1]
+
+    with pytest.raises(ValueError, match="read-only"):
+        numpy_force(force)
+    np.testing.assert_array_equal(Q, [1.0, 2.0])
+    np.testing.assert_array_equal(V, [0.5, 0.25])
+
+
+def test_time_reaches_a_callback_as_a_plain_float():
+    seen = []
+    system = NumpySystem(force=lambda t, q, v: seen.append(type(t)) or -q)
+    derive(system, 0.0, Q, V).force(np.float64(1.0), Q, V)
+    assert seen == [float]
+
+
+def test_a_reused_buffer_gives_what_fresh_arrays_give():
+    buffer = np.zeros(2)
+
+    def reusing(t, q, v):
+        buffer[:] = np.sin(q) * v
+        return buffer
+
+    reused = derive(NumpySystem(force=reusing), 0.0, Q, V)
+    fresh = derive(NumpySystem(force=lambda t, q, v: np.sin(q) * v), 0.0, Q, V)
+    first = reused.force(0.0, Q, V)
+    for one, other in zip(reused.force_jacobians(0.0, Q, V), fresh.force_jacobians(0.0, Q, V), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(first, fresh.force(0.0, Q, V))
+
+
+def test_a_view_of_the_argument_is_copied():
+    force = numpy_force(lambda t, q, v: q[::-1])
+    force[0] = 99.0  # it is ours
+    np.testing.assert_array_equal(Q, [1.0, 2.0])
+
+
+def test_arguments_kept_by_a_callback_keep_their_values():
+    kept = []
+
+    def force(t, q, v):
+        kept.append((q, q.copy(), v, v.copy()))
+        return -q
+
+    dynamics = derive(NumpySystem(force=force), 0.0, Q, V)
+    state = Q.copy()
+    for i in range(100):
+        state[:] = i  # a solver that reuses its own array
+        dynamics.force(0.0, state, V)
+    assert all(np.array_equal(a, b) and np.array_equal(c, d) for a, b, c, d in kept)
+    assert [a[0] for a, *_ in kept] == list(range(100))
