@@ -1,4 +1,4 @@
-"""One step of the extended HHT-alpha method as pure array functions, formulas (H4) to (H14) of THEORY.md.
+"""One step of the extended HHT-alpha method for (H1) as pure array functions, formulas (H4) to (H14) of THEORY.md.
 
 Backend-neutral: the functions use operators and the array namespace ``dynamics.xp`` only, so that every engine traces
 or calls the same lines.  Nothing here branches on a value, only on what a system declares (:class:`Layout`).
@@ -38,7 +38,12 @@ class Layout:
     def __post_init__(self) -> None:
         unknowns = _unknowns(self.structure, self.end_unknown)
         scalars, arrays = _knowns(self.structure, self.end_unknown)
-        for name, value in {"unknowns": unknowns, "scalars": scalars, "arrays": arrays, "size": sum(unknowns.values())}.items():
+        for name, value in {
+            "unknowns": unknowns,
+            "scalars": scalars,
+            "arrays": arrays,
+            "size": sum(unknowns.values()),
+        }.items():
             object.__setattr__(self, name, value)
 
     def pack(self, values: Mapping[str, Any]) -> np.ndarray:
@@ -186,9 +191,7 @@ def step_end(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
     return dynamics.xp.concatenate([place.q1, place.v1])
 
 
-def _matrix_rows(
-    dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
-) -> list[Any]:
+def _matrix_rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any) -> list[Any]:
     """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
     s, h, t1, alpha = layout.structure, known["h"], known["t1"], known["alpha"]
     direct = _Columns(dynamics, layout)
@@ -200,7 +203,9 @@ def _matrix_rows(
         by_q = mass_q if by_q is None else by_q + mass_q
     row = _chain(by_q, q_x, by_v, v_x)
     mass = dynamics.mass(t1, place.q1) if s.mass == "variable" else dynamics.xp.eye(s.n)
-    rows = [direct.add(_accelerate(dynamics, known, row), a=_accelerate(dynamics, known, mass) if s.mass == "variable" else mass)]
+    rows = [
+        direct.add(_accelerate(dynamics, known, row), a=_accelerate(dynamics, known, mass) if s.mass == "variable" else mass)
+    ]
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
     if s.m:

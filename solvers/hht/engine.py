@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from hhtbench.lowering import AccelerationLevel, compile_function, route_of
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
 from solvers.hht.coefficients import Method
-from solvers.hht.discretise import Layout, stages, step_end, step_residual, step_residual_and_matrix
+from solvers.hht.discretise import Layout, step_end, step_residual, step_residual_and_matrix
 from solvers.hht.newton import Functions, Iteration, Outcome
 from solvers.hht.state import State, Step
 from solvers.hht.weights import known_values
@@ -42,12 +43,29 @@ def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
     force = dynamics.force(t, q, v)
     if dynamics.structure.mass != "variable":
         return force
-    return dynamics.xp.concatenate([force, dynamics.xp.linalg.inv(dynamics.mass(t, q)).ravel()])
+    return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])
 
 
 def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
-    """M^-1 (n, n) at (t, q)."""
-    return dynamics.xp.linalg.inv(dynamics.mass(t, q))
+    """M^-1 (n, n) at (t, q); not finite where M is singular."""
+    mass = dynamics.mass(t, q)
+    try:
+        return dynamics.xp.linalg.inv(mass)
+    except np.linalg.LinAlgError:  # compiled code raises nothing
+        return np.full_like(mass, np.nan)
+
+
+def as_arguments(dynamics: Any, *values: Any) -> list[Any]:
+    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
+    return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
+
+
+def expect_finite(function: str, value: Any, t: float) -> None:
+    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
+    array = np.asarray(value)
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise NonFiniteValue(function, where, float(array[where]), t)
 
 
 class HostEngine:
@@ -67,6 +85,7 @@ class HostEngine:
         self.inverse_mass = compile_function(inverse_mass_at, dynamics)
         self.acceleration = AccelerationLevel(dynamics)
         self._fallback = fallback  # () -> dynamics with every declared derivative derived afresh, or None
+        self.distrusts = False  #: whether the declared derivatives were given up
 
     def _functions(self, dynamics: Any) -> Functions:
         count, points = self.work.counted, self.points
@@ -99,53 +118,69 @@ class HostEngine:
         A first failure is retried from the plain guess with damped full Newton, so one stray NaN or a bad
         extrapolation costs a retry and not the run; a second is a :class:`Failure` with its cause.
         """
-        if self._too_short(state, h):
-            return self._shortest_step(state, h, t1)
+        first, second = (self._shortest, self._shortest) if self._too_short(state, h) else (self._extrapolated, self._damped)
+        taken = self._guarded(first, state, h, t1)
+        if isinstance(taken, Step):
+            return taken
+        self.work.add("steps_rejected_newton")
+        taken = self._guarded(second, state, h, t1)
+        return taken if isinstance(taken, Step) else self._failure(taken, state, h, t1)
+
+    def _guarded(self, attempt: Callable[..., Step | Outcome], state: State, h: float, t1: float) -> Step | Outcome:
+        """``attempt``, with a value that is not finite turned into an outcome and counted."""
         try:
-            outcome, packed = self._attempt(state, h, t1, plain=False)
-        except NonFiniteValue:
-            outcome, packed = Outcome(None, None, "nonfinite"), None
-        if outcome.x is None:
-            self.work.add("steps_rejected_newton")
-            self.work.add("nonfinite_evaluations", int(outcome.failure == "nonfinite"))
-            try:
-                outcome, packed = self._retry(state, h, t1)
-            except NonFiniteValue as error:
-                return Failure(Status.nonfinite_callback, f"{error}, in the step from t = {state.t:.17g} with h = {h:g}")
-        if outcome.x is None or packed is None:
-            return self._failure(outcome, state, h, t1, packed)
+            taken = attempt(state, h, t1)
+        except NonFiniteValue as error:
+            taken = Outcome(None, None, "nonfinite", cause=error)
+        if isinstance(taken, Outcome):
+            self.work.add("nonfinite_evaluations", int(taken.failure == "nonfinite"))
+        return taken
+
+    def _extrapolated(self, state: State, h: float, t1: float) -> Step | Outcome:
+        """Newton with the kept factorisation from the extrapolated guess."""
+        packed = self._packed(state, h, t1)
+        outcome = self._iteration(state, h, packed).solve(self._guess(state, h), state.factor)
         return self._accept(state, h, t1, outcome, packed)
 
-    def _attempt(self, state: State, h: float, t1: float, *, plain: bool) -> tuple[Outcome, Vector]:
-        packed = self.layout.pack(known_values(self.method, self.layout, self.inverse_mass, state, h, t1))
-        iteration = self._iteration(state, h, packed)
-        if plain:
-            return iteration.solve_damped(self._plain_guess(state)), packed
-        return iteration.solve(self._guess(state, h), state.factor), packed
-
-    def _retry(self, state: State, h: float, t1: float) -> tuple[Outcome, Vector]:
+    def _damped(self, state: State, h: float, t1: float) -> Step | Outcome:
         """Damped Newton from the plain guess, then the same with derivatives that no user wrote."""
-        outcome, packed = self._attempt(state, h, t1, plain=True)
-        if outcome.x is None and outcome.failure in ("diverged", "singular") and self._fallback is not None:
-            trusted = self._fallback()
-            iteration = replace(self._iteration(state, h, packed), functions=self._functions(trusted))
-            outcome = iteration.solve_damped(self._plain_guess(state))
-            if outcome.x is not None:
-                names = [name for name in DERIVATIVES if name != "sparsity" and declared(trusted.system, name) is not None]
+        packed, guess = self._packed(state, h, t1), self._plain_guess(self._with_multipliers(state))
+        outcome = self._iteration(state, h, packed).solve_damped(guess)
+        if outcome.failure in ("diverged", "singular") and self._fallback is not None:
+            declared_ones = self.functions, self._fallback, False
+            names = self.distrust()
+            outcome = self._iteration(state, h, packed).solve_damped(guess)
+            if outcome.x is None:
+                self.functions, self._fallback, self.distrusts = declared_ones
+            else:
                 warnings.warn(
-                    f"Newton's iteration failed with the declared {', '.join(names)} and converged without; derived ones are used "
+                    f"Newton's iteration failed with the declared {names} and converged without; derived ones are used "
                     "from here on. `hhtbench check` shows the wrong entries.",
                     UserWarning,
                     stacklevel=2,
                 )
-                self.functions, self._fallback = iteration.functions, None
-        return outcome, packed
+        return self._accept(state, h, t1, outcome, packed)
+
+    def distrust(self) -> str:
+        """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
+        trusted = self._fallback()
+        self.functions, self._fallback, self.distrusts = self._functions(trusted), None, True
+        return ", ".join(name for name in DERIVATIVES if name != "sparsity" and declared(trusted.system, name) is not None)
+
+    def _packed(self, state: State, h: float, t1: float) -> Vector:
+        return self.layout.pack(known_values(self.method, self.layout, self.inverse_mass, state, h, t1))
+
+    def _with_multipliers(self, state: State) -> State:
+        """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
+        if not self.structure.constrained:
+            return state
+        found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
+        self.work.add("residual_evaluations", self.points)
+        return state if found.singular or found.residual > 0 else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
 
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
-        n = self.structure.n
-        sizes = np.empty(2 * n)
-        sizes[:n] = max(state.size_q, abs(h) * state.size_v, TINY)
-        sizes[n:] = max(state.size_v, abs(h) * largest(state.vdot), abs(h) * largest(state.f), TINY)
+        accelerated = abs(h) * max(largest(state.vdot), largest(state.f), largest(state.a))
+        sizes = max(state.size_q, abs(h) * state.size_v, TINY), max(state.size_v, accelerated, TINY)
         return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add)
 
     def _guess(self, state: State, h: float) -> Vector:
@@ -162,8 +197,10 @@ class HostEngine:
         values = {"a": state.a, "R1": reaction, "lam0": state.lam, "lam1": state.lam, "Rk": reaction, "mu": state.mu}
         return np.concatenate([values[name] for name in self.layout.unknowns])
 
-    def _accept(self, state: State, h: float, t1: float, outcome: Outcome, packed: Vector) -> Step:
+    def _accept(self, state: State, h: float, t1: float, outcome: Outcome, packed: Vector) -> Step | Outcome:
         s, x = self.structure, outcome.x
+        if x is None:
+            return outcome
         end = self._end(x, packed)
         q1, v1 = np.array(end[: s.n]), np.array(end[s.n :])
         unknown = self.layout.split(np.asarray(x))
@@ -193,55 +230,64 @@ class HostEngine:
         return Step(state=new, lam_start=lam0, lam_end=lam1, mu_half=mu)
 
     def _too_short(self, state: State, h: float) -> bool:
-        """Whether h moves q by less than its roundoff, (H22): the position rows then hold no information."""
+        """Whether h moves q by less than its roundoff, (H21): the position rows then hold no information."""
         if self.structure.m == 0:
             return False
         moved = abs(h) * largest(state.v) + h * h * largest(state.vdot)
         return moved < EPS * state.size_q or h * h == 0.0
 
-    def _shortest_step(self, state: State, h: float, t1: float) -> Step:
-        """(H22): q and v moved along v and the acceleration; multipliers and unknowns as they are."""
+    def _shortest(self, state: State, h: float, t1: float) -> Step:
+        """(H21): q and v moved along v and the acceleration; multipliers and unknowns as they are."""
         found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
+        self.work.add("residual_evaluations", self.points)
         q1, v1 = state.q + h * state.v, state.v + h * found.vdot
         f1, inverse = self.force(t1, q1, v1)
         new = replace(state, t=t1, q=q1, v=v1, f=f1, a=f1, h=h, vdot=found.vdot, inverse_mass=inverse, earlier=None)
         return Step(state=new, lam_start=found.lam, lam_end=found.lam, mu_half=found.mu)
 
-    def _failure(self, outcome: Outcome, state: State, h: float, t1: float, packed: Any) -> Failure:
+    def _failure(self, outcome: Outcome, state: State, h: float, t1: float) -> Failure:
         where = f"in the step from t = {state.t:.17g} with h = {h:g}"
-        if outcome.failure == "nonfinite" and packed is not None and outcome.at is not None:
-            known = self.layout.known(packed)
-            place = stages(self.dynamics, self.layout, self.layout.split(outcome.at), known)
-            q1, v1 = np.asarray(place.q1), np.asarray(place.v1)
-            if np.all(np.isfinite(q1)) and np.all(np.isfinite(v1)):
-                try:
-                    self.explain_nonfinite(t1, q1, v1)
-                except NonFiniteValue as error:
-                    return Failure(Status.nonfinite_callback, f"{error}, {where}")
+        if outcome.failure == "nonfinite":
+            return Failure(Status.nonfinite_callback, f"{self._cause(outcome, state, h, t1)}, {where}")
         if outcome.failure == "singular":
             return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
         return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; take a smaller step")
 
-    def explain_nonfinite(self, t: float, q: Vector, v: Vector) -> None:
+    def _cause(self, outcome: Outcome, state: State, h: float, t1: float) -> NonFiniteValue | None:
+        """The value that was not finite, looked for at the end of the step where compiled code has met it."""
+        if outcome.cause is not None:
+            return outcome.cause
+        try:
+            end = np.asarray(self._end(outcome.at, self._packed(state, h, t1)))
+            q1, v1 = np.split(end, 2) if np.isfinite(end).all() else (state.q, state.v)
+            self.explain_nonfinite(t1, q1, v1)
+        except NonFiniteValue as error:
+            return error
+        return None
+
+    def explain_nonfinite(self, t: Any, q: Any, v: Any) -> None:
         """Find the function that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
 
-        Runs only after a failure; where every function is finite one by one, it raises for "the step".
+        Runs only after a failure; where every function is finite one by one, it raises for "the step's residual".
         """
         d, s = self.dynamics, self.structure
+        t, q, v = as_arguments(d, t, q, v)
         suspects = {"force": lambda: d.force(t, q, v)}
-        if s.mass == "variable":
+        if s.mass != "identity":
             suspects["mass_matrix"] = lambda: d.mass(t, q)
+            suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
         if s.m:
             suspects["constraint"] = lambda: d.constraint(t, q)
             suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
             suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
+            suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
+            suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
         if s.p:
             suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
             suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
-        suspects["force_jacobians"] = lambda: np.stack([x for x in d.force_jacobians(t, q, v) if x is not None] or [np.zeros(())])
+            suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
+        zero = np.zeros((s.n, s.n))
+        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
         for name, function in suspects.items():
-            value = np.asarray(function())
-            if not np.isfinite(value).all():
-                where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
-                raise NonFiniteValue(name, where, float(value[where]), t)
-        raise NonFiniteValue("the step's residual", (), float("nan"), t)
+            expect_finite(name, function(), float(t))
+        raise NonFiniteValue("the step's residual", (), float("nan"), float(t))

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent, NonFiniteValue, Stop
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering.kkt import Acceleration
 from hhtbench.request import StepPlan
 from hhtbench.result import Solution, Status
 from solvers.hht.engine import Failure, HostEngine
@@ -28,7 +29,8 @@ def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History
     """Take the steps of ``plan`` until the end, a failure or a budget; every accepted step is in ``history``."""
     for index in range(plan.count):
         if max_num_steps is not None and index >= max_num_steps:
-            return End(Status.max_steps, f"{index} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}", state)
+            message = f"{index} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
+            return End(Status.max_steps, message, state)
         h, t1 = plan.length(index), plan.end(index)
         if state.t + h == state.t or t1 == state.t:
             message = f"t = {state.t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
@@ -36,8 +38,8 @@ def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History
         try:
             engine.work.check_time()
             step = engine.step(state, h, t1)
-        except Stop as stop:
-            return End(*_stopped(stop, state), state)
+        except BudgetSpent as spent:
+            step = budget_failure(spent, state.t)
         if isinstance(step, Failure):
             return End(step.status, step.message, state)
         history.add(step)
@@ -46,11 +48,10 @@ def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History
     return End(Status.success, Status.success.text, state)
 
 
-def _stopped(stop: Stop, state: State) -> tuple[Status, str]:
-    if isinstance(stop, BudgetSpent):
-        status = Status.deadline if stop.budget == "seconds" else Status.evaluation_budget
-        return status, f"{stop} at t = {state.t:.17g}; {status.text}"
-    return Status.nonfinite_callback, f"{stop}, in the step from t = {state.t:.17g}"
+def budget_failure(spent: BudgetSpent, t: float) -> Failure:
+    """The status of a spent budget, with the time it has lasted for."""
+    status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
+    return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
 
 
 def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
@@ -62,15 +63,17 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
         times = t_eval[direction * t_eval <= direction * output.t[-1]]
     rows = output(times)
     engine.work.lift_budgets()
-    lam, mu, problem = recover_multipliers(engine, history, times, rows.q, rows.v)
-    kept = len(lam)
-    status, message = (end.status, end.message) if problem is None else (Status.nonfinite_callback, problem)
+    found = recover_multipliers(engine, history, times, rows.q, rows.v)
+    kept = len(found.lam)
+    status, message = end.status, f"{end.message} {found.note}".strip()
+    if kept < len(times) and status is Status.success:
+        status, message = Status.nonfinite_callback, found.note
     return Solution(
         t=times[:kept],
         q=rows.q[:kept],
         v=rows.v[:kept],
-        lam=lam,
-        mu=mu,
+        lam=found.lam,
+        mu=found.mu,
         status=status,
         message=f"{message} {note}".strip(),
         counters=engine.work.counters(),
@@ -79,25 +82,57 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     )
 
 
-def recover_multipliers(
-    engine: HostEngine, history: History, times: Vector, q: Matrix, v: Matrix
-) -> tuple[Matrix, Matrix, str | None]:
-    """lam (k, m) and mu (k, p) from the acceleration level, (H16); rows before one that cannot be found, with the reason."""
+@dataclass(frozen=True)
+class Multipliers:
+    """Multipliers at output times, and what kept them from being complete."""
+
+    lam: Matrix  #: (k, m)
+    mu: Matrix  #: (k, p)
+    note: str
+
+
+def recover_multipliers(engine: HostEngine, history: History, times: Vector, q: Matrix, v: Matrix) -> Multipliers:
+    """The multipliers from the acceleration level, (H16).
+
+    Where that level is singular the stage values stay, with a note; rows end before a time where it is not finite.
+    """
     s = engine.structure
-    lam, mu = np.zeros((times.size, s.m)), np.zeros((times.size, s.p))
     if not s.constrained:
-        return lam, mu, None
-    lam_guess, mu_guess = history.multiplier_guess(times)
+        return Multipliers(np.zeros((times.size, 0)), np.zeros((times.size, 0)), "")
+    lam, mu = history.multiplier_guess(times)
+    undetermined = []
     for i, t in enumerate(times):
         try:
-            found = engine.acceleration.solve(float(t), q[i], v[i], lam_guess[i], mu_guess[i])
+            found = _acceleration(engine, float(t), q[i], v[i], lam[i], mu[i])
         except NonFiniteValue as error:
-            return lam[:i], mu[:i], f"{error}, when the multipliers were recovered"
-        engine.work.add("residual_evaluations", engine.points)
-        if not (np.all(np.isfinite(found.lam)) and np.all(np.isfinite(found.mu))):
-            return lam[:i], mu[:i], f"the multipliers at t = {t:.17g} are not finite"
-        lam[i], mu[i] = found.lam, found.mu
-    return lam, mu, None
+            return Multipliers(lam[:i], mu[:i], f"{error}, when the multipliers were recovered.")
+        if found.singular or found.residual > 0:
+            undetermined.append(float(t))
+        else:
+            lam[i], mu[i] = found.lam, found.mu
+    note = ""
+    if undetermined:
+        note = (
+            f"The acceleration level determines no multipliers at {len(undetermined)} times, "
+            f"first at t = {undetermined[0]:.17g}; stage values (first order) stand there."
+        )
+    return Multipliers(lam, mu, note)
+
+
+def _acceleration(engine: HostEngine, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Acceleration:
+    """The acceleration level at one output time; a stray value that is not finite is tried once more."""
+    for last in (False, True):
+        try:
+            found = engine.acceleration.solve(t, q, v, lam, mu)
+            engine.work.add("residual_evaluations", engine.points)
+            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
+                engine.explain_nonfinite(t, q, v)
+            break
+        except NonFiniteValue:
+            engine.work.add("nonfinite_evaluations")
+            if last:
+                raise
+    return found
 
 
 def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:

@@ -18,6 +18,7 @@ class Factor:
     pivots: Vector  #: (size,)
     maps: Matrix  #: (2n, size): dq1/dx over dv1/dx
     h: float  #: signed step [s] it was made for
+    rate: float = 0.0  #: worst contraction per iteration seen with it
 
     def solve(self, right: Vector) -> Vector:
         """The matrix' inverse times ``right`` (size,)."""

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_number, real_vector
+from hhtbench.arguments import real_number, real_vector
 from hhtbench.counting import Work
-from hhtbench.errors import ProblemError, Stop
-from hhtbench.lowering import ConstraintLevels, derive, route_of
-from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.request import Request, StepPlan, check_output_times, make_request, plan_steps
 from hhtbench.result import Counters, Solution, Status
+from solvers.hht.begin import Guesses, Started, begin, make_engine
 from solvers.hht.coefficients import Method, make_method
 from solvers.hht.engine import Failure, HostEngine
 from solvers.hht.history import History
 from solvers.hht.integrate import assemble, integrate, unrecovered
-from solvers.hht.start import Place, dynamics_for, first_state, inconsistency, project, regular
+from solvers.hht.start import Place
 from solvers.hht.state import State
 
 OPTIONS = ("alpha", "b", "reaction", "rescale_a", "start", "calc_initcond")
@@ -29,6 +28,9 @@ OPTIONS = ("alpha", "b", "reaction", "rescale_a", "start", "calc_initcond")
 
 class HHT:
     """The extended HHT-alpha method (Jay and Negrut, ETNA 26, 2007) for one system; THEORY.md states the formulas.
+
+    Forces are seen at the ends of steps only: a step may pass over a shorter interval in which they jump or are not
+    finite.
 
     Parameters
     ----------
@@ -72,6 +74,8 @@ class HHT:
         self._state: State | None = None
         self._step: float | None = None
         self._engine: HostEngine | None = None
+        self._place: Place | None = None  # where stepping began: it selects the engine
+        self._distrusted = False  # whether that engine has given up the declared derivatives
         self._busy = threading.Lock()
 
     def solve(
@@ -91,7 +95,7 @@ class HHT:
         asked = make_request(**request)
         if not asked.fixed:
             raise ProblemError("HHT takes prescribed steps: give step=h, steps=N or steps=array of lengths [s].")
-        if not isinstance(tspan, (tuple, list, np.ndarray)) or np.shape(tspan) != (2,):
+        if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
             raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
         t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
         place, guesses = self._start_values(t0, q0, v0, lam_guess, mu_guess)
@@ -104,28 +108,30 @@ class HHT:
     def init_step(self, t0: float, q0: Any, v0: Any, *, step: float, lam_guess: Any = None, mu_guess: Any = None) -> Status:
         """Prepare stepping by hand with a constant signed ``step`` [s]; returns the status of the start."""
         place, guesses = self._start_values(real_number("t0", t0, unit=" [s]"), q0, v0, lam_guess, mu_guess)
-        self._step = real_number("step", step, unit=" [s]")
-        if self._step == 0.0:
+        h = real_number("step", step, unit=" [s]")
+        if h == 0.0:
             raise ProblemError("step must not be zero.")
         with self._alone():
-            started = begin(self, place, guesses, self._step, Work())
-        self._engine, self._state = started.engine, started.state
+            started = self._begin(place, guesses, h, Work())
+            self._step, self._engine, self._state = h, started.engine, started.state
+            self._place, self._distrusted = place, False
         return started.failure.status if started.failure else Status.success
 
     def step(self) -> Status:
         """Take one step from :attr:`state`; on a failure the state stays and the status says why."""
-        if self._state is None or self._step is None:
-            raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
         with self._alone():
+            if self._state is None or self._step is None:
+                raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
             if self._engine is None:
                 self._engine = self._rebuild()
             t1 = self._state.t + self._step
             if t1 == self._state.t:
                 return Status.time_resolution
             taken = self._engine.step(self._state, self._step, t1)
-        if isinstance(taken, Failure):
-            return taken.status
-        self._state = taken.state
+            self._distrusted = self._engine.distrusts
+            if isinstance(taken, Failure):
+                return taken.status
+            self._state = taken.state
         return Status.success
 
     @property
@@ -135,15 +141,27 @@ class HHT:
             raise ProblemError("there is no state; call init_step first.")
         return self._state
 
+    def restart(self, state: State) -> None:
+        """Step on from ``state``: an earlier one, or one of the user's making; it must be of this system."""
+        if not isinstance(state, State) or state.q.shape != self.state.q.shape:
+            raise ProblemError(f"restart takes a State with q of shape {self.state.q.shape}; got {type(state).__name__}.")
+        self._state = state
+
+    def _begin(self, place: Place, guesses: Guesses, h: float, work: Work) -> Started:
+        return begin(self.system, self.method, place, guesses, h, work, calc_initcond=self.calc_initcond)
+
     def _rebuild(self) -> HostEngine:
-        """An engine for a state that came from a pickle; no start is computed again."""
-        state = self.state
-        dynamics = dynamics_for(self.system, Place(state.t, state.q, state.v))
-        return HostEngine(dynamics, self.method, Work())
+        """The engine of the first step again, for a state that came from a pickle; no start is computed again."""
+        if self._place is None:
+            raise ProblemError("there is no state; call init_step first.")
+        engine = make_engine(self.system, self.method, self._place, Work())
+        if self._distrusted:
+            engine.distrust()
+        return engine
 
     def _start_values(
         self, t0: float, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any
-    ) -> tuple[Place, tuple[Vector | None, Vector | None]]:
+    ) -> tuple[Place, Guesses]:
         q = real_vector("q0", q0)
         if q.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
@@ -152,14 +170,8 @@ class HHT:
         mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
         return Place(t0, q, v), (lam, mu)
 
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        if not self._busy.acquire(blocking=False):
-            raise RuntimeError("this HHT object is already solving (another thread, or a call from its own callback); make one per use.")
-        try:
-            yield
-        finally:
-            self._busy.release()
+    def _alone(self) -> _Alone:
+        return _Alone(self._busy)
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k not in ("_busy", "_engine")}
@@ -168,75 +180,26 @@ class HHT:
         self.__dict__.update(saved, _busy=threading.Lock(), _engine=None)
 
 
-@dataclass(frozen=True)
-class Started:
-    """The engine with its first state, or why there is none."""
+class _Alone:
+    """Holds the lock of one HHT object; a class, since a generator would write to the traceback of a frozen exception."""
 
-    engine: HostEngine | None
-    state: State | None
-    failure: Failure | None
-    note: str = ""
+    def __init__(self, busy: Any) -> None:
+        self.busy = busy
 
+    def __enter__(self) -> None:
+        if not self.busy.acquire(blocking=False):
+            where = "in another thread, or a call from its own callback"
+            raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
 
-def begin(solver: HHT, place: Place, guesses: tuple[Vector | None, Vector | None], h: float, work: Work) -> Started:
-    """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
-    try:
-        return _begin(solver, place, guesses, h, work)
-    except Stop:
-        work.add("nonfinite_evaluations")
-    try:
-        return _begin(solver, place, guesses, h, work)
-    except Stop as stop:
-        return Started(None, None, Failure(Status.nonfinite_callback, f"{stop}, at the start"))
-
-
-def _begin(solver: HHT, place: Place, guesses: tuple[Vector | None, Vector | None], h: float, work: Work) -> Started:
-    dynamics = _counted(dynamics_for(solver.system, place), work)
-    note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
-    if dynamics.structure.constrained:
-        levels = ConstraintLevels(dynamics)
-        if solver.calc_initcond:
-            projected = project(dynamics, levels, place)
-            if isinstance(projected, Failure):
-                return Started(None, None, projected)
-            place, moved = projected
-            note = f"{note} {moved}.".strip()
-        failure = inconsistency(levels, place)
-        if failure:
-            return Started(None, None, failure)
-    for name, guess, size in (("lam_guess", guesses[0], dynamics.structure.m), ("mu_guess", guesses[1], dynamics.structure.p)):
-        if guess is not None and guess.shape != (size,):
-            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
-    engine = HostEngine(dynamics, solver.method, work, _fallback(solver.system, place, work))
-    state = first_state(engine, place, *guesses, h)
-    if isinstance(state, Failure):
-        return Started(None, None, state)
-    return Started(engine, state, None, note)
-
-
-def _counted(dynamics: Any, work: Work) -> Any:
-    """A NumPy system's dynamics tells ``work`` of every callback."""
-    if route_of(dynamics) != "numpy":
-        return dynamics
-    import dataclasses
-
-    if hasattr(dynamics, "rho"):
-        return type(dynamics)(inner=_counted(dynamics.inner, work), rho=dynamics.rho)
-    return dataclasses.replace(dynamics, on_call=work.on_call)
-
-
-def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
-    names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
-    if not names:
-        return None
-    return lambda: _counted(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)
+    def __exit__(self, *_: object) -> None:
+        self.busy.release()
 
 
 class _Run:
     """One call of ``HHT.solve``."""
 
     def __init__(
-        self, solver: HHT, request: Request, plan: StepPlan, place: Place, guesses: tuple[Vector | None, Vector | None]
+        self, solver: HHT, request: Request, plan: StepPlan, place: Place, guesses: Guesses
     ) -> None:
         self.solver, self.request, self.plan, self.place, self.guesses = solver, request, plan, place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
@@ -247,11 +210,11 @@ class _Run:
         try:
             return self._solution()
         except BaseException as error:
-            error.partial_solution = self._partial(error)  # type: ignore[attr-defined]
+            BaseException.__setattr__(error, "partial_solution", self._partial(error))  # also where the class is frozen
             raise
 
     def _solution(self) -> Solution:
-        started = begin(self.solver, self.place, self.guesses, self.plan.length(0), self.work)
+        started = self.solver._begin(self.place, self.guesses, self.plan.length(0), self.work)
         if started.engine is None or started.state is None:
             failure = started.failure
             return empty_solution(self.place.q.size, failure.status, failure.message, self.work.counters())  # type: ignore[union-attr]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, System, parameter
+from hhtbench.protocol import NumpySystem, Problem, System, parameter
 from hhtbench.request import RTOL_FLOOR, check_output_times, make_request, plan_steps
 
 SYSTEM = NumpySystem(force=lambda t, q, v: -q)

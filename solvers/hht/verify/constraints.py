@@ -1,8 +1,9 @@
-"""Constraint levels held at every step, orders of the multipliers, velocity-level and mixed constraints, Andrews' mechanism."""
+"""Constraint levels at every step, orders of the multipliers, velocity-level and mixed constraints, Andrews' mechanism."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +19,17 @@ FIRST = 0.1  # margin of the first-order stage multipliers
 
 
 def drift(case: Case, steps: int, progress: Progress) -> list[Row]:
-    """Largest scaled residual of both levels over all steps, for three alphas and, with position constraints, three reactions."""
+    """Largest scaled residual of both levels over all steps, for three alphas and three choices of the reaction."""
     rows = []
-    options = [{"alpha": a} for a in (0.0, -0.05, -1.0 / 3.0)]
-    if case.exact is not None and case.problem.lam_guess is not None:
-        options += [{"alpha": -0.15, "b": 0.3, "reaction": r} for r in ("implicit", "predictor")] + [{"alpha": -0.15, "reaction": "midpoint"}]
+    options: list[dict[str, Any]] = [{"alpha": a} for a in (0.0, -0.05, -1.0 / 3.0)]
+    if case.exact(case.t_end).lam.size:
+        options += [{"alpha": -0.15, "b": 0.3, "reaction": r} for r in ("implicit", "predictor")]
+        options.append({"alpha": -0.15, "reaction": "midpoint"})
     for method in options:
         progress(f"drift: {case.name} {method}")
         problem = case.problem
-        solution = HHT(problem.system, **method).solve(  # type: ignore[arg-type]
-            (problem.t_span[0], case.t_end), problem.q0, problem.v0, steps=steps, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess
-        )
+        span, guess = (problem.t_span[0], case.t_end), problem.lam_guess
+        solution = HHT(problem.system, **method).solve(span, problem.q0, problem.v0, steps=steps, lam_guess=guess)
         if not solution.success:
             raise RuntimeError(f"{case.name}: {solution.message}")
         position, velocity = scaled_drift(case, solution)
@@ -63,7 +64,10 @@ def kinds(case: Case, refinements: list[int], label: str, progress: Progress) ->
         rms, _ = measured_orders(case, list(refinements), {"alpha": alpha, "b": 0.0, "reaction": "implicit"}, keys)
         rows.append(order_row(f"{label}/{case.name}", f"alpha = {NAMES[alpha]}, b = 0: RMS orders", rms, 2.0, MARGIN))
     if "lam" in keys:
-        for method in ({"alpha": -0.15, "b": 0.3, "reaction": "implicit"}, {"alpha": -0.15, "b": 0.3, "reaction": "predictor"}):
+        for method in (
+            {"alpha": -0.15, "b": 0.3, "reaction": "implicit"},
+            {"alpha": -0.15, "b": 0.3, "reaction": "predictor"},
+        ):
             progress(f"{label}: {case.name} {method}")
             rms, _ = measured_orders(case, list(refinements), method, keys)
             name = f"alpha = -0.15, b = 0.3, {method['reaction']}"

@@ -68,7 +68,9 @@ def multiplier_guess(case: Case, guesses: tuple[float, ...], h: float) -> Row:
         _expect_success(hht, case.name)
         ends.append(np.concatenate([hht.state.q, hht.state.v]))
     worst = max(float(np.max(np.abs(end - ends[0]))) for end in ends)
-    claim = f"{case.name}: change of q1, v1 for starting multipliers times {', '.join(f'{g:g}' for g in guesses)} (Remark 4.2)"
+    claim = (
+        f"{case.name}: change of q1, v1 for starting multipliers times {', '.join(f'{g:g}' for g in guesses)} (Remark 4.2)"
+    )
     return below_row("guess", claim, worst, 1e-12)
 
 
@@ -92,8 +94,15 @@ def amplification(progress: Progress) -> list[Row]:
         for frequency in FREQUENCIES:
             for zeta in (0.0, 0.05):
                 measured = _measured_matrix(alpha, frequency, zeta)
-                worst = max(worst, *(abs(a - b) for a, b in zip(_invariants(measured), closed_invariants(alpha, frequency, zeta), strict=True)))
-        claim = f"alpha = {NAMES[alpha]}: one step on the oscillator, trace, minors and determinant for w h = 0.1 ... 1e8, zeta 0 and 0.05"
+                worst = max(
+                    worst,
+                    *(
+                        abs(a - b)
+                        for a, b in zip(_invariants(measured), closed_invariants(alpha, frequency, zeta), strict=True)
+                    ),
+                )
+        measured_at = "w h = 0.1 ... 1e8, zeta = 0 and 0.05"
+        claim = f"alpha = {NAMES[alpha]}: trace, minors and determinant of one step on the oscillator, {measured_at}"
         rows.append(below_row("amplification", claim, worst, 1e-12))
     return rows
 

@@ -27,6 +27,7 @@ class Levels:
 
     constant: tuple[int, ...]
     periods: tuple[int, ...]
+    b: float  #: of the methods on variable steps
     lost: tuple[int, ...]  #: finer periods: the first-order part grows out of the second-order one only there
 
 
@@ -88,10 +89,10 @@ def variable_steps(case: Case, levels: Levels, progress: Progress) -> list[Row]:
     rows = []
     for alpha in ALPHAS:
         progress(f"variable steps: {case.name} alpha = {NAMES[alpha]}")
-        method = {"alpha": alpha, "b": 0.0, "reaction": "implicit"}
+        method = {"alpha": alpha, "b": levels.b, "reaction": "implicit"}
         pairs = [alternating(case, 4 * n) for n in levels.periods]
         random = [random_pattern(case, n) for n in levels.periods]
-        name = f"alpha = {NAMES[alpha]}"
+        name = f"b = {levels.b:g}, alpha = {NAMES[alpha]}"
         kept, _ = measured_orders(case, pairs, method)
         rows.append(order_row(f"steps/{case.name}", f"{name}: alternating h/3, 2h/3 with (2.3)", kept, 2.0, MARGIN))
         fitted, _ = measured_orders(case, random, method)

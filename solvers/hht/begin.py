@@ -1,0 +1,109 @@
+"""From a system and a place to an engine with its first state, or to the reason why there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from hhtbench.arguments import Vector
+from hhtbench.counting import Work
+from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.lowering import ConstraintLevels, derive, route_of
+from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
+from hhtbench.result import Status
+from solvers.hht.coefficients import Method
+from solvers.hht.engine import Failure, HostEngine
+from solvers.hht.integrate import budget_failure
+from solvers.hht.start import Place, dynamics_for, first_state, inconsistency, project, regular, undetermined
+from solvers.hht.state import State
+
+Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
+
+
+@dataclass(frozen=True)
+class Started:
+    """The engine with its first state, or why there is none."""
+
+    engine: HostEngine | None
+    state: State | None
+    failure: Failure | None
+    note: str = ""
+
+
+def begin(
+    system: System | NumpySystem,
+    method: Method,
+    place: Place,
+    guesses: Guesses,
+    h: float,
+    work: Work,
+    *,
+    calc_initcond: bool,
+) -> Started:
+    """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
+    failure = None
+    for _ in range(2):
+        try:
+            return _begin(system, method, place, guesses, h, work, calc_initcond=calc_initcond)
+        except NonFiniteValue as error:
+            work.add("nonfinite_evaluations")
+            failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
+        except BudgetSpent as spent:
+            return Started(None, None, budget_failure(spent, place.t))
+    return Started(None, None, failure)
+
+
+def make_engine(system: System | NumpySystem, method: Method, place: Place, work: Work) -> HostEngine:
+    """The engine for runs that begin at ``place``, without a look at the start."""
+    return HostEngine(_counted(dynamics_for(system, place), work), method, work, _fallback(system, place, work))
+
+
+def _begin(
+    system: System | NumpySystem,
+    method: Method,
+    place: Place,
+    guesses: Guesses,
+    h: float,
+    work: Work,
+    *,
+    calc_initcond: bool,
+) -> Started:
+    engine = make_engine(system, method, place, work)
+    dynamics, s = engine.dynamics, engine.structure
+    note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
+    failure = undetermined(dynamics, place)
+    if s.constrained:
+        levels = ConstraintLevels(dynamics)
+        if calc_initcond:
+            projected = project(dynamics, levels, place, work)
+            if isinstance(projected, Failure):
+                return Started(None, None, projected)
+            place, moved = projected
+            note = f"{note} {moved}.".strip()
+        failure = inconsistency(levels, place)
+    if failure:
+        return Started(None, None, failure)
+    for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
+        if guess is not None and guess.shape != (size,):
+            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+    state = first_state(engine, place, *guesses, h)
+    if isinstance(state, Failure):
+        return Started(None, None, state)
+    return Started(engine, state, None, note)
+
+
+def _counted(dynamics: Any, work: Work) -> Any:
+    """A NumPy system's dynamics tells ``work`` of every callback."""
+    if route_of(dynamics) != "numpy":
+        return dynamics
+    if hasattr(dynamics, "rho"):
+        return type(dynamics)(inner=_counted(dynamics.inner, work), rho=dynamics.rho)
+    return dataclasses.replace(dynamics, on_call=work.on_call)
+
+
+def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
+    names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
+    if not names:
+        return None
+    return lambda: _counted(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)
