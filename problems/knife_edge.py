@@ -1,6 +1,6 @@
 r"""A skate (knife edge) sliding down an incline while it turns at a constant rate.
 
-Source: A. M. Bloch, Nonholonomic Mechanics and Control, Springer 2003 (knife edge on an inclined plane); closed solution checked in the tests::
+Source: A. M. Bloch, Nonholonomic Mechanics and Control, Springer 2003 (knife edge on an incline)::
 
       O--------> y  (level)        q = (x, y, phi): contact point [m] and heading [rad]
       |  \                         M = diag(m, m, I),  F = (m G, 0, 0),  G = g sin(incline)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from hhtbench import NumpySystem, Problem, ProblemError, Status, System, solve

@@ -61,7 +61,7 @@ TEST1_FIGURES = (
         alternating=True,
         options={"rescale_a": False},
         slope=1.0,
-        seen="Carrying a over unchanged costs one order: slope one for mean steps below 5e-3; above, the second-order part of the other sign still counts.",
+        seen="Carrying a over unchanged costs one order: slope one for mean steps below 5e-3.",
     ),
     Test1Figure(
         number="5.4",
