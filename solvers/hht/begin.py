@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.arguments import Vector
 from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
-from hhtbench.lowering import ConstraintLevels, derive, route_of
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.result import Status
+from solvers._start import (
+    Failure,
+    Guesses,
+    Place,
+    budget_failure,
+    check_guesses,
+    counted_dynamics,
+    dynamics_for,
+    inconsistency,
+    regular,
+    undetermined,
+)
 from solvers.hht.coefficients import Method
-from solvers.hht.engine import Failure, HostEngine
-from solvers.hht.integrate import budget_failure
-from solvers.hht.start import Place, dynamics_for, first_state, inconsistency, project, regular, undetermined
+from solvers.hht.engine import HostEngine
+from solvers.hht.start import first_state, project
 from solvers.hht.state import State
-
-Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ def begin(
 
 def make_engine(system: System | NumpySystem, method: Method, place: Place, work: Work) -> HostEngine:
     """The engine for runs that begin at ``place``, without a look at the start."""
-    return HostEngine(_counted(dynamics_for(system, place), work), method, work, _fallback(system, place, work))
+    return HostEngine(counted_dynamics(dynamics_for(system, place), work), method, work, _fallback(system, place, work))
 
 
 def _begin(
@@ -84,26 +91,15 @@ def _begin(
         failure = inconsistency(levels, place)
     if failure:
         return Started(None, None, failure)
-    for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
-        if guess is not None and guess.shape != (size,):
-            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+    check_guesses(s, guesses)
     state = first_state(engine, place, *guesses, h)
     if isinstance(state, Failure):
         return Started(None, None, state)
     return Started(engine, state, None, note)
 
 
-def _counted(dynamics: Any, work: Work) -> Any:
-    """A NumPy system's dynamics tells ``work`` of every callback."""
-    if route_of(dynamics) != "numpy":
-        return dynamics
-    if hasattr(dynamics, "rho"):
-        return type(dynamics)(inner=_counted(dynamics.inner, work), rho=dynamics.rho)
-    return dataclasses.replace(dynamics, on_call=work.on_call)
-
-
 def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
     names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
     if not names:
         return None
-    return lambda: _counted(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)
+    return lambda: counted_dynamics(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)

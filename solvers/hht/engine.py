@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,10 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, compile_function, route_of
+from hhtbench.lowering import AccelerationLevel, compile_function
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
+from solvers._start import Failure, explain_nonfinite, inverse_mass_at, points_of
 from solvers.hht.coefficients import Method
 from solvers.hht.discretise import Layout, step_end, step_residual, step_residual_and_matrix
 from solvers.hht.newton import Functions, Iteration, Outcome
@@ -23,14 +24,6 @@ from solvers.hht.weights import known_values
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A step that could not be made, with its cause."""
-
-    status: Status
-    message: str
 
 
 def largest(x: Vector) -> float:
@@ -46,28 +39,6 @@ def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])
 
 
-def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
-    """M^-1 (n, n) at (t, q); not finite where M is singular."""
-    mass = dynamics.mass(t, q)
-    try:
-        return dynamics.xp.linalg.inv(mass)
-    except np.linalg.LinAlgError:  # compiled code raises nothing
-        return np.full_like(mass, np.nan)
-
-
-def as_arguments(dynamics: Any, *values: Any) -> list[Any]:
-    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
-    return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
-
-
-def expect_finite(function: str, value: Any, t: float) -> None:
-    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
-    array = np.asarray(value)
-    if not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise NonFiniteValue(function, where, float(array[where]), t)
-
-
 class HostEngine:
     """Steps of one method for one system.  Stateless between calls: state in, step or failure out."""
 
@@ -78,7 +49,7 @@ class HostEngine:
         acts_on_position = method.coefficients.b != 0.0
         unknown = moving and (acts_on_position or self.structure.mass == "variable")
         self.layout = Layout(self.structure, moving, unknown)
-        self.points = 0 if route_of(dynamics) == "numpy" else 1  # a NumPy system's callbacks are counted one by one
+        self.points = points_of(dynamics)  # a NumPy system's callbacks are counted one by one
         self.functions = self._functions(dynamics)
         self._end = compile_function(step_end, dynamics, self.layout)
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
@@ -105,7 +76,7 @@ class HostEngine:
         n = self.structure.n
         packed = self._force(t, q, v)
         if not np.isfinite(packed).all():
-            self.explain_nonfinite(t, q, v)
+            explain_nonfinite(self.dynamics, t, q, v)
         if self.structure.mass == "variable":
             inverse = packed[n:].reshape(n, n)
             return inverse @ packed[:n], inverse
@@ -260,34 +231,7 @@ class HostEngine:
         try:
             end = np.asarray(self._end(outcome.at, self._packed(state, h, t1)))
             q1, v1 = np.split(end, 2) if np.isfinite(end).all() else (state.q, state.v)
-            self.explain_nonfinite(t1, q1, v1)
+            explain_nonfinite(self.dynamics, t1, q1, v1)
         except NonFiniteValue as error:
             return error
         return None
-
-    def explain_nonfinite(self, t: Any, q: Any, v: Any) -> None:
-        """Find the function that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
-
-        Runs only after a failure; where every function is finite one by one, it raises for "the step's residual".
-        """
-        d, s = self.dynamics, self.structure
-        t, q, v = as_arguments(d, t, q, v)
-        suspects = {"force": lambda: d.force(t, q, v)}
-        if s.mass != "identity":
-            suspects["mass_matrix"] = lambda: d.mass(t, q)
-            suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
-        if s.m:
-            suspects["constraint"] = lambda: d.constraint(t, q)
-            suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
-            suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
-            suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
-            suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
-        if s.p:
-            suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
-            suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
-            suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
-        zero = np.zeros((s.n, s.n))
-        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
-        for name, function in suspects.items():
-            expect_finite(name, function(), float(t))
-        raise NonFiniteValue("the step's residual", (), float("nan"), float(t))

@@ -8,10 +8,10 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering.kkt import Acceleration
 from hhtbench.request import StepPlan
 from hhtbench.result import Solution, Status
-from solvers.hht.engine import Failure, HostEngine
+from solvers._start import Failure, acceleration_at, budget_failure
+from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.state import State
 
@@ -46,12 +46,6 @@ def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History
         engine.work.add("steps_accepted")
         state = step.state
     return End(Status.success, Status.success.text, state)
-
-
-def budget_failure(spent: BudgetSpent, t: float) -> Failure:
-    """The status of a spent budget, with the time it has lasted for."""
-    status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
-    return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
 
 
 def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
@@ -103,7 +97,7 @@ def recover_multipliers(engine: HostEngine, history: History, times: Vector, q: 
     undetermined = []
     for i, t in enumerate(times):
         try:
-            found = _acceleration(engine, float(t), q[i], v[i], lam[i], mu[i])
+            found = acceleration_at(engine.acceleration, engine.dynamics, engine.work, float(t), q[i], v[i], (lam[i], mu[i]))
         except NonFiniteValue as error:
             return Multipliers(lam[:i], mu[:i], f"{error}, when the multipliers were recovered.")
         if found.singular or found.residual > 0:
@@ -117,22 +111,6 @@ def recover_multipliers(engine: HostEngine, history: History, times: Vector, q: 
             f"first at t = {undetermined[0]:.17g}; stage values (first order) stand there."
         )
     return Multipliers(lam, mu, note)
-
-
-def _acceleration(engine: HostEngine, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Acceleration:
-    """The acceleration level at one output time; a stray value that is not finite is tried once more."""
-    for last in (False, True):
-        try:
-            found = engine.acceleration.solve(t, q, v, lam, mu)
-            engine.work.add("residual_evaluations", engine.points)
-            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
-                engine.explain_nonfinite(t, q, v)
-            break
-        except NonFiniteValue:
-            engine.work.add("nonfinite_evaluations")
-            if last:
-                raise
-    return found
 
 
 def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:

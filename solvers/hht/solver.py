@@ -14,13 +14,13 @@ from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.request import Request, StepPlan, check_output_times, make_request, plan_steps
-from hhtbench.result import Counters, Solution, Status
-from solvers.hht.begin import Guesses, Started, begin, make_engine
+from hhtbench.result import Solution, Status
+from solvers._start import Failure, Guesses, Place, empty_solution
+from solvers.hht.begin import Started, begin, make_engine
 from solvers.hht.coefficients import Method, make_method
-from solvers.hht.engine import Failure, HostEngine
+from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.integrate import assemble, integrate, unrecovered
-from solvers.hht.start import Place
 from solvers.hht.state import State
 
 OPTIONS = ("alpha", "b", "reaction", "rescale_a", "start", "calc_initcond")
@@ -159,9 +159,7 @@ class HHT:
             engine.distrust()
         return engine
 
-    def _start_values(
-        self, t0: float, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any
-    ) -> tuple[Place, Guesses]:
+    def _start_values(self, t0: float, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
         q = real_vector("q0", q0)
         if q.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
@@ -198,9 +196,7 @@ class _Alone:
 class _Run:
     """One call of ``HHT.solve``."""
 
-    def __init__(
-        self, solver: HHT, request: Request, plan: StepPlan, place: Place, guesses: Guesses
-    ) -> None:
+    def __init__(self, solver: HHT, request: Request, plan: StepPlan, place: Place, guesses: Guesses) -> None:
         self.solver, self.request, self.plan, self.place, self.guesses = solver, request, plan, place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
         self.history: History | None = None
@@ -232,13 +228,6 @@ class _Run:
         if self.engine is None or self.history is None:
             return empty_solution(self.place.q.size, status, message, self.work.counters())
         return unrecovered(self.engine, self.history, self.request.t_eval, message, status)
-
-
-def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:
-    """A Solution without rows: nothing was integrated."""
-    none = np.zeros((0, 0))
-    rows = np.zeros((0, n))
-    return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)
 
 
 @dataclass(frozen=True)

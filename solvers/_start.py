@@ -1,0 +1,300 @@
+"""What every solver does before its first step and after a failure: derive, check the start, name the cause."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Work
+from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.lowering import (
+    AccelerationLevel,
+    ConstraintLevels,
+    Levels,
+    Structure,
+    augment,
+    constraint_rank,
+    derive,
+    mass_is_singular,
+    route_of,
+)
+from hhtbench.lowering.kkt import Acceleration
+from hhtbench.protocol import NumpySystem, System, declared
+from hhtbench.result import Counters, Solution, Status
+
+CONSISTENT = 1e-8  # scaled violation up to which a start counts as consistent: data given with eight digits
+TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
+EQUATIONS = {  # declared derivatives that enter the equations, with the arguments after t
+    "constraint_jacobian": "q",
+    "constraint_time_derivative": "q",
+    "constraint_acceleration": "qv",
+    "velocity_constraint_jacobian": "qv",
+    "reaction_jacobians": "ql",  # the second one: the multipliers are solved for with it
+}
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A step that could not be made, with its cause."""
+
+    status: Status
+    message: str
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of the start: [s], (n,), (n,)."""
+
+    t: float
+    q: Vector
+    v: Vector
+
+
+def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
+    """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
+
+    A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
+    replaced, with a warning.
+    """
+    dynamics = derive(system, place.t, place.q, place.v)
+    wrong = _wrong_derivatives(system, dynamics, place)
+    if wrong:
+        warnings.warn(
+            f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
+            "`hhtbench check` shows the entries.",
+            UserWarning,
+            stacklevel=2,
+        )
+        dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
+    return regular(dynamics, place)
+
+
+def regular(dynamics: Any, place: Place) -> Any:
+    """``dynamics`` itself, or augmented where its mass is singular at ``place``."""
+    if dynamics.structure.mass == "identity" or not dynamics.structure.constrained:
+        return dynamics
+    if not _mass_is_singular(dynamics, place):
+        return dynamics
+    return augment(dynamics, *as_arguments(dynamics, place.t, place.q))
+
+
+def undetermined(dynamics: Any, place: Place) -> Failure | None:
+    """Without constraints a singular mass leaves accelerations undetermined."""
+    if dynamics.structure.constrained or dynamics.structure.mass == "identity" or not _mass_is_singular(dynamics, place):
+        return None
+    message = "the mass matrix is singular at the start and no constraint determines the accelerations"
+    return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
+
+
+def _mass_is_singular(dynamics: Any, place: Place) -> bool:
+    mass = np.asarray(dynamics.mass(*as_arguments(dynamics, place.t, place.q)))
+    return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
+
+
+def _wrong_derivatives(system: System | NumpySystem, dynamics: Any, place: Place) -> list[str]:
+    names = [name for name in EQUATIONS if declared(system, name) is not None]
+    if not names:
+        return []
+    derived = derive(system, place.t, place.q, place.v, ignored=tuple(names))
+    v = place.v + max(1.0, float(np.max(np.abs(place.v)))) * np.cos(np.arange(1.0, place.v.size + 1))  # no entry at rest
+    values = {"q": place.q, "v": v, "l": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
+    wrong = []
+    for name in names:
+        arguments = as_arguments(dynamics, place.t, *(values[letter] for letter in EQUATIONS[name]))
+        try:
+            given, wanted = getattr(dynamics, name)(*arguments), getattr(derived, name)(*arguments)
+        except NonFiniteValue:
+            if EQUATIONS[name] == "q":
+                raise
+            continue  # at a made-up velocity or multiplier the system need not be defined
+        pairs = zip(given, wanted, strict=True) if isinstance(given, tuple) else [(given, wanted)]
+        if not all(_agree(np.asarray(x), np.asarray(y)) for x, y in pairs if x is not None):
+            wrong.append(name)
+    return wrong
+
+
+def _agree(given: Matrix, wanted: Matrix) -> bool:
+    """Whether two derivatives are equal where both are finite; one that is not is found and named where it is used."""
+    both = np.isfinite(given) & np.isfinite(wanted)
+    size = max(1.0, float(np.max(np.abs(wanted[both]), initial=0.0)))
+    return np.allclose(given[both], wanted[both], rtol=TRUSTED, atol=TRUSTED * size)
+
+
+def inconsistency(levels: ConstraintLevels, place: Place) -> Failure | None:
+    """None for a consistent start; else the violated rows with their sizes, or the redundant rows.
+
+    Raises
+    ------
+    NonFiniteValue
+        A constraint or its Jacobian holds NaN or infinity.
+    """
+    at = finite_levels(levels, place.t, place.q, place.v)
+    text = violations(at, place, CONSISTENT)
+    if text:
+        message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
+        return Failure(Status.inconsistent_initial, message)
+    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
+    if rank.redundant:
+        return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {rank.text}")
+    return None
+
+
+def violations(at: Levels, place: Place, bound: float) -> str:
+    """Rows above ``bound`` in words, position level first; empty when there are none."""
+    m = at.position.size
+    named = [(f"g[{i}]", at.position[i], r) for i, r in enumerate(at.scaled_position(size_of(place.q)))]
+    names = [f"(g_t + g_q v)[{i}]" for i in range(m)] + [f"k[{i}]" for i in range(at.velocity.size)]
+    scaled = at.scaled_velocity(max(float(np.max(np.abs(place.v))), np.finfo(float).tiny))
+    named += list(zip(names, at.velocity_drift, scaled, strict=True))
+    rows = [f"{name} = {value:.3g} ({relative:.1g} of its size)" for name, value, relative in named if not relative <= bound]
+    return ", ".join(rows)
+
+
+def size_of(q: Vector) -> float:
+    """Largest coordinate, one at rest in the origin."""
+    return float(np.max(np.abs(q))) or 1.0
+
+
+def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> Levels:
+    """The constraint levels at one point; raises :class:`NonFiniteValue` naming the function that is not finite."""
+    at = levels.at(t, q, v)
+    expect_finite("constraint", at.position, t)
+    expect_finite("constraint_jacobian", at.position_jacobian, t)
+    expect_finite("velocity_constraint", at.velocity, t)
+    expect_finite("velocity_constraint_jacobian", at.velocity_jacobian, t)
+    expect_finite("the velocity level of the constraints", at.velocity_drift, t)
+    return at
+
+
+Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
+
+
+def check_guesses(structure: Structure, guesses: Guesses) -> None:
+    """Raise unless guessed multipliers have one entry per constraint."""
+    for name, guess, size in (("lam_guess", guesses[0], structure.m), ("mu_guess", guesses[1], structure.p)):
+        if guess is not None and guess.shape != (size,):
+            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+
+
+def start_acceleration(
+    level: AccelerationLevel, dynamics: Any, work: Work, place: Place, guesses: Guesses
+) -> Acceleration | Failure:
+    """Accelerations and multipliers of the start, or why there are none.
+
+    Raises
+    ------
+    NonFiniteValue
+        A function of the system is not finite at the start.
+    """
+    t, q, v = place.t, place.q, place.v
+    found = level.solve(t, q, v, *guesses)
+    work.add("residual_evaluations", points_of(dynamics))
+    if found.singular:
+        message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
+        return Failure(Status.singular_iteration_matrix, message)
+    if not np.all(np.isfinite(found.vdot)):
+        explain_nonfinite(dynamics, t, q, v)
+    if found.residual > 0:
+        message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
+        return Failure(Status.newton_failed, message)
+    return found
+
+
+def acceleration_at(
+    level: AccelerationLevel, dynamics: Any, work: Work, t: float, q: Vector, v: Vector, guesses: Guesses
+) -> Acceleration:
+    """The acceleration level at one output time; a stray value that is not finite is tried once more."""
+    for last in (False, True):
+        try:
+            found = level.solve(t, q, v, *guesses)
+            work.add("residual_evaluations", points_of(dynamics))
+            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
+                explain_nonfinite(dynamics, t, q, v)
+            break
+        except NonFiniteValue:
+            work.add("nonfinite_evaluations")
+            if last:
+                raise
+    return found
+
+
+def points_of(dynamics: Any) -> int:
+    """Evaluations of F to count per call of a compiled function; 0 for a NumPy system, whose callbacks are counted."""
+    return 0 if route_of(dynamics) == "numpy" else 1
+
+
+def budget_failure(spent: BudgetSpent, t: float) -> Failure:
+    """The status of a spent budget, with the time it has lasted for."""
+    status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
+    return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
+
+
+def counted_dynamics(dynamics: Any, work: Work) -> Any:
+    """A NumPy system's dynamics tells ``work`` of every callback."""
+    if route_of(dynamics) != "numpy":
+        return dynamics
+    if hasattr(dynamics, "rho"):
+        return type(dynamics)(inner=counted_dynamics(dynamics.inner, work), rho=dynamics.rho)
+    return dataclasses.replace(dynamics, on_call=work.on_call)
+
+
+def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+    """M^-1 (n, n) at (t, q); not finite where M is singular."""
+    mass = dynamics.mass(t, q)
+    try:
+        return dynamics.xp.linalg.inv(mass)
+    except np.linalg.LinAlgError:  # compiled code raises nothing
+        return np.full_like(mass, np.nan)
+
+
+def as_arguments(dynamics: Any, *values: Any) -> list[Any]:
+    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
+    return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
+
+
+def expect_finite(function: str, value: Any, t: float) -> None:
+    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
+    array = np.asarray(value)
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise NonFiniteValue(function, where, float(array[where]), t)
+
+
+def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
+    """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
+
+    Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
+    """
+    s = d.structure
+    t, q, v = as_arguments(d, t, q, v)
+    suspects = {"force": lambda: d.force(t, q, v)}
+    if s.mass != "identity":
+        suspects["mass_matrix"] = lambda: d.mass(t, q)
+        suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
+    if s.m:
+        suspects["constraint"] = lambda: d.constraint(t, q)
+        suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
+        suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
+        suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
+        suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
+    if s.p:
+        suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
+        suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
+        suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
+    zero = np.zeros((s.n, s.n))
+    suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
+    for name, function in suspects.items():
+        expect_finite(name, function(), float(t))
+    raise NonFiniteValue(otherwise, (), float("nan"), float(t))
+
+
+def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:
+    """A Solution without rows: nothing was integrated."""
+    none = np.zeros((0, 0))
+    rows = np.zeros((0, n))
+    return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)

@@ -1,0 +1,171 @@
+"""Wrong derivatives of the user's never give a wrong result in silence (rows J1 to J3 of the acceptance matrix)."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from hhtbench.protocol import NumpySystem
+from hhtbench.result import Status
+from solvers.hht import HHT
+from tests.hht.scenes import ALPHAS, PENDULUM, Q0, V0, Spring, circle_jacobian, pendulum, pendulum_at, tension_at
+
+STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric, so that its transpose is another matrix [1/s^2]
+DAMPING = np.array([[3.0, 1.0], [-2.0, 5.0]])  # [1/s]
+REST = np.array([0.6, -0.9])
+
+
+def stiff_force(t, q, v):
+    stretch = q - REST
+    return -STIFFNESS @ (stretch + stretch**3) - DAMPING @ v
+
+
+def stiff_jacobians(t, q, v):
+    return -STIFFNESS * (1.0 + 3.0 * (q - REST) ** 2), -DAMPING
+
+
+def claiming(change):
+    """The pendulum on stiff springs with its declared force Jacobians changed."""
+    jacobians = lambda t, q, v: tuple(change(x) for x in stiff_jacobians(t, q, v))  # noqa: E731
+    return pendulum(force=stiff_force, force_jacobians=jacobians)
+
+
+def free(change):
+    return NumpySystem(force=stiff_force, force_jacobians=claiming(change).force_jacobians)
+
+
+def run(system, alpha=-0.3, **options):
+    return HHT(system, alpha=alpha).solve((0.0, 0.1), Q0, V0, step=0.005, **options)
+
+
+SCENES = {"pendulum": claiming, "free": free}
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("factor", [0.9, 1.1, 2.0])
+def test_a_slightly_wrong_force_jacobian_costs_iterations_and_changes_nothing(scene, factor, alpha):
+    make = SCENES[scene]
+    right, wrong = run(make(lambda x: x), alpha), run(make(lambda x: factor * x), alpha)
+    assert wrong.success, wrong.message
+    assert np.max(np.abs(wrong.q - right.q)) < 1e-9
+    assert np.max(np.abs(wrong.v - right.v)) < 1e-9 * np.max(np.abs(right.v))
+    assert wrong.counters.newton_iterations > right.counters.newton_iterations
+
+
+FAULTS = {"sign": lambda x: -x, "zero": lambda x: 0.0 * x, "transposed": lambda x: x.T, "huge": lambda x: 1e6 * x}
+
+
+@pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_force_jacobian_of_another_function_is_survived_or_named_but_never_wrong_in_silence(scene, fault, alpha):
+    make = SCENES[scene]
+    right, wrong = run(make(lambda x: x), alpha), run(make(FAULTS[fault]), alpha)
+    assert wrong.success, wrong.message
+    assert np.max(np.abs(wrong.q - right.q)) < 1e-9
+    assert np.max(np.abs(wrong.v - right.v)) < 1e-9 * np.max(np.abs(right.v))
+    assert wrong.counters.newton_iterations > right.counters.newton_iterations
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_sign_of_a_stiff_force_jacobian_brings_the_fallback_with_a_warning(scene):
+    with pytest.warns(UserWarning, match="failed with the declared .*force_jacobians.* and converged without"):
+        wrong = run(SCENES[scene](lambda x: -x))
+    assert wrong.success
+    assert wrong.counters.steps_rejected_newton <= 2  # of 20 steps: the derived ones stay in use
+
+
+@pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")
+@pytest.mark.parametrize("claim", [0.9, 1.1, 2.0, -1.0, 0.0])
+def test_a_wrong_jacobian_of_a_jax_system_changes_nothing_either(claim):
+    start = (np.array([0.1, -0.2]), np.array([1.0, 2.0]))
+    right = HHT(Spring(), alpha=-0.3).solve((0.0, 0.1), *start, step=0.005)
+    wrong = HHT(Spring(claim=claim), alpha=-0.3).solve((0.0, 0.1), *start, step=0.005)
+    assert wrong.success, wrong.message
+    assert np.max(np.abs(wrong.q - right.q)) < 1e-9
+    assert wrong.counters.newton_iterations > right.counters.newton_iterations
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1, 2.0, -1.0, 0.0])
+def test_a_wrong_constraint_jacobian_is_replaced_with_a_warning(factor):
+    """It enters the equations, so it is compared at the start."""
+    wrong = pendulum(constraint_jacobian=lambda t, q: factor * circle_jacobian(t, q))
+    with pytest.warns(UserWarning, match="declared constraint_jacobian disagrees"):
+        solution = HHT(wrong).solve((0.0, 0.5), Q0, V0, step=0.005)
+    assert solution.success, solution.message
+    q, _ = pendulum_at(solution.t)
+    right = HHT(pendulum()).solve((0.0, 0.5), Q0, V0, step=0.005)
+    assert np.max(np.abs(solution.q - right.q)) < 1e-9
+    assert np.max(np.abs(solution.q - q)) < 1e-4
+    assert np.max(np.abs(solution.lam[:, 0] - tension_at(solution.q, solution.v))) < 1e-7
+
+
+def test_a_transposed_constraint_jacobian_is_refused_or_replaced():
+    with pytest.raises(ValueError, match=r"constraint_jacobian must return shape \(1, 2\).*\(2, 1\)"):
+        HHT(pendulum(constraint_jacobian=lambda t, q: circle_jacobian(t, q).T)).solve((0.0, 0.5), Q0, V0, step=0.01)
+    square = {
+        "force": lambda t, q, v: np.array([0.0, -9.81]),
+        "constraint": lambda t, q: np.array([q[0] - 0.3 + 0.5 * q[1], q[1] - 0.4]),
+        "constraint_jacobian": lambda t, q: np.array([[1.0, 0.0], [0.5, 1.0]]),
+    }
+    with pytest.warns(UserWarning, match="declared constraint_jacobian disagrees"):
+        solution = HHT(NumpySystem(**square)).solve((0.0, 0.1), [0.1, 0.4], [0.0, 0.0], step=0.01)
+    assert solution.success
+    assert np.allclose(solution.lam, [0.0, -9.81], atol=1e-7)  # statics
+
+
+@pytest.mark.parametrize("factor", [0.9, 2.0, -1.0, 0.0])
+def test_a_wrong_reaction_jacobian_is_replaced_with_a_warning(factor):
+    """The multipliers are solved for with its second part."""
+
+    def reaction_jacobians(t, q, lam):
+        return -lam[0] * np.eye(2), -factor * circle_jacobian(t, q).T
+
+    with pytest.warns(UserWarning, match="declared reaction_jacobians disagrees"):
+        solution = HHT(pendulum(reaction_jacobians=reaction_jacobians)).solve((0.0, 0.1), Q0, V0, step=0.01)
+    assert solution.success
+    assert np.max(np.abs(solution.lam[:, 0] - tension_at(solution.q, solution.v))) < 1e-7
+
+
+def test_right_derivatives_bring_no_warning():
+    right = pendulum(
+        reaction_jacobians=lambda t, q, lam: (-lam[0] * np.eye(2), -circle_jacobian(t, q).T),
+        constraint_time_derivative=lambda t, q: np.zeros(1),
+        constraint_acceleration=lambda t, q, v: np.array([v @ v]),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert HHT(right).solve((0.0, 0.1), Q0, V0, step=0.01).success
+        assert run(claiming(lambda x: x)).success
+
+
+@pytest.mark.parametrize("name", ["force_jacobians", "constraint_jacobian"])
+def test_a_jacobian_that_is_not_finite_is_named(name):
+    def spoiled(*arguments):
+        value = PENDULUM[name](*arguments)
+        return tuple(x * np.nan for x in value) if isinstance(value, tuple) else value * np.nan
+
+    solution = HHT(pendulum(**{name: spoiled})).solve((0.0, 0.1), Q0, V0, step=0.01)
+    assert solution.status is Status.nonfinite_callback
+    assert name in solution.message
+
+
+@pytest.mark.parametrize("name", ["force_jacobians", "constraint_jacobian", "reaction_jacobians", "constraint_acceleration"])
+def test_a_jacobian_of_the_wrong_shape_is_an_error(name):
+    value = (np.zeros((2, 3)), np.zeros((3, 2))) if name.endswith("jacobians") else np.zeros((3, 2))
+    with pytest.raises(ValueError, match=rf"{name}.* must return shape"):
+        HHT(pendulum(**{name: lambda *arguments: value})).solve((0.0, 0.1), Q0, V0, step=0.01)
+
+
+def test_a_derivative_that_is_undefined_away_from_the_motion_is_not_called_wrong():
+    """It is compared at a made-up velocity, where the system need not be defined."""
+
+    def acceleration(t, q, v):
+        return np.array([v @ v if t > 0.0 or np.max(np.abs(v - V0)) < 1e-3 else np.nan])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = HHT(pendulum(constraint_acceleration=acceleration)).solve((0.0, 0.1), Q0, V0, step=0.01)
+    assert solution.success, solution.message
