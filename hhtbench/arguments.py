@@ -51,7 +51,7 @@ def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
     """A private, read-only vector ``(size,)``; scalars, columns and rows are refused, never broadcast."""
     array = real_array(name, value)
     if array.ndim != 1 or (size is not None and array.shape != (size,)):
-        wanted = f"({size},)" if size is not None else "a one-dimensional array (n,)"
+        wanted = f"({size},)" if size is not None else "(n,), one dimension"
         raise ProblemError(f"{name} must have shape {wanted}; got {array.shape}.")
     return array
 

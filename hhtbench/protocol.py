@@ -66,7 +66,16 @@ DERIVATIVES = (
     "constraint_acceleration",  # (t,q,v) -> (m,): g_tt + 2 g_tq v + g_qq(v,v), so that g'' = g_q vdot + this
     "velocity_constraint_jacobian",  # (t,q,v) -> (p,n): k_v
     "reaction_jacobians",  # (t,q,lam) -> (Q_q (n,n), Q_lam (n,m))
-    "sparsity",  # mapping: name of a derivative -> boolean pattern
+    "sparsity",  # mapping: name of a pattern, see PATTERNS -> booleans (rows, n)
+)
+PATTERNS = (  # what ``sparsity`` may hold: patterns of derivatives of F, g, k, Q and M x
+    "force_q",
+    "force_v",
+    "constraint_jacobian",
+    "velocity_constraint_jacobian",
+    "velocity_constraint_q",
+    "reaction_q",
+    "mass_product_jacobian",
 )
 
 
@@ -114,6 +123,9 @@ class NumpySystem:
         unknown = sorted(set(declared) - set(PHYSICS) - set(DERIVATIVES))
         if unknown:
             raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(PHYSICS + DERIVATIVES)}.")
+        strange = sorted(set(declared.get("sparsity") or ()) - set(PATTERNS))
+        if strange:
+            raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
         for name, value in {"force": force, **declared}.items():
             if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
                 raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")

@@ -97,6 +97,8 @@ class StepPlan:
 def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
     """The prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""
     span = t1 - t0
+    if not math.isfinite(span):
+        raise ProblemError(f"the interval from {t0:g} to {t1:g} s is longer than a float holds; take a shorter one.")
     if request.step is not None:
         count = max(1, math.ceil(abs(span) / request.step * (1 - 1e-12)))  # 1e-12: 0.1 / 0.001 is 100 steps, not 101
         return StepPlan(t0=t0, t1=t1, count=count, lengths=None, ends=None)

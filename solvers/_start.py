@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
@@ -24,18 +24,11 @@ from hhtbench.lowering import (
     route_of,
 )
 from hhtbench.lowering.kkt import Acceleration
-from hhtbench.protocol import NumpySystem, System, declared
+from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
+from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
 
 CONSISTENT = 1e-8  # scaled violation up to which a start counts as consistent: data given with eight digits
-TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
-EQUATIONS = {  # declared derivatives that enter the equations, with the arguments after t
-    "constraint_jacobian": "q",
-    "constraint_time_derivative": "q",
-    "constraint_acceleration": "qv",
-    "velocity_constraint_jacobian": "qv",
-    "reaction_jacobians": "ql",  # the second one: the multipliers are solved for with it
-}
 
 
 @dataclass(frozen=True)
@@ -62,7 +55,8 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
     replaced, with a warning.
     """
     dynamics = derive(system, place.t, place.q, place.v)
-    wrong = _wrong_derivatives(system, dynamics, place)
+    check_sparsity(dynamics, place.t, place.q, place.v)
+    wrong = wrong_derivatives(system, dynamics, place.t, place.q, place.v)
     if wrong:
         warnings.warn(
             f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
@@ -94,35 +88,6 @@ def undetermined(dynamics: Any, place: Place) -> Failure | None:
 def _mass_is_singular(dynamics: Any, place: Place) -> bool:
     mass = np.asarray(dynamics.mass(*as_arguments(dynamics, place.t, place.q)))
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
-
-
-def _wrong_derivatives(system: System | NumpySystem, dynamics: Any, place: Place) -> list[str]:
-    names = [name for name in EQUATIONS if declared(system, name) is not None]
-    if not names:
-        return []
-    derived = derive(system, place.t, place.q, place.v, ignored=tuple(names))
-    v = place.v + max(1.0, float(np.max(np.abs(place.v)))) * np.cos(np.arange(1.0, place.v.size + 1))  # no entry at rest
-    values = {"q": place.q, "v": v, "l": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
-    wrong = []
-    for name in names:
-        arguments = as_arguments(dynamics, place.t, *(values[letter] for letter in EQUATIONS[name]))
-        try:
-            given, wanted = getattr(dynamics, name)(*arguments), getattr(derived, name)(*arguments)
-        except NonFiniteValue:
-            if EQUATIONS[name] == "q":
-                raise
-            continue  # at a made-up velocity or multiplier the system need not be defined
-        pairs = zip(given, wanted, strict=True) if isinstance(given, tuple) else [(given, wanted)]
-        if not all(_agree(np.asarray(x), np.asarray(y)) for x, y in pairs if x is not None):
-            wrong.append(name)
-    return wrong
-
-
-def _agree(given: Matrix, wanted: Matrix) -> bool:
-    """Whether two derivatives are equal where both are finite; one that is not is found and named where it is used."""
-    both = np.isfinite(given) & np.isfinite(wanted)
-    size = max(1.0, float(np.max(np.abs(wanted[both]), initial=0.0)))
-    return np.allclose(given[both], wanted[both], rtol=TRUSTED, atol=TRUSTED * size)
 
 
 def inconsistency(levels: ConstraintLevels, place: Place) -> Failure | None:
@@ -250,11 +215,6 @@ def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
         return dynamics.xp.linalg.inv(mass)
     except np.linalg.LinAlgError:  # compiled code raises nothing
         return np.full_like(mass, np.nan)
-
-
-def as_arguments(dynamics: Any, *values: Any) -> list[Any]:
-    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
-    return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
 
 
 def expect_finite(function: str, value: Any, t: float) -> None:

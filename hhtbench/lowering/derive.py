@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import jax
@@ -49,17 +50,21 @@ def derive(
 
 KEPT = 64  # systems whose derived functions are remembered: reading their structure costs a trace each
 _derived: dict[Any, tuple[System, JaxDynamics]] = {}
+_derived_lock = threading.Lock()
 
 
 def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
     """A system is immutable: its dynamics is derived once per size."""
     key = (id(system), np.shape(q), ignored)
-    if key not in _derived:
-        dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+    with _derived_lock:
+        if key in _derived:
+            return _derived[key][1]
+    dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)  # unlocked: it runs the user's code
+    with _derived_lock:
         while len(_derived) >= KEPT:
             _derived.pop(next(iter(_derived)))
         _derived[key] = (system, dynamics)  # the system is kept, so that its id stays its own
-    return _derived[key][1]
+    return dynamics
 
 
 def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> JaxDynamics:
@@ -134,7 +139,7 @@ def _rows_jax(system: System, name: str, *arguments: Any) -> int:
         return 0
     shape = abstract_result(system, name, *arguments).shape
     if len(shape) != 1:
-        raise wrong_shape(name, ("constraints",), shape)  # type: ignore[arg-type]
+        raise wrong_shape(name, "(m,), one entry per constraint", shape)
     return shape[0]
 
 
@@ -147,7 +152,7 @@ def _rows_numpy(system: NumpySystem, name: str, t: float, *arguments: Any) -> in
         copy.setflags(write=False)
     result = real_values(f"{name} result", function(float(t), *copies))
     if result.ndim != 1:
-        raise wrong_shape(name, ("constraints",), result.shape)  # type: ignore[arg-type]
+        raise wrong_shape(name, "(m,), one entry per constraint", result.shape)
     return result.size
 
 

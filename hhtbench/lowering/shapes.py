@@ -20,7 +20,7 @@ ROWS = {
 }
 
 
-def wrong_shape(function: str, expected: tuple[int, ...], given: Any) -> ProblemError:
+def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
     """The error for a result of the wrong shape."""
     hint = f" = {ROWS[function]}" if function in ROWS else ""
     return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")

@@ -12,12 +12,13 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, compile_function
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
 from solvers._start import Failure, explain_nonfinite, inverse_mass_at, points_of
-from solvers.hht.coefficients import Method
-from solvers.hht.discretise import Layout, step_end, step_residual, step_residual_and_matrix
+from solvers.hht.coefficients import NEAR_HALF, Method
+from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.layout import Layout
 from solvers.hht.newton import Functions, Iteration, Outcome
 from solvers.hht.state import State, Step
 from solvers.hht.weights import known_values
@@ -89,12 +90,15 @@ class HostEngine:
         A first failure is retried from the plain guess with damped full Newton, so one stray NaN or a bad
         extrapolation costs a retry and not the run; a second is a :class:`Failure` with its cause.
         """
-        first, second = (self._shortest, self._shortest) if self._too_short(state, h) else (self._extrapolated, self._damped)
-        taken = self._guarded(first, state, h, t1)
+        if self._moves_nothing(state, h):
+            taken = self._guarded(self._shortest, state, h, t1)
+            if isinstance(taken, Step):
+                return taken
+        taken = self._guarded(self._extrapolated, state, h, t1)
         if isinstance(taken, Step):
             return taken
         self.work.add("steps_rejected_newton")
-        taken = self._guarded(second, state, h, t1)
+        taken = self._guarded(self._damped, state, h, t1)
         return taken if isinstance(taken, Step) else self._failure(taken, state, h, t1)
 
     def _guarded(self, attempt: Callable[..., Step | Outcome], state: State, h: float, t1: float) -> Step | Outcome:
@@ -152,7 +156,7 @@ class HostEngine:
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
         accelerated = abs(h) * max(largest(state.vdot), largest(state.f), largest(state.a))
         sizes = max(state.size_q, abs(h) * state.size_v, TINY), max(state.size_v, accelerated, TINY)
-        return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add)
+        return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add, exact=self._fallback is None)
 
     def _guess(self, state: State, h: float) -> Vector:
         """Unknowns extrapolated from the last two steps of this length, else those of the last."""
@@ -200,21 +204,35 @@ class HostEngine:
         )
         return Step(state=new, lam_start=lam0, lam_end=lam1, mu_half=mu)
 
-    def _too_short(self, state: State, h: float) -> bool:
-        """Whether h moves q by less than its roundoff, (H21): the position rows then hold no information."""
+    def _moves_nothing(self, state: State, h: float) -> bool:
+        """Whether h moves q by less than its roundoff, as far as v and the acceleration tell, (H21)."""
         if self.structure.m == 0:
             return False
         moved = abs(h) * largest(state.v) + h * h * largest(state.vdot)
         return moved < EPS * state.size_q or h * h == 0.0
 
-    def _shortest(self, state: State, h: float, t1: float) -> Step:
-        """(H21): q and v moved along v and the acceleration; multipliers and unknowns as they are."""
+    def _shortest(self, state: State, h: float, t1: float) -> Step | Outcome:
+        """(H21): q and v moved along v and the acceleration, if both levels hold as before: a drive may start from rest."""
         found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
         self.work.add("residual_evaluations", self.points)
         q1, v1 = state.q + h * state.v, state.v + h * found.vdot
+        if found.singular or found.residual > 0 or not self._levels_kept(state, t1, q1, v1):
+            return Outcome(None, None, "diverged")
         f1, inverse = self.force(t1, q1, v1)
         new = replace(state, t=t1, q=q1, v=v1, f=f1, a=f1, h=h, vdot=found.vdot, inverse_mass=inverse, earlier=None)
         return Step(state=new, lam_start=found.lam, lam_end=found.lam, mu_half=found.mu)
+
+    def _levels_kept(self, state: State, t1: float, q1: Vector, v1: Vector) -> bool:
+        """Whether neither constraint level is further from zero at (t1, q1, v1) than at ``state``, but for roundoff."""
+        levels = ConstraintLevels(self.dynamics)
+        before, after = levels.at(state.t, state.q, state.v), levels.at(t1, q1, v1)
+        room = 8 * EPS * np.abs(after.position_jacobian).sum(axis=1) * state.size_q
+        rows = np.concatenate([after.position_jacobian, after.velocity_jacobian], axis=0)
+        velocity_room = 8 * EPS * np.abs(rows).sum(axis=1) * max(state.size_v, largest(v1))
+        return bool(
+            np.all(np.abs(after.position) <= np.abs(before.position) + room)
+            and np.all(np.abs(after.velocity_drift) <= np.abs(before.velocity_drift) + velocity_room)
+        )
 
     def _failure(self, outcome: Outcome, state: State, h: float, t1: float) -> Failure:
         where = f"in the step from t = {state.t:.17g} with h = {h:g}"
@@ -222,7 +240,9 @@ class HostEngine:
             return Failure(Status.nonfinite_callback, f"{self._cause(outcome, state, h, t1)}, {where}")
         if outcome.failure == "singular":
             return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
-        return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; take a smaller step")
+        near = abs(self.method.coefficients.b - 0.5) < NEAR_HALF
+        remedy = "b is close to the singular value 1/2, take b = 0" if near else "take a smaller step"
+        return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
 
     def _cause(self, outcome: Outcome, state: State, h: float, t1: float) -> NonFiniteValue | None:
         """The value that was not finite, looked for at the end of the step where compiled code has met it."""

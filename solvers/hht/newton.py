@@ -15,7 +15,8 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
-from solvers.hht.discretise import Layout, unpack_matrix
+from solvers.hht.discretise import unpack_matrix
+from solvers.hht.layout import Layout
 from solvers.hht.linear import Factor, factorise
 
 
@@ -26,6 +27,7 @@ class NewtonOptions:
     tolerance: float = 1e-13  #: error left in q1, v1 over typical sizes: just above roundoff, both levels then hold to it
     margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
     stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it they are failure
+    standstill: float = 1e-8  #: the same where an exact matrix does not shrink them at all: coordinates far from the origin
     other_step: float = 0.01  #: relative change of h from which a kept matrix is not used: its maps misjudge every increment
     refresh_rate: float = 0.02  #: contraction above which a new matrix costs less than the iterations it saves
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
@@ -63,6 +65,7 @@ class Iteration:
     h: float  #: signed step [s]
     sizes: tuple[float, float]  #: typical sizes of q and of v
     count: Callable[[str], None]  #: raises a counter
+    exact: bool  #: no derivative in the matrix was written by a user: only roundoff keeps small increments from shrinking
     options: NewtonOptions = NewtonOptions()
 
     def solve(self, x: Vector, factor: Factor | None) -> Outcome:
@@ -165,4 +168,6 @@ class Iteration:
 
     def _stagnated(self, moved: float, rate: float) -> bool:
         """Whether what is left is roundoff: small, and not shrinking although the matrix is fresh."""
-        return moved <= self.options.stagnation and rate >= 0.5
+        options = self.options
+        still = self.exact and moved <= options.standstill and rate >= options.worst_rate
+        return still or (moved <= options.stagnation and rate >= 0.5)

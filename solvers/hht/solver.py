@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.request import Request, StepPlan, check_output_times, make_request, plan_steps
-from hhtbench.result import Solution, Status
+from hhtbench.result import Counters, Solution, Status
 from solvers._start import Failure, Guesses, Place, empty_solution
 from solvers.hht.begin import Started, begin, make_engine
 from solvers.hht.coefficients import Method, make_method
@@ -70,11 +70,14 @@ class HHT:
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
         self.method: Method = make_method(alpha=alpha, b=b, reaction=reaction, rescale_a=rescale_a, start=start)
+        if not isinstance(calc_initcond, bool):
+            raise TypeError(f"calc_initcond must be True or False; got {calc_initcond!r}.")
         self.calc_initcond = calc_initcond
         self._state: State | None = None
         self._step: float | None = None
         self._engine: HostEngine | None = None
         self._place: Place | None = None  # where stepping began: it selects the engine
+        self._message = ""
         self._distrusted = False  # whether that engine has given up the declared derivatives
         self._busy = threading.Lock()
 
@@ -93,6 +96,8 @@ class HHT:
             the system's own functions is raised again as it is, with ``.partial_solution``.
         """
         asked = make_request(**request)
+        if asked.options:
+            raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={asked.options}.")
         if not asked.fixed:
             raise ProblemError("HHT takes prescribed steps: give step=h, steps=N or steps=array of lengths [s].")
         if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
@@ -115,6 +120,7 @@ class HHT:
             started = self._begin(place, guesses, h, Work())
             self._step, self._engine, self._state = h, started.engine, started.state
             self._place, self._distrusted = place, False
+            self._message = started.failure.message if started.failure else started.note
         return started.failure.status if started.failure else Status.success
 
     def step(self) -> Status:
@@ -126,9 +132,11 @@ class HHT:
                 self._engine = self._rebuild()
             t1 = self._state.t + self._step
             if t1 == self._state.t:
+                self._message = Status.time_resolution.text
                 return Status.time_resolution
             taken = self._engine.step(self._state, self._step, t1)
             self._distrusted = self._engine.distrusts
+            self._message = taken.message if isinstance(taken, Failure) else ""
             if isinstance(taken, Failure):
                 return taken.status
             self._state = taken.state
@@ -141,11 +149,29 @@ class HHT:
             raise ProblemError("there is no state; call init_step first.")
         return self._state
 
-    def restart(self, state: State) -> None:
-        """Step on from ``state``: an earlier one, or one of the user's making; it must be of this system."""
-        if not isinstance(state, State) or state.q.shape != self.state.q.shape:
-            raise ProblemError(f"restart takes a State with q of shape {self.state.q.shape}; got {type(state).__name__}.")
-        self._state = state
+    @property
+    def message(self) -> str:
+        """What the last :meth:`init_step` or :meth:`step` had to say: a projection, or the cause of a failure."""
+        return self._message
+
+    @property
+    def counters(self) -> Counters:
+        """Work done by stepping by hand since :meth:`init_step`."""
+        return self._engine.work.counters() if self._engine is not None else Counters()
+
+    def restart(self, state: State, *, step: float | None = None) -> None:
+        """Step on from ``state``, an earlier one or one that was saved, with ``step`` [s] or the step in use."""
+        if not isinstance(state, State):
+            raise TypeError(f"restart takes a State (HHT.state); got {type(state).__name__}.")
+        if self._state is not None and state.q.shape != self._state.q.shape:
+            raise ProblemError(f"restart takes a State with q of shape {self._state.q.shape}; got {state.q.shape}.")
+        h = self._step if step is None else real_number("step", step, unit=" [s]")
+        if not h:
+            raise ProblemError("restart needs a step [s] other than zero; give step=h.")
+        with self._alone():
+            if self._place is None:
+                self._place = Place(state.t, state.q, state.v)
+            self._state, self._step = state, h
 
     def _begin(self, place: Place, guesses: Guesses, h: float, work: Work) -> Started:
         return begin(self.system, self.method, place, guesses, h, work, calc_initcond=self.calc_initcond)
@@ -254,6 +280,10 @@ class HHTSolver:
         return hht.solve(
             problem.t_span, problem.q0, problem.v0, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess, **asked
         )
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
+        self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
 
 
 def solver(**options: Any) -> HHTSolver:

@@ -10,6 +10,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels
+from hhtbench.lowering.kkt import Acceleration
 from hhtbench.result import Status
 from solvers._start import (
     Failure,
@@ -35,17 +36,19 @@ def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector
     """
     t, q, v = place.t, place.q, place.v
     s = engine.structure
+    found: Acceleration | None = None
+    if s.constrained:  # first: where the KKT matrix is singular there may be no f either
+        solved = start_acceleration(engine.acceleration, engine.dynamics, engine.work, place, (lam, mu))
+        if isinstance(solved, Failure):
+            return solved
+        found = solved
     f0, inverse = engine.force(t, q, v)
-    vdot, lam0, mu0 = f0, np.zeros(0), np.zeros(0)
-    if s.constrained:
-        found = start_acceleration(engine.acceleration, engine.dynamics, engine.work, place, (lam, mu))
-        if isinstance(found, Failure):
-            return found
-        vdot, lam0, mu0 = found.vdot, found.lam, found.mu
+    nothing = np.zeros(0)
+    start = Acceleration(f0, nothing, nothing, 0.0, False) if found is None else found
     a0 = f0
     if engine.method.start == "shifted":
         shift = engine.method.coefficients.alpha * h
-        a0 = engine.force(t + shift, q + shift * v, v + shift * vdot)[0]  # (H12)
+        a0 = engine.force(t + shift, q + shift * v, v + shift * start.vdot)[0]  # (H12)
     return State(
         t=t,
         q=q,
@@ -53,9 +56,9 @@ def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector
         a=a0,
         f=f0,
         h=None,
-        lam=lam0,
-        mu=mu0,
-        vdot=vdot,
+        lam=start.lam,
+        mu=start.mu,
+        vdot=start.vdot,
         inverse_mass=inverse,
         unknowns=None,
         earlier=None,

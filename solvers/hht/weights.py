@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from solvers.hht.coefficients import Method
-from solvers.hht.discretise import Layout
+from solvers.hht.layout import Layout
 from solvers.hht.state import State
 
 

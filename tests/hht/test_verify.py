@@ -96,7 +96,13 @@ def test_stage_multipliers_are_first_order_their_mean_and_the_recovered_ones_sec
 
 def test_the_result_does_not_depend_on_the_starting_multiplier(test1):
     """Remark 4.2."""
-    assert local.multiplier_guess(test1, (1.0, 0.3, 3.0, 30.0), 0.01).passed
+    assert local.multiplier_guess(test1, (1.0, 0.7, 0.9, 1.1), 0.01).passed
+
+
+def test_a_guess_outside_the_basin_is_not_taken_for_evidence(test1):
+    row = local.multiplier_guess(test1, (1.0, 30.0), 0.01)
+    assert not row.passed
+    assert "restarted" in row.measured
 
 
 @pytest.mark.parametrize(("name", "label"), [("knife_edge", "velocity-level"), ("rolling_disk3d_steady", "mixed")])

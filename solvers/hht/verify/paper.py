@@ -100,7 +100,7 @@ def _one_step(tell: Progress) -> Part:
     test1, pendulum = _test1(), _pendulum()
     rows = local_errors(test1, tuple(0.004 / 2**k for k in range(5)), tell)
     rows += local_errors(pendulum, tuple(0.002 / 2**k for k in range(5)), tell)
-    rows.append(multiplier_guess(test1, (1.0, 0.3, 3.0, 30.0), 0.01))
+    rows.append(multiplier_guess(test1, (1.0, 0.7, 0.9, 1.1), 0.01))
     rows.append(multiplier_guess(pendulum, (1.0, -1.0, 0.0, 100.0), 0.001))
     return Part(tuple(rows + amplification(tell)))
 
