@@ -123,7 +123,10 @@ class NumpySystem:
         unknown = sorted(set(declared) - set(PHYSICS) - set(DERIVATIVES))
         if unknown:
             raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(PHYSICS + DERIVATIVES)}.")
-        strange = sorted(set(declared.get("sparsity") or ()) - set(PATTERNS))
+        patterns = declared.get("sparsity") or {}
+        if not isinstance(patterns, Mapping):
+            raise TypeError(f"sparsity must map names ({', '.join(PATTERNS)}) to patterns; got {type(patterns).__name__}.")
+        strange = sorted(set(patterns) - set(PATTERNS))
         if strange:
             raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
         for name, value in {"force": force, **declared}.items():
