@@ -1,0 +1,181 @@
+"""``make_form``: a form of one system as compiled functions, with its packing and error weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import Structure, compile_function, route_of
+from solvers.forms.layout import RECIPES, SOURCES, Layout, jacobian_function, residual_function
+from solvers.forms.underlying import rhs_function, rhs_jacobian_function
+
+FORMS = tuple(RECIPES)
+MASKED = 1e8  # atol that takes an entry out of an error test: far above a multiplier times any rtol in use
+MULTIPLIERS = ("lam", "mu", "eta")
+
+
+@dataclass(frozen=True)
+class Start:
+    """Consistent start vectors."""
+
+    y: Vector  #: (size,)
+    yp: Vector  #: (size,) dy/dt; zero for multipliers, whose derivative is in no equation
+
+
+class State(NamedTuple):
+    """Views of a packed row or rows: (n,) each, or (k, n)."""
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+def _no_dae(*_: Any) -> Any:
+    raise ProblemError("the form ode has no residual; call rhs, or take a dae form.")
+
+
+def _no_ode(*_: Any) -> Any:
+    raise ProblemError("a dae form has no right-hand side; call residual, or take the form ode.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """One form of one system.  The functions return fresh arrays, read-only for JAX systems."""
+
+    name: str
+    kind: str  #: "dae" or "ode"
+    size: int  #: number of unknowns
+    blocks: Mapping[str, slice]  #: places of q, v and, where the form has them, lam, mu, eta, Lam, Mu, Eta in y
+    differential: NDArray[np.bool_]  #: (size,) True where the entry's derivative is in the equations
+    multipliers: NDArray[np.bool_]  #: (size,) True for entries that must not be in an error test
+    points: int  #: evaluations of F per call of a function; 0 for plain callables, which are counted one by one
+    residual: Callable[[float, Vector, Vector], Vector] = _no_dae  #: dae: F(t, y, yp) (size,)
+    jacobian: Callable[[float, Vector, Vector, float], Matrix] = _no_dae  #: dae: dF/dy + c dF/dyp at (t, y, yp, c)
+    rhs: Callable[[float, Vector], Vector] = _no_ode  #: ode: y' (size,) at (t, y); not finite where (F9) is singular
+    rhs_jacobian: Callable[[float, Vector], Matrix] = _no_ode  #: ode: dy'/dy (size, size) at (t, y)
+
+    def start(self, q: Vector, v: Vector, vdot: Vector, lam: Vector, mu: Vector) -> Start:
+        """Start vectors from a consistent state and its acceleration level: ``q, v, vdot`` (n,), ``lam`` (m,), ``mu`` (p,).
+
+        eta starts at 0, as do the integrals.
+        """
+        y, yp = np.zeros(self.size), np.zeros(self.size)
+        rates = {"q": v, "v": vdot, "Lam": lam, "Mu": mu}
+        for name, values in {"q": q, "v": v, "lam": lam, "mu": mu}.items():
+            if name in self.blocks:
+                y[self.blocks[name]] = values
+        for name, values in rates.items():
+            if name in self.blocks:
+                yp[self.blocks[name]] = values
+        return Start(y, yp)
+
+    def state(self, y: NDArray[np.float64]) -> State:
+        """Views of q and v in ``y``: (size,), or time first (k, size)."""
+        return State(y[..., self.blocks["q"]], y[..., self.blocks["v"]])
+
+    def error_weights(self, atol: Any) -> Vector:
+        """Absolute tolerances (size,): ``atol`` for q and v, MASKED for multipliers, the largest atol for their integrals.
+
+        Parameters
+        ----------
+        atol
+            A number, or (n,) for q and v alike, or (2n,) for q and then v.
+        """
+        n = self.blocks["q"].stop
+        given = np.asarray(atol, dtype=np.float64)
+        if given.shape not in ((), (n,), (2 * n,)):
+            raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},); got shape {given.shape}.")
+        weights = np.full(self.size, given.max())
+        weights[: 2 * n] = np.tile(given, 2) if given.shape == (n,) else given
+        weights[self.multipliers] = MASKED
+        return weights
+
+
+def refusal(name: str, structure: Structure) -> str | None:
+    """Why the form does not exist for a system of this structure, or None.
+
+    Raises
+    ------
+    ProblemError
+        There is no form of that name; the text names the closest.
+    """
+    _check_name(name)
+    if not structure.constrained and name not in ("index1", "ode"):
+        return f"the form {name} treats constraints and the system has none; take the form ode or index1."
+    if name == "index3" and not structure.m:
+        return (
+            "the system has velocity constraints only, so its index is 2 and index3 would be index2; take the form index2."
+        )
+    if name == "ode" and not structure.linear_reaction:
+        return (
+            "the form ode eliminates the multipliers by one linear solve, but a declared reaction is nonlinear in them "
+            "(or is a plain callable that cannot be read); take one of the dae forms."
+        )
+    return None
+
+
+def make_form(name: str, dynamics: Any) -> Form:
+    """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use.
+
+    Raises
+    ------
+    ProblemError
+        There is no form of that name, or the system does not have it: see :func:`refusal`.
+    """
+    layout = Layout(name, dynamics.structure)
+    reason = refusal(name, dynamics.structure) or _undetermined(name, dynamics)
+    if reason is not None:
+        raise ProblemError(reason)
+    common: dict[str, Any] = {
+        "name": name,
+        "size": layout.size,
+        "blocks": layout.blocks,
+        "differential": _differential(layout, dynamics),
+        "multipliers": _mask(layout, MULTIPLIERS),
+        "points": 0 if route_of(dynamics) == "numpy" else 1,
+    }
+    if name == "ode":
+        rhs, jacobian = compile_function(rhs_function, dynamics), compile_function(rhs_jacobian_function, dynamics)
+        return Form(kind="ode", rhs=rhs, rhs_jacobian=jacobian, **common)
+    residual = compile_function(residual_function, dynamics, layout)
+    return Form(kind="dae", residual=residual, jacobian=compile_function(jacobian_function, dynamics, layout), **common)
+
+
+def _check_name(name: str) -> None:
+    if name in FORMS:
+        return
+    close = get_close_matches(str(name), FORMS, n=1)
+    hint = f" Did you mean {close[0]}?" if close else ""
+    raise ProblemError(f"there is no form {name!r}.{hint} Forms: {', '.join(FORMS)}.")
+
+
+def _undetermined(name: str, dynamics: Any) -> str | None:
+    s = dynamics.structure
+    if name != "ode" or s.constrained or s.mass != "constant" or dynamics.inverse_mass is not None:
+        return None
+    return "the mass matrix is singular and no constraint determines the accelerations; give every coordinate a mass."
+
+
+def _mask(layout: Layout, names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """(size,) True in the named blocks."""
+    mask = np.zeros(layout.size, dtype=bool)
+    for name, place in layout.blocks.items():
+        mask[place] = name in names
+    mask.setflags(write=False)
+    return mask
+
+
+def _differential(layout: Layout, dynamics: Any) -> NDArray[np.bool_]:
+    """(size,) True where the derivative is in the equations: not for multipliers, nor for a velocity without mass."""
+    mask = _mask(layout, tuple(name for name, source in SOURCES.items() if source.rate is not None)).copy()
+    every = layout.name == "index1" and layout.structure.constrained  # (F5) and (F7) hold the v' that M lacks
+    if layout.structure.mass == "constant" and not every:
+        mask[layout.blocks["v"]] = np.any(np.asarray(dynamics.constant_mass) != 0, axis=0)
+    mask.setflags(write=False)
+    return mask
