@@ -108,7 +108,7 @@ class Iteration:
         """Newton with a fresh matrix each time and increments halved while the residual is not smaller or not finite."""
         cause = None
         factor, residual = self._factorise(x)
-        last, sizes = math.inf, None
+        last, sizes, halving = math.inf, None, 0
         for _ in range(self.options.max_damped):
             if factor is None:
                 return Outcome(None, None, "singular" if np.isfinite(residual).all() else "nonfinite", x)
@@ -116,8 +116,8 @@ class Iteration:
             increment = self._solve(factor, residual)
             sizes = sizes or self._typical(factor, increment)
             moved = self._size(factor, increment, sizes)
-            rate = moved / last if math.isfinite(last) else 0.0
-            if self._converged(moved, rate) or self._stagnated(moved, rate):
+            rate = moved / last if math.isfinite(last) and not halving else 0.0  # a halved increment tells no rate
+            if self._converged(moved, rate) or self._stagnated(moved, rate) or self._stands_still(moved, rate):
                 return Outcome(x - increment, factor, "")
             size = float(np.linalg.norm(increment))
             for halving in range(self.options.max_halvings):
@@ -126,8 +126,8 @@ class Iteration:
                     residual = self.functions.residual(candidate, self.packed)
                 except NonFiniteValue as error:  # a NumPy system's way to say what a compiled one says with NaN
                     residual, cause = np.full_like(x, np.nan), error
-                # the natural monotonicity test: independent of how the rows are scaled
-                if float(np.linalg.norm(self._solve(factor, residual))) < size:
+                # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
+                if float(np.linalg.norm(self._solve(factor, residual))) < size or moved <= self.options.standstill:
                     break
             else:
                 finite = bool(np.all(np.isfinite(residual)))
@@ -168,6 +168,8 @@ class Iteration:
 
     def _stagnated(self, moved: float, rate: float) -> bool:
         """Whether what is left is roundoff: small, and not shrinking although the matrix is fresh."""
-        options = self.options
-        still = self.exact and moved <= options.standstill and rate >= options.worst_rate
-        return still or (moved <= options.stagnation and rate >= 0.5)
+        return moved <= self.options.stagnation and rate >= 0.5
+
+    def _stands_still(self, moved: float, rate: float) -> bool:
+        """The same for increments that each come from a matrix at its own iterate: with exact ones only roundoff is left."""
+        return self.exact and moved <= self.options.standstill and rate >= self.options.worst_rate

@@ -1,6 +1,5 @@
 """Values that are not finite, everywhere or once (rows C1 to C5 of the acceptance matrix)."""
 
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

@@ -40,7 +40,7 @@ def test_a_drive_that_starts_from_rest_is_followed_from_the_first_step(steps):
     np.testing.assert_allclose(solution.v[:, 0], 4 * solution.t**3, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("x0", [1e5, 1e6, 1e7])
+@pytest.mark.parametrize("x0", [1e4, 1e5, 1e6])
 def test_coordinates_far_from_the_origin_cost_roundoff_and_not_the_run(x0):
     near = HHT(FarRod()).solve((0, 1), [1, 0], [0, 0], steps=100)
     far = HHT(FarRod(x0=x0)).solve((0, 1), [1 + x0, 0], [0, 0], steps=100)

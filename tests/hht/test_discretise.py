@@ -1,0 +1,55 @@
+"""The Newton matrix is the derivative of the residual, for every layout (row M14 of the acceptance matrix)."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from solvers.hht import HHT
+from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix, unpack_matrix
+
+METHODS = (
+    {},
+    {"b": 0.3},
+    {"b": 0.3, "reaction": "predictor"},
+    {"reaction": "midpoint"},
+    {"reaction": "midpoint_predictor"},
+)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+@pytest.mark.parametrize("name", ["andrews", "jay_negrut_test1", "rolling_disk3d_steady"])
+def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, method):
+    """Assembled from blocks against automatic differentiation of the residual as one function, at random unknowns."""
+    problem = hb.load_problem(name)
+    hht = HHT(problem.system, alpha=-0.15, **method)
+    h = (problem.t_span[1] - problem.t_span[0]) / 100
+    hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=h, lam_guess=problem.lam_guess)
+    engine, state = hht._engine, hht.state
+    layout, dynamics = engine.layout, engine.dynamics
+    known = jnp.asarray(engine._packed(state, h, state.t + h))
+    generator = np.random.default_rng(0)
+    x = jnp.asarray(engine._plain_guess(state)) * (1 + 0.1 * generator.standard_normal(layout.size))
+    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, layout, x, known))
+    matrix = jax.jacfwd(lambda y: step_residual(dynamics, layout, y, known))(x)
+    maps = jax.jacfwd(lambda y: step_end(dynamics, layout, y, known))(x)
+    wanted = np.concatenate([matrix, maps])
+    np.testing.assert_array_equal(residual, step_residual(dynamics, layout, x, known))
+    np.testing.assert_allclose(
+        blocks / np.abs(wanted).max(axis=1, keepdims=True),
+        wanted / np.abs(wanted).max(axis=1, keepdims=True),
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+def test_levels_hold_to_roundoff_also_at_steps_that_are_far_too_long():
+    """Andrews' mechanism in 40 steps: Newton works hard, and what it accepts is converged."""
+    problem = hb.load_problem("andrews")
+    solution = HHT(problem.system, alpha=-0.05).solve(problem.t_span, problem.q0, problem.v0, steps=40)
+    constraint = problem.system.constraint
+    residual = max(float(np.abs(np.asarray(constraint(0.0, jnp.asarray(q)))).max()) for q in solution.q)
+    assert residual < 1e-14
