@@ -12,13 +12,15 @@ import click
 
 from hhtbench import plugins
 from hhtbench.api import solve
+from hhtbench.campaign.command import run_command
 from hhtbench.check import check
 from hhtbench.describe import describe
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence
+from hhtbench.evidence import Evidence, read_evidence
 from hhtbench.registry import load_problem, load_verification
-from hhtbench.report import write_report
+from hhtbench.report import write_comparison, write_report
 from hhtbench.report.solution import end_state, errors_at_end, save_solution
+from hhtbench.store import load_rows
 
 WRONG_USE = 2
 FAILED = 1
@@ -109,13 +111,31 @@ def solve_command(problem: str, solver: str, output: Path | None, **request: Any
 @click.option(
     "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write the report into this folder."
 )
-def verify_command(name: str, json_file: Path | None, folder: Path | None) -> None:
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes.")
+def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs: int) -> None:
     """Measure the claims of the verification NAME."""
     _require_folder(json_file)
-    evidence = load_verification(name)(_progress())
+    evidence = load_verification(name)(_progress(), jobs)
     if folder is not None:
         write_report(evidence, folder, f"hhtbench verify {name} --report {_shown(folder)}")
     _conclude(evidence, json_file)
+
+
+main.add_command(run_command)
+
+
+@main.command("report")
+@click.option("--store", required=True, type=click.Path(dir_okay=False, path_type=Path), help="The campaign's rows.")
+@click.option(
+    "--folder", required=True, type=click.Path(file_okay=False, path_type=Path), help="Write index.html and report.md here."
+)
+def report_command(store: Path, folder: Path) -> None:
+    """Write the comparison of a campaign; a verification in the folder is shown with it."""
+    claims = folder / "evidence.json"
+    evidence = read_evidence(claims) if claims.is_file() else None
+    command = f"hhtbench report --store {_shown(store)} --folder {_shown(folder)}"
+    write_comparison(load_rows(store), folder, command, evidence)
+    click.echo(f"written: {folder / 'index.html'}")
 
 
 def _conclude(evidence: Evidence, json_file: Path | None) -> None:

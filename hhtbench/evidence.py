@@ -17,6 +17,8 @@ from typing import Any
 
 from tabulate import tabulate
 
+from hhtbench.errors import ProblemError
+
 SCHEMA = "hhtbench.evidence/1"
 LIBRARIES = ("hhtbench", "numpy", "scipy", "jax", "jaxlib", "equinox")
 
@@ -102,6 +104,26 @@ class Evidence:
     def write_json(self, path: str | Path) -> None:
         """Write :meth:`as_dict` to ``path``."""
         Path(path).write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_evidence(path: str | Path) -> Evidence:
+    """What :meth:`Evidence.write_json` wrote: claims and environment, without curves.
+
+    Raises
+    ------
+    ProblemError
+        The file cannot be read or holds no evidence of this schema.
+    """
+    try:
+        found = json.loads(Path(path).read_text(encoding="utf-8"))
+        if found["schema"] != SCHEMA:
+            raise ProblemError(f"{path} has the schema {found['schema']}; expected {SCHEMA}. Verify again.")
+        rows = tuple(Row(**row) for row in found["rows"])
+        return Evidence(title=found["title"], rows=rows, environment=found["environment"])
+    except OSError as error:
+        raise ProblemError(f"{path} cannot be read: {error.strerror}.") from error
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise ProblemError(f"{path} holds no evidence of the schema {SCHEMA}; verify again.") from error
 
 
 def environment() -> dict[str, str]:

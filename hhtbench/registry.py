@@ -14,7 +14,7 @@ from hhtbench.filespec import load_attribute
 from hhtbench.protocol import Problem, Solver
 from hhtbench.specs import Spec, parse_spec
 
-Verification = Callable[[Callable[[str], None] | None], Evidence]
+Verification = Callable[[Callable[[str], None] | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
 
 
 def list_problems() -> list[str]:

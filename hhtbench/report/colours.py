@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
 
+from hhtbench.analysis import SUBJECT, family
 from hhtbench.evidence import Plot
 
 # Okabe and Ito's palette without yellow (too pale on white): told apart with colour-blind eyes.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
 DASHES = ("solid", "dash", "dot", "dashdot")  # changes when the palette is used up
+
+# Solvers: a family has one colour, fixed for every report; its variants differ in shade, dash and mark.
+FAMILIES = {"hht": "#0072B2", "ida": "#D55E00", "cvode": "#CC79A7", "scipy": "#009E73", "diffrax": "#4D4D4D"}
+OTHER_FAMILIES = ("#56B4E9", "#B8860B", "#7A5195", "#8C564B")
+SHADES = (0.0, -0.4, 0.35)  # below 0 towards black, above 0 towards white
 
 GUIDE = "#767676"
 GRID = "#e4e4e4"
@@ -42,3 +50,52 @@ def marked_line(index: int) -> dict[str, dict[str, object]]:
     colour = PALETTE[index % len(PALETTE)]
     line = {"color": colour, "width": 2, "dash": DASHES[index // len(PALETTE) % len(DASHES)]}
     return {"line": line, "marker": {"color": colour, "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]}}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverStyle:
+    """How one solver looks on every plot of a report."""
+
+    colour: str
+    dash: str
+    symbol: str
+    width: float
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """As plotly wants it."""
+        return {"color": self.colour, "dash": self.dash, "width": self.width}
+
+
+def solver_order(entries: Iterable[str]) -> tuple[str, ...]:
+    """The one order of solvers: the known families first, then others by name."""
+    known = list(FAMILIES)
+
+    def place(entry: str) -> tuple[int, str, str]:
+        name = family(entry)
+        return (known.index(name) if name in known else len(known), name, entry)
+
+    return tuple(sorted(set(entries), key=place))
+
+
+def solver_styles(entries: Iterable[str]) -> dict[str, SolverStyle]:
+    """The look of every solver, in :func:`solver_order`; the first 12 variants of a family have different lines."""
+    ordered = solver_order(entries)
+    foreign = [name for name in dict.fromkeys(map(family, ordered)) if name not in FAMILIES]
+    colours = FAMILIES | {name: OTHER_FAMILIES[i % len(OTHER_FAMILIES)] for i, name in enumerate(foreign)}
+    styles: dict[str, SolverStyle] = {}
+    for entry in ordered:
+        index = sum(family(other) == family(entry) for other in styles)
+        styles[entry] = SolverStyle(
+            colour=_shaded(colours[family(entry)], SHADES[index % len(SHADES)]),
+            dash=DASHES[index % len(DASHES)],
+            symbol=SYMBOLS[index % len(SYMBOLS)],
+            width=3.0 if family(entry) == SUBJECT else 1.8,
+        )
+    return styles
+
+
+def _shaded(colour: str, shade: float) -> str:
+    parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    target = 255 if shade > 0 else 0
+    return "#" + "".join(f"{round(part + abs(shade) * (target - part)):02x}" for part in parts)

@@ -49,14 +49,15 @@ def _lay_out(result: go.Figure, plot: Plot, x_range: list[float], y_range: list[
         margin={"l": 84, "r": 20, "t": 30, "b": 74 + rows * LEGEND_ROW},
         font={"family": colours.FONT, "size": 14, "color": colours.TEXT},
         legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 0, "yref": "container", "yanchor": "bottom"},
-        xaxis=_axis(plot, plot.x_label, x_range),
-        yaxis=_axis(plot, plot.y_label, y_range) | {"automargin": True},
+        xaxis=axis(plot.x_label, x_range, plot.logarithmic),
+        yaxis=axis(plot.y_label, y_range, plot.logarithmic) | {"automargin": True},
         hovermode="closest",
     )
 
 
-def _axis(plot: Plot, label: str, limits: list[float]) -> dict[str, Any]:
-    axis: dict[str, Any] = {
+def axis(label: str, limits: list[float], logarithmic: bool) -> dict[str, Any]:
+    """Layout of one axis; ``limits`` are exponents of ten where it is logarithmic."""
+    layout: dict[str, Any] = {
         "title": {"text": label, "standoff": 12},
         "range": limits,
         "showline": True,
@@ -67,18 +68,18 @@ def _axis(plot: Plot, label: str, limits: list[float]) -> dict[str, Any]:
         "zeroline": False,
         "exponentformat": "power",
     }
-    if plot.logarithmic:
+    if logarithmic:
         decades = limits[1] - limits[0]
-        axis |= {"type": "log", "dtick": "D2" if decades < 1.5 else math.ceil(decades / 12)}
+        layout |= {"type": "log", "dtick": "D2" if decades < 1.5 else math.ceil(decades / 12)}
         if decades < 6:
-            axis["minor"] = {
+            layout["minor"] = {
                 "dtick": "D1",
                 "ticks": "outside",
                 "ticklen": 3,
                 "showgrid": True,
                 "gridcolor": colours.FINE_GRID,
             }
-    return axis
+    return layout
 
 
 def _usable(plot: Plot, values: tuple[float, ...]) -> np.ndarray:

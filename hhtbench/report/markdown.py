@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,18 +21,28 @@ network.
 
 def markdown(evidence: Evidence, command: str) -> str:
     """The page's text."""
-    parts = [f"# {_escape(evidence.title)}", f"**{_escape(verdict(evidence))}**", _escape(evidence.summary), CLAIMS.strip()]
+    made = ["## How it was made", f"```\n{command}\n```", f"Wall time: {duration(evidence.seconds)}."]
+    return "\n\n".join([*claims(evidence), *made, environment_table(evidence.environment)]) + "\n"
+
+
+def claims(evidence: Evidence) -> list[str]:
+    """Paragraphs with title, verdict and every row."""
+    parts = [f"# {escape_text(evidence.title)}", f"**{escape_text(verdict(evidence))}**"]
+    parts += [escape_text(evidence.summary), CLAIMS.strip()]
     plots = list(evidence.plots)
     for name, rows in groups(evidence.rows).items():
         own = [plot for plot in plots if group_of(plot.id) == name]
         plots = [plot for plot in plots if plot not in own]
-        parts += [f"## {_escape(name)}", _table(evidence, rows), *_links(own)]
+        parts += [f"## {escape_text(name)}", _table(evidence, rows), *_links(own)]
     if plots:
         parts += ["## Further curves", *_links(plots)]
-    parts += ["## How it was made", f"```\n{command}\n```", f"Wall time: {duration(evidence.seconds)}."]
-    environment = [(name, _escape(value)) for name, value in evidence.environment.items()]
-    parts.append(tabulate(environment, headers=["environment", ""], tablefmt="github", disable_numparse=True))
-    return "\n\n".join(parts) + "\n"
+    return parts
+
+
+def environment_table(environment: Mapping[str, Any]) -> str:
+    """Machine and versions."""
+    rows = [(name, escape_text(str(value))) for name, value in environment.items()]
+    return tabulate(rows, headers=["environment", ""], tablefmt="github", disable_numparse=True)
 
 
 def _table(evidence: Evidence, rows: Sequence[Row]) -> str:
@@ -42,15 +52,17 @@ def _table(evidence: Evidence, rows: Sequence[Row]) -> str:
 
 def _escaped(row: Row) -> dict[str, Any]:
     texts = {name: getattr(row, name) for name in ("id", "claim", "measured", "bound")}
-    return {name: _escape(text) for name, text in texts.items() if isinstance(text, str)}
+    return {name: escape_text(text) for name, text in texts.items() if isinstance(text, str)}
 
 
 def _links(plots: Sequence[Plot]) -> list[str]:
-    lines = [f"- [{_escape(plot.title)}](convergence.html#{anchor(plot.id)}): {_escape(plot.caption)}" for plot in plots]
+    lines = [
+        f"- [{escape_text(plot.title)}](convergence.html#{anchor(plot.id)}): {escape_text(plot.caption)}" for plot in plots
+    ]
     return ["\n".join(lines)] if lines else []
 
 
-def _escape(text: str) -> str:
+def escape_text(text: str) -> str:
     """Keep signs of formulas from acting as Markdown: ``|g|`` would end a table's cell."""
     for sign in "\\|*<":
         text = text.replace(sign, f"\\{sign}")

@@ -7,6 +7,7 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
+import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from hhtbench.evidence import Evidence, Plot
@@ -37,11 +38,14 @@ def page(evidence: Evidence, command: str) -> str:
 
 def _section(plot: Plot, styles: dict[str, int]) -> str:
     drawn = figure(plot, styles)
-    # "</" inside a string would end the script element
-    data = json.dumps(json.loads(drawn.to_json())).replace("</", "<\\/")
     return f"""\
 <section id="{anchor(plot.id)}">
 <h2>{escape(plot.title)}</h2>
-<div class="plot" style="height:{drawn.layout.height}px"><script type="application/json">{data}</script></div>
+<div class="plot" style="height:{drawn.layout.height}px"><script type="application/json">{embedded(drawn)}</script></div>
 <p class="caption">{escape(plot.caption)}</p>
 </section>"""
+
+
+def embedded(drawn: go.Figure) -> str:
+    """The figure as JSON within a script element, which "</" inside a string would end."""
+    return json.dumps(json.loads(drawn.to_json()), separators=(",", ":")).replace("</", "<\\/")

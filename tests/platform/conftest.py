@@ -12,7 +12,7 @@ from tests.platform.plugins_fixture import PROBLEM, SOLVER, forget, make_distrib
 PASSING = """\
     from hhtbench.evidence import Evidence, Row
 
-    def verify(progress=None):
+    def verify(progress=None, jobs=1):
         if progress is not None:
             progress("halfway")
         rows = (Row(id="1/q", claim="it stands", measured=0.0, bound="0", passed={passed}),)

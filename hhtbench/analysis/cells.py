@@ -1,0 +1,151 @@
+"""One row of the store as the analysis sees it: the few numbers that every table starts from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hhtbench.store.rows import RunRow
+
+SUBJECT = "hht"  # the family that the comparison is about
+TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
+LEVELS = ("position", "velocity", "acceleration", "energy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What the request asked of the accuracy; ``value`` falls as more is asked."""
+
+    kind: str  #: "rtol", "step" or "steps"
+    value: float  #: relative tolerance, step [s] or 1 / number of steps
+    text: str  #: as a reader would say it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One row of the store, reduced; every row gives one, failed or not."""
+
+    key: str
+    problem: str
+    entry: str  #: the solver's spec, with ", constant step" where the request prescribes steps
+    setting: Setting
+    status: str
+    message: str
+    success: bool
+    error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
+    limit: float  #: error below which the reference cannot judge; 0 for an exact solution
+    time: float | None  #: wall time of one solve [s]
+    alone: bool  #: the time was taken alone on a core, not beside other work
+    evaluations: float | None
+    position: float | None  #: largest drift at this level
+    velocity: float | None
+
+    def work(self, measure: str) -> float | None:
+        """``time`` [s] or ``evaluations``."""
+        return self.time if measure == "time" else self.evaluations
+
+
+def family(entry: str) -> str:
+    """The part of a solver's spec before its arguments."""
+    return entry.partition("(")[0].partition(",")[0]
+
+
+def number(mapping: Mapping[str, Any], *path: str) -> float | None:
+    """The number at ``path`` of nested mappings; None where it is absent, null or not finite."""
+    value: Any = mapping
+    for name in path:
+        if not isinstance(value, Mapping):
+            return None
+        value = value.get(name)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def setting_of(row: RunRow) -> Setting:
+    """The request's tolerance, step or number of steps."""
+    request = row.request
+    if request.get("rtol") is not None:
+        value = float(request["rtol"])
+        return Setting(kind="rtol", value=value, text=f"rtol {_short(value)}")
+    if request.get("step") is not None:
+        value = float(request["step"])
+        return Setting(kind="step", value=value, text=f"step {_short(value)} s")
+    steps = request.get("steps")
+    count = len(steps) if isinstance(steps, Sequence) else int(steps or 1)
+    return Setting(kind="steps", value=1.0 / count, text=f"{count} steps")
+
+
+def _short(value: float) -> str:
+    """``1e-03`` and ``2.5e-04``: all settings of one axis written alike."""
+    whole = f"{value:.0e}"
+    return whole if float(whole) == value else f"{value:.3g}"
+
+
+def entry_of(row: RunRow) -> str:
+    """The curve that the row belongs to."""
+    name = row.solver.replace("'", "").replace('"', "")
+    return name if setting_of(row).kind == "rtol" else f"{name}, constant step"
+
+
+def state_error(row: RunRow) -> float | None:
+    """Largest scaled error of q and v over the compared times; of the observables where neither was compared."""
+    found = [number(row.metrics, "errors", name, "max_scaled") for name in ("q", "v")]
+    known = [value for value in found if value is not None]
+    if not known:
+        observables = (row.metrics.get("errors") or {}).get("observables") or {}
+        entries = [number(observables, name, "max_scaled") for name in observables]
+        known = [value for value in entries if value is not None]
+    return max(known, default=None)
+
+
+def point(row: RunRow) -> Point:
+    """The row, reduced."""
+    alone = number(row.timing, "best_s")
+    digits = number(row.metrics, "errors", "digits")
+    return Point(
+        key=row.key,
+        problem=row.problem,
+        entry=entry_of(row),
+        setting=setting_of(row),
+        status=row.status,
+        message=row.message,
+        success=row.success,
+        error=state_error(row) if row.success else None,
+        limit=0.0 if digits is None else 10.0**-digits,
+        time=number(row.timing, "solve_s") if alone is None else alone,
+        alone=alone is not None,
+        evaluations=number(row.counters, "residual_evaluations"),
+        position=number(row.metrics, "drift", "position"),
+        velocity=number(row.metrics, "drift", "velocity"),
+    )
+
+
+def points(rows: Iterable[RunRow]) -> tuple[Point, ...]:
+    """One point a row, in their order."""
+    return tuple(point(row) for row in rows)
+
+
+def problems(rows: Iterable[RunRow]) -> tuple[str, ...]:
+    """Problems in order of first appearance."""
+    return tuple(dict.fromkeys(row.problem for row in rows))
+
+
+def by_entry(found: Iterable[Point]) -> dict[str, list[Point]]:
+    """Points of each entry, loosest setting first."""
+    groups: dict[str, list[Point]] = {}
+    for item in found:
+        groups.setdefault(item.entry, []).append(item)
+    return {name: sorted(group, key=lambda item: -item.setting.value) for name, group in groups.items()}
+
+
+def typical(runs: Sequence[Point]) -> Point:
+    """The run to set beside other solvers': nearest to ``TYPICAL_ERROR``, else the middle setting, else a failed one."""
+    good = [run for run in runs if run.success]
+    measured = [run for run in good if run.error]
+    if measured:
+        return min(measured, key=lambda run: abs(math.log10((run.error or 1.0) / TYPICAL_ERROR)))
+    chosen = good or list(runs)
+    return chosen[len(chosen) // 2]

@@ -1,0 +1,171 @@
+"""Who reaches a given error most cheaply, and what the extended HHT-alpha method pays against the best other solver."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family, points, problems
+from hhtbench.store.rows import RunRow
+
+TARGETS = (1e-2, 1e-3, 1e-4, 1e-5)  # achieved scaled errors
+MEASURES = ("time", "evaluations")
+LEVEL = 1.1  # factors below it are called level: repeated timings differ by as much
+DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What one solver pays for one error."""
+
+    entry: str
+    value: float  #: s or evaluations, interpolated in the logarithms between two runs
+    bound: bool  #: its cheapest run is more accurate than asked; ``value`` is that run's, an upper bound
+    run: Point  #: the run at the accurate end: its error is at most the target
+
+
+@dataclass(frozen=True, kw_only=True)
+class Front:
+    """Costs of all solvers for one error on one problem."""
+
+    problem: str
+    measure: str  #: "time" or "evaluations"
+    target: float
+    costs: tuple[Cost, ...]  #: cheapest first
+    missing: dict[str, str]  #: solver -> why it has no cost
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """The best entry of the subject against the best other solver."""
+
+    problem: str
+    measure: str
+    target: float
+    subject: Cost | None
+    rival: Cost | None
+    missing: dict[str, str]
+
+    @property
+    def factor(self) -> float | None:
+        """The rival's cost over the subject's: above 1 the subject wins."""
+        return None if self.subject is None or self.rival is None else self.rival.value / self.subject.value
+
+    @property
+    def outcome(self) -> str:
+        """ "wins", "loses", "level", "alone" (only the subject gets there), "absent" (it does not), "unknown"."""
+        if self.subject is None:
+            return "unknown" if self.rival is None else "absent"
+        if self.factor is None:
+            return "alone"
+        if 1 / LEVEL <= self.factor <= LEVEL:
+            return "level"
+        return "wins" if self.factor > 1 else "loses"
+
+    def drift_ratio(self, level: str) -> float | None:
+        """The rival's drift over the subject's at ``level``; None where either is unknown."""
+        if self.subject is None or self.rival is None:
+            return None
+        mine, other = getattr(self.subject.run, level), getattr(self.rival.run, level)
+        return None if mine is None or other is None else max(other, DRIFT_FLOOR) / max(mine, DRIFT_FLOOR)
+
+
+def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
+    """Runs that no other run beats in both error and work; cheapest (and least accurate) first."""
+    usable = [run for run in runs if run.error is not None and run.work(measure)]
+    best: list[Point] = []
+    for run in sorted(usable, key=lambda run: (run.work(measure), run.error)):
+        if not best or _error(run) < _error(best[-1]):
+            best.append(run)
+    return tuple(best)
+
+
+def cost_at(runs: Sequence[Point], target: float, measure: str) -> Cost | None:
+    """Work of one solver at the error ``target``; None where no run gets there."""
+    best = pareto(runs, measure)
+    reached = next((index for index, run in enumerate(best) if _error(run) <= target), None)
+    if reached is None:
+        return None
+    run = best[reached]
+    if reached == 0:
+        exact = _error(run) == target
+        return Cost(entry=run.entry, value=_work(run, measure), bound=not exact, run=run)
+    value = _between(best[reached - 1], run, target, measure)
+    return Cost(entry=run.entry, value=value, bound=False, run=run)
+
+
+def _between(coarse: Point, fine: Point, target: float, measure: str) -> float:
+    """Interpolated in the logarithms; an error of zero has none, so the finer run's work counts."""
+    if _error(fine) == 0:
+        return _work(fine, measure)
+    share = math.log(_error(coarse) / target) / math.log(_error(coarse) / _error(fine))
+    low, high = math.log(_work(coarse, measure)), math.log(_work(fine, measure))
+    return math.exp(low + share * (high - low))
+
+
+def fronts(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = TARGETS) -> tuple[Front, ...]:
+    """One front for each problem and target."""
+    found = points(rows)
+    result = []
+    for problem in dict.fromkeys(run.problem for run in found):
+        groups = by_entry(run for run in found if run.problem == problem)
+        limit = max((run.limit for group in groups.values() for run in group), default=0.0)
+        result += [_front(problem, measure, target, groups, limit) for target in targets]
+    return tuple(result)
+
+
+def _front(problem: str, measure: str, target: float, groups: dict[str, list[Point]], limit: float) -> Front:
+    costs: list[Cost] = []
+    missing: dict[str, str] = {}
+    for entry, runs in groups.items():
+        cost = cost_at(runs, target, measure) if target >= limit else None
+        if cost is not None:
+            costs.append(cost)
+        elif target < limit:
+            missing[entry] = f"the reference cannot judge errors below {limit:.0e}"
+        else:
+            missing[entry] = _why_missing(runs, measure)
+    ordered = tuple(sorted(costs, key=lambda cost: cost.value))
+    return Front(problem=problem, measure=measure, target=target, costs=ordered, missing=missing)
+
+
+def _why_missing(runs: Sequence[Point], measure: str) -> str:
+    failed = Counter(run.status for run in runs if not run.success)
+    outcome = ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
+    errors = [run.error for run in runs if run.error is not None]
+    if not errors:
+        return outcome or "no exact solution or reference to compare with"
+    if not any(run.work(measure) for run in runs):
+        return f"{measure} not reported"
+    return f"smallest error {min(errors):.2g}" + (f"; {outcome}" if outcome else "")
+
+
+def compare(rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = TARGETS) -> tuple[Comparison, ...]:
+    """For each problem, measure and target: the best of the family ``subject`` against the best of all others."""
+    result = []
+    for measure in MEASURES:
+        for front in fronts(rows, measure, targets):
+            own = [cost for cost in front.costs if family(cost.entry) == subject]
+            others = [cost for cost in front.costs if family(cost.entry) != subject]
+            result.append(
+                Comparison(
+                    problem=front.problem,
+                    measure=measure,
+                    target=front.target,
+                    subject=own[0] if own else None,
+                    rival=others[0] if others else None,
+                    missing=front.missing,
+                )
+            )
+    order = {problem: index for index, problem in enumerate(problems(rows))}
+    return tuple(sorted(result, key=lambda line: order[line.problem]))
+
+
+def _error(run: Point) -> float:
+    return math.inf if run.error is None else run.error
+
+
+def _work(run: Point, measure: str) -> float:
+    return run.work(measure) or math.nan

@@ -1,0 +1,121 @@
+"""Errors of one solution against what is known: the exact solution at its output times, else the reference's rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol import Problem
+from hhtbench.result import Solution
+
+COMPONENTS = ("q", "v", "lam", "mu")
+SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Rows of a solution beside the true values at the same times."""
+
+    against: str  #: "exact" or "reference"
+    digits: int | None  #: verified digits of the reference
+    at_end: bool  #: the last row lies at the end of the interval
+    t: Vector  #: (k,) compared times [s]
+    got: Mapping[str, Matrix]  #: component or observable -> (k, size)
+    true: Mapping[str, Matrix]  #: the same
+    scale: Mapping[str, Vector]  #: the same -> (size,)
+    observables: tuple[str, ...]
+
+    def scaled(self, name: str) -> Vector:
+        """Largest scaled error of a component or observable at every time, (k,)."""
+        return np.max(np.abs(self.got[name] - self.true[name]) / self.scale[name], axis=1)
+
+    def metrics(self) -> dict[str, Any]:
+        """``metrics["errors"]`` of a row."""
+        entries = {name: self._entry(name) for name in self.got}
+        return {
+            "against": self.against,
+            "digits": self.digits,
+            "points": int(self.t.size),
+            **{name: entry for name, entry in entries.items() if name not in self.observables},
+            "observables": {name.removeprefix("observable "): entries[name] for name in self.observables},
+        }
+
+    def series(self) -> dict[str, Any]:
+        """``series["errors"]`` of a row."""
+        names = [name for name in self.got if name not in self.observables]
+        return {"t": self.t, **{name: self.scaled(name) for name in names}}
+
+    def _entry(self, name: str) -> dict[str, Any]:
+        error, scaled = np.max(np.abs(self.got[name] - self.true[name]), axis=1), self.scaled(name)
+        return {
+            "end": error[-1] if self.at_end else None,
+            "end_scaled": scaled[-1] if self.at_end else None,
+            "max": error.max(),
+            "max_scaled": scaled.max(),
+        }
+
+
+def compare(problem: Problem, solution: Solution) -> Comparison | None:
+    """The comparison, or None where nothing is known at any time of ``solution``."""
+    rows, truth, against, digits = _matched(problem, solution)
+    if rows.size == 0:
+        return None
+    got: dict[str, Matrix] = {}
+    true: dict[str, Matrix] = {}
+    scale: dict[str, Vector] = {}
+    for name in COMPONENTS:
+        values, known = np.asarray(getattr(solution, name))[rows], truth.get(name)
+        if known is not None and known.shape == values.shape and known.shape[1]:
+            got[name], true[name] = values, known
+            scale[name] = np.broadcast_to(np.asarray(getattr(problem.scales, name), dtype=np.float64), known.shape[1:])
+    names = []
+    if all(name in truth for name in ("q", "v")):
+        for observable, function in problem.observables.items():
+            name = f"observable {observable}"
+            got[name] = _observed(function, solution.t[rows], solution.q[rows], solution.v[rows], solution.lam[rows])
+            lam = truth.get("lam", np.zeros((rows.size, 0)))
+            true[name] = _observed(function, solution.t[rows], truth["q"], truth["v"], lam)
+            size = np.max(np.abs(true[name]), axis=0)
+            scale[name] = np.where(size > 0, size, 1.0)
+            names.append(name)
+    at_end = abs(solution.t[rows[-1]] - problem.t_span[1]) <= SAME_TIME * _span(problem)
+    t = np.asarray(solution.t)[rows]
+    return Comparison(
+        against=against, digits=digits, at_end=at_end, t=t, got=got, true=true, scale=scale, observables=tuple(names)
+    )
+
+
+def _matched(problem: Problem, solution: Solution) -> tuple[Any, dict[str, Matrix], str, int | None]:
+    """Rows of the solution where something is known, the values there, their kind and digits."""
+    times = np.asarray(solution.t)
+    if problem.exact is not None:
+        motions = [problem.exact(float(t)) for t in times]
+        truth = {
+            name: np.array([np.asarray(getattr(motion, name), dtype=np.float64) for motion in motions])
+            for name in COMPONENTS
+            if motions
+        }
+        return np.arange(times.size), truth, "exact", None
+    if problem.reference is None or times.size == 0:
+        return np.arange(0), {}, "", None
+    rows, known = [], []
+    for j, t in enumerate(np.asarray(problem.reference["t"], dtype=np.float64)):
+        nearest = int(np.argmin(np.abs(times - t)))
+        if abs(times[nearest] - t) <= SAME_TIME * _span(problem):
+            rows.append(nearest)
+            known.append(j)
+    found = {k: np.asarray(problem.reference[k], dtype=np.float64)[known] for k in COMPONENTS if k in problem.reference}
+    return np.array(rows, dtype=int), found, "reference", problem.reference.get("digits")
+
+
+def _observed(function: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix) -> Matrix:
+    rows = [np.atleast_1d(np.asarray(function(float(t[i]), q[i], v[i], lam[i]), dtype=float)) for i in range(t.size)]
+    return np.array([row.ravel() for row in rows])
+
+
+def _span(problem: Problem) -> float:
+    return abs(problem.t_span[1] - problem.t_span[0]) or 1.0

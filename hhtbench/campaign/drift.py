@@ -1,0 +1,194 @@
+"""How far a solution leaves what it should keep: the three levels of the constraints, energy, invariants.
+
+Many states at once: a state at a time would cost as much as the solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering import compile_function, derive
+from hhtbench.protocol import Problem, declared
+from hhtbench.result import Solution
+
+CHUNK = 256  # states per call: one compiled shape for all lengths
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """Drift at every state, over its scale; None for what does not exist."""
+
+    sampled: str  #: "steps" or "rows"
+    t: Vector  #: (k,) [s]
+    h: Vector | None  #: (k - 1,) lengths of the internal steps [s]
+    position: Vector | None  #: (k,)
+    velocity: Vector | None  #: (k,)
+    absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, as they are
+    energy: Vector | None  #: (k,)
+    invariants: dict[str, Vector]  #: name -> (k,)
+    row_t: Vector  #: (r,) output times [s]
+    acceleration: Vector | None  #: (r,)
+
+    def metrics(self) -> dict[str, Any]:
+        """``metrics["drift"]`` of a row."""
+        names = ("position", "velocity", "acceleration", "energy")
+        largest = {name: None if getattr(self, name) is None else np.max(getattr(self, name)) for name in names}
+        invariants = {name: np.max(values) for name, values in self.invariants.items()}
+        return {**largest, **self.absolute, "invariants": invariants, "sampled": self.sampled, "points": int(self.t.size)}
+
+
+def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Drift | None:
+    """Drift over all internal steps, else over the output rows; None without rows.
+
+    The steps are those that ``solution`` keeps, or the rows of ``at_steps``, the same solve with output at every step.
+    """
+    sampled, t, q, v = _states(solution, at_steps)
+    if t.size == 0:
+        return None
+    dynamics = derive(problem.system, float(t[0]), q[0], v[0])
+    s = dynamics.structure
+    names = _invariant_names(problem, float(t[0]), q[0], v[0])
+    s_q, s_v = (np.broadcast_to(np.asarray(x, dtype=np.float64), (s.n,)) for x in (problem.scales.q, problem.scales.v))
+    energetic = declared(problem.system, "energy") is not None
+    values = _in_chunks(state_terms, dynamics, (names, energetic), (t, q, v), (s_q, s_v))
+    levels, bare, energies, kept = np.split(values, [2, 4, 6], axis=1)
+    return Drift(
+        sampled=sampled,
+        t=t,
+        h=np.abs(np.diff(t)) if sampled == "steps" else None,
+        position=levels[:, 0] if s.m else None,
+        velocity=levels[:, 1] if s.constrained else None,
+        absolute={
+            "position_absolute": float(np.max(bare[:, 0])) if s.m else None,
+            "velocity_absolute": float(np.max(bare[:, 1])) if s.constrained else None,
+        },
+        energy=_energy_drift(energies) if energetic else None,
+        invariants={name: _change(kept[:, i]) for i, name in enumerate(names)},
+        row_t=np.asarray(solution.t),
+        acceleration=_acceleration(dynamics, solution) if s.constrained else None,
+    )
+
+
+def state_terms(dynamics: Any, names: Any, energetic: bool, t: Any, q: Any, v: Any, s_q: Any, s_v: Any) -> Any:
+    """Largest position and velocity drift, scaled and bare, energy, kinetic energy and the invariants, in one vector."""
+    s, xp = dynamics.structure, dynamics.xp
+    nothing = xp.zeros(1)
+    position, velocity, bare_position, bare_velocity = [nothing], [nothing], [nothing], [nothing]
+    if s.m:
+        jacobian, g = dynamics.constraint_jacobian(t, q), dynamics.constraint(t, q)
+        g_t = dynamics.constraint_time_derivative(t, q) if s.rheonomic else xp.zeros(s.m)
+        position.append(_relative(xp, g, xp.abs(jacobian) @ s_q))
+        velocity.append(_relative(xp, g_t + jacobian @ v, xp.abs(jacobian) @ s_v + xp.abs(g_t)))
+        bare_position.append(xp.abs(g))
+        bare_velocity.append(xp.abs(g_t + jacobian @ v))
+    if s.p:
+        k, size = dynamics.velocity_constraint(t, q, v), xp.abs(dynamics.velocity_constraint_jacobian(t, q, v)) @ s_v
+        velocity.append(_relative(xp, k, size))
+        bare_velocity.append(xp.abs(k))
+    levels = [xp.max(xp.concatenate(level)) for level in (position, velocity, bare_position, bare_velocity)]
+    energy = [dynamics.system.energy(t, q, v), v @ dynamics.mass(t, q) @ v / 2] if energetic else [0.0, 0.0]
+    found = dynamics.system.invariants(t, q, v) if names else {}
+    return xp.stack([xp.asarray(value, dtype=float) for value in [*levels, *energy, *(found[name] for name in names)]])
+
+
+def row_terms(dynamics: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
+    """The constraints' last derivative with the accelerations of the given multipliers, over the size of its terms."""
+    s, xp = dynamics.structure, dynamics.xp
+    right = dynamics.force(t, q, v)
+    if s.m:
+        right = right + dynamics.reaction(t, q, lam)
+    if s.p:
+        right = right + dynamics.velocity_reaction(t, q, v, mu)
+    vdot = xp.linalg.solve(dynamics.mass(t, q), right)
+    parts = []
+    if s.m:
+        parts.append((dynamics.constraint_jacobian(t, q), dynamics.constraint_acceleration(t, q, v)))
+    if s.p:
+        parts.append((dynamics.velocity_constraint_jacobian(t, q, v), dynamics.velocity_constraint_acceleration(t, q, v)))
+    scaled = [_relative(xp, c @ vdot + rest, xp.abs(c) @ xp.abs(vdot) + xp.abs(rest)) for c, rest in parts]
+    return xp.max(xp.concatenate(scaled))[None]
+
+
+def all_states(dynamics: Any, terms: Any, static: Any, count: int, *arguments: Any) -> Any:
+    """``terms`` at every state: the first ``count`` arguments hold one row per state, the others are shared."""
+    varying, shared = arguments[:count], arguments[count:]
+
+    def one(*state: Any) -> Any:
+        return terms(dynamics, *static, *state, *shared)
+
+    if dynamics.xp is jnp:
+        return jax.vmap(one)(*varying)
+    return np.array([one(float(row[0]), *row[1:]) for row in zip(*varying, strict=True)])
+
+
+def _in_chunks(terms: Any, dynamics: Any, static: Any, varying: tuple[Any, ...], shared: tuple[Any, ...] = ()) -> Matrix:
+    call = compile_function(all_states, dynamics, terms, static, len(varying))
+    count, found = varying[0].shape[0], []
+    for start in range(0, count, CHUNK):
+        rows = np.minimum(np.arange(start, start + CHUNK), count - 1)  # the last chunk is filled up with the last state
+        if dynamics.xp is np:
+            rows = rows[: count - start]
+        found.append(call(*(values[rows] for values in varying), *shared)[: count - start])
+    return np.concatenate(found, axis=0)
+
+
+def keeps_steps(solution: Solution) -> bool:
+    """Whether the solution tells its internal steps: ``interpolant.t`` (k,) are their ends."""
+    return solution.interpolant is not None and np.size(getattr(solution.interpolant, "t", ())) > 0
+
+
+def _states(solution: Solution, at_steps: Solution | None) -> tuple[str, Vector, Matrix, Matrix]:
+    """Where the drift is measured, and t, q, v there, up to the first value that is not finite."""
+    if keeps_steps(solution):
+        t = np.asarray(solution.interpolant.t, dtype=np.float64)  # type: ignore[union-attr]
+        rows = solution(t)
+        sampled, q, v = "steps", rows.q, rows.v
+    elif at_steps is not None:
+        sampled, t, q, v = "steps", at_steps.t, at_steps.q, at_steps.v
+    else:
+        sampled, t, q, v = "rows", solution.t, solution.q, solution.v
+    if np.size(t) == 0:
+        return sampled, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    t, q, v = (np.asarray(x, dtype=np.float64) for x in (t, q, v))
+    finite = np.isfinite(t) & np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    kept = t.size if finite.all() else int(np.argmin(finite))
+    return sampled, t[:kept], q[:kept], v[:kept]
+
+
+def _acceleration(dynamics: Any, solution: Solution) -> Vector | None:
+    """Per output row, or None where accelerations do not follow from the multipliers (a singular mass, none returned)."""
+    s = dynamics.structure
+    if solution.lam.shape != (solution.t.size, s.m) or solution.mu.shape != (solution.t.size, s.p) or not solution.t.size:
+        return None
+    rows = tuple(np.asarray(getattr(solution, name), dtype=np.float64) for name in ("t", "q", "v", "lam", "mu"))
+    try:
+        values = _in_chunks(row_terms, dynamics, (), rows)[:, 0]
+    except np.linalg.LinAlgError:
+        return None
+    return values if np.isfinite(values).all() else None
+
+
+def _energy_drift(energies: Matrix) -> Vector:
+    """Change of column 0 since the start over the larger of its first value and the largest kinetic energy."""
+    scale = max(abs(energies[0, 0]), np.max(energies[:, 1]))
+    return np.abs(energies[:, 0] - energies[0, 0]) / (scale if scale > 0 else 1.0)
+
+
+def _change(values: Vector) -> Vector:
+    return np.abs(values - values[0]) / (abs(values[0]) if values[0] != 0 else 1.0)
+
+
+def _invariant_names(problem: Problem, t: float, q: Vector, v: Vector) -> tuple[str, ...]:
+    function = declared(problem.system, "invariants")
+    return () if function is None else tuple(sorted(function(t, q, v)))
+
+
+def _relative(xp: Any, value: Any, size: Any) -> Any:
+    """|value| / size; a row without size counts as itself."""
+    return xp.abs(value) / xp.where(size > 0, size, 1.0)

@@ -1,0 +1,105 @@
+"""One solution to the numbers and curves of a row; the keys are those of :class:`~hhtbench.store.rows.RunRow`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.campaign.accuracy import Comparison, compare
+from hhtbench.campaign.drift import Drift, measure_drift
+from hhtbench.protocol import Problem
+from hhtbench.result import Counters, Solution
+
+MOST_POINTS = 200  # of a curve: what a plot can show
+MOST_COMPONENTS = 12  # of the multipliers' curves
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """Metrics and series of one solution as plain JSON, and what could not be measured."""
+
+    metrics: dict[str, Any]
+    series: dict[str, Any]
+    note: str  #: "" where all went well
+
+
+def measure(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Measured:
+    """Everything a row holds about the trajectory; drift from ``at_steps``, the same solve with output at every step.
+
+    A function of the problem that raises costs its own part only.
+    """
+    count = int(np.size(solution.t))
+    if count == 0:
+        return Measured(metrics={"t_end": None, "reached": 0.0, "rows": 0}, series={}, note="")
+    t0, t1 = problem.t_span
+    last = float(solution.t[-1])
+    metrics: dict[str, Any] = {"t_end": last, "reached": (last - t0) / (t1 - t0) if t1 != t0 else 1.0, "rows": count}
+    series: dict[str, Any] = {"multipliers": _multipliers(solution)}
+    notes = []
+    for part in (_add_errors, _add_drift):
+        try:
+            part(problem, solution, at_steps, metrics, series)
+        except Exception as error:  # noqa: BLE001 - a user's function: the solve itself stands
+            notes.append(f"{part.__name__.removeprefix('_add_')} not measured: {type(error).__name__}: {error}")
+    return Measured(metrics=plain(metrics), series=plain(series), note="; ".join(notes))
+
+
+def counters_of(counters: Counters) -> dict[str, Any]:
+    """``counters`` of a row."""
+    return plain({field.name: getattr(counters, field.name) for field in fields(counters)})
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON: arrays as lists, a number that is not finite as null."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _add_errors(
+    problem: Problem, solution: Solution, _: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
+) -> None:
+    found: Comparison | None = compare(problem, solution)
+    if found is not None:
+        metrics["errors"], series["errors"] = found.metrics(), found.series()
+
+
+def _add_drift(
+    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
+) -> None:
+    found: Drift | None = measure_drift(problem, solution, at_steps)
+    if found is None:
+        return
+    metrics["drift"] = found.metrics()
+    curves = {name: getattr(found, name) for name in ("position", "velocity", "energy")}
+    series["drift"] = spans(found.t, {name: values for name, values in curves.items() if values is not None})
+    series["drift"]["invariants"] = {k: v for k, v in spans(found.t, found.invariants).items() if k != "t"}
+    if found.acceleration is not None:
+        series["acceleration"] = spans(found.row_t, {"value": found.acceleration})
+    if found.h is not None and found.h.size:
+        series["steps"] = spans(found.t[1:], {"h": found.h}, np.minimum)
+
+
+def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dict[str, Any]:
+    """At most ``MOST_POINTS`` times, ends of spans of equally many states, with each curve's largest value in the span."""
+    count = t.size
+    starts = np.arange(min(count, MOST_POINTS)) * count // min(count, MOST_POINTS)
+    ends = np.append(starts[1:], count) - 1
+    return {"t": t[ends], **{name: choose.reduceat(values, starts) for name, values in curves.items()}}
+
+
+def _multipliers(solution: Solution) -> dict[str, Any]:
+    count = solution.t.size
+    rows = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
+    return {
+        "t": solution.t[rows],
+        **{name: np.asarray(getattr(solution, name))[rows, :MOST_COMPONENTS] for name in ("lam", "mu")},
+    }

@@ -1,0 +1,194 @@
+"""One cell in a worker: decline, warm up, solve, judge, measure; and the timed repeats."""
+
+from __future__ import annotations
+
+import gc
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.campaign.drift import keeps_steps
+from hhtbench.campaign.metrics import counters_of, measure
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem, Solver
+from hhtbench.request import Request, check_output_times
+from hhtbench.result import Counters, Solution, Status
+
+ENOUGH = 0.5  # s of timed solves after which no repeat is begun: long solves vary little
+WARM_UP = "the warm-up"  #: name of the phase that compiles
+SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end
+
+Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Status and solution of one solve, or why there is none."""
+
+    status: Status
+    message: str
+    solution: Solution | None
+    seconds: float  #: wall time [s]
+
+
+def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
+    """The Request of a cell: output at equal distances and at the times of the reference."""
+    t0, t1 = problem.t_span
+    times = np.linspace(t0, t1, asked["outputs"])
+    if problem.reference is not None:
+        known = np.asarray(problem.reference["t"], dtype=np.float64)
+        times = np.union1d(times, known[(known >= min(t0, t1)) & (known <= max(t0, t1))])
+    times = times[::-1] if t1 < t0 and times[0] < times[-1] else times
+    check_output_times(times, t0, t1)
+    values = {name: asked[name] for name in ("rtol", "atol", "step", "steps", "max_seconds")}
+    return Request(t_eval=times, **values)
+
+
+def run_cell(
+    problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase
+) -> dict[str, Any]:
+    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair."""
+    phase(WARM_UP)
+    request = request_of(problem, asked)
+    reason = solver.accepts(problem, request)
+    if reason is not None:
+        return {"status": Status.declined.label, "message": reason}
+    if "s" not in warm:
+        warm["s"] = _warm_up(problem, solver, request)
+    phase("the solve")
+    outcome = attempt(problem, solver, request)
+    row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
+    if outcome.solution is None:
+        return row
+    counters = outcome.solution.counters
+    if asked["counting"] and outcome.solution.success:
+        counters = _counted(problem, solver, request, counters, phase)
+    at_steps = _at_steps(problem, solver, request, outcome.solution, phase)
+    phase("the measurement")
+    measured = measure(problem, outcome.solution, at_steps)
+    timing = {"compile_s": warm["s"], "solve_s": outcome.seconds, "best_s": None, "median_s": None, "repeats": None}
+    return {
+        **row,
+        "message": f"{row['message']} {measured.note}".strip(),
+        "metrics": measured.metrics,
+        "series": measured.series,
+        "counters": counters_of(counters),
+        "timing": timing,
+    }
+
+
+def time_cell(
+    problem: Problem, solver: Solver, asked: Mapping[str, Any], repeats: int, warm: bool, phase: Phase
+) -> dict[str, Any]:
+    """``best_s``, ``median_s`` and ``repeats`` of up to ``repeats`` solves; ``note`` where one of them failed."""
+    request = request_of(problem, asked)
+    if not warm:
+        phase(WARM_UP)
+        _warm_up(problem, solver, request)
+    taken: list[float] = []
+    while len(taken) < repeats and sum(taken) < ENOUGH:
+        phase("a timed solve")
+        outcome = attempt(problem, solver, request)
+        if outcome.status not in (Status.success, Status.event):
+            return {"repeats": 0, "note": f"a timed solve ended with {outcome.status.label}: {outcome.message}"}
+        taken.append(outcome.seconds)
+    return {"best_s": min(taken), "median_s": statistics.median(taken), "repeats": len(taken)}
+
+
+def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
+    """One solve; whatever is raised becomes a status, with the partial solution where there is one."""
+    gc.collect()
+    gc.disable()
+    started = time.perf_counter()
+    try:
+        solution = solver.solve(problem, request)
+        seconds = time.perf_counter() - started
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this cell only
+        seconds = time.perf_counter() - started
+        partial = getattr(error, "partial_solution", None)
+        kept = partial if isinstance(partial, Solution) else None
+        return Outcome(status_of(error), text_of(error), kept, seconds)
+    finally:
+        gc.enable()
+    fault = _fault(problem, request, solution)
+    if fault:
+        kept = solution if isinstance(solution, Solution) else None
+        return Outcome(Status.unreliable, fault, kept, seconds)
+    return Outcome(solution.status, solution.message, solution, seconds)
+
+
+def _counted(problem: Problem, solver: Solver, request: Request, counters: Counters, phase: Phase) -> Counters:
+    """From the solver's own counting run, untimed, where it has one because it cannot count in a compiled solve."""
+    count = getattr(solver, "count", None)
+    if not callable(count):
+        return counters
+    phase(WARM_UP)  # it compiles too
+    with suppress(Exception):  # the solve stands, and so does what was counted in it
+        found = count(problem, replace(request, max_seconds=None))
+        return found if isinstance(found, Counters) else counters
+    return counters
+
+
+def _at_steps(problem: Problem, solver: Solver, request: Request, solution: Solution, phase: Phase) -> Solution | None:
+    """The solve once more with output at every step, untimed, where a success does not keep its steps."""
+    if keeps_steps(solution) or not solution.success:
+        return None
+    phase("the solve with output at every step")
+    again = attempt(problem, solver, replace(request, t_eval=None)).solution
+    return again if again is not None and again.success else None
+
+
+def status_of(error: BaseException) -> Status:
+    """The status of an exception; XLA reports a failed allocation under a name of its own."""
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+        return Status.out_of_memory
+    return Status.declined if isinstance(error, ProblemError) else Status.user_exception
+
+
+def text_of(error: BaseException) -> str:
+    """Type, text and the line that raised."""
+    frame, place = error.__traceback__, ""
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    if frame is not None:
+        place = f" (raised in {frame.tb_frame.f_code.co_filename.rpartition('/')[2]}, line {frame.tb_lineno})"
+    return f"{type(error).__name__}: {error}{place}"
+
+
+def _warm_up(problem: Problem, solver: Solver, request: Request) -> float:
+    """Compile what the solve compiles, by the solver's own ``warm_up`` or by one solve; what fails will fail again."""
+    started = time.perf_counter()
+    warm_up = getattr(solver, "warm_up", None)
+    if callable(warm_up):
+        with suppress(Exception):  # the solve that follows says it
+            warm_up(problem, request)
+    else:
+        attempt(problem, solver, request)
+    seconds = time.perf_counter() - started
+    gc.collect()
+    gc.freeze()  # JAX's objects: every later collection would walk through them, 0.15 s each time
+    return seconds
+
+
+def _fault(problem: Problem, request: Request, solution: Any) -> str:
+    """Why the result of a solver cannot be believed, or ""."""
+    if not isinstance(solution, Solution):
+        return f"the solver returned {type(solution).__name__} instead of a Solution."
+    if not solution.success:
+        return ""
+    count, n = np.size(solution.t), problem.q0.size
+    if np.shape(solution.q) != (count, n) or np.shape(solution.v) != (count, n):
+        return f"success reported, but q has shape {np.shape(solution.q)} and v {np.shape(solution.v)} for {count} times."
+    broken = [name for name in ("t", "q", "v", "lam", "mu") if not np.isfinite(getattr(solution, name)).all()]
+    if broken:
+        return f"success reported, but {', '.join(broken)} hold values that are not finite."
+    t0, t1 = problem.t_span
+    if solution.status is Status.success and (count == 0 or abs(solution.t[-1] - t1) > SAME_TIME * abs(t1 - t0)):
+        last = f"the last time is {solution.t[-1]:.17g}" if count else "there are no rows"
+        return f"success reported, but {last} and the interval ends at {t1:.17g}."
+    return ""

@@ -1,0 +1,179 @@
+"""Which files and libraries a result rests on: found by reading imports, without importing anything."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from pathlib import Path
+
+from hhtbench import plugins
+from hhtbench.specs import Spec
+
+NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
+ALWAYS = ("numpy", "scipy", "jax", "jaxlib", "equinox")
+NOT_DATA = {".py", ".pyc", ".md"}
+
+
+@dataclass(frozen=True)
+class _Module:
+    """One Python file, by the name an import statement gives it."""
+
+    name: str
+    file: Path
+    root: Path | None  #: folder whose files it may import by bare names (a user's file); None: an installed module
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What one file's text says."""
+
+    digest: str
+    imports: tuple[str, ...]  #: dotted names; for ``from a import b`` both ``a`` and ``a.b``
+    words: frozenset[str]  #: its string constants
+
+
+class SourceReader:
+    """Reads every file once; make one for each plan."""
+
+    def __init__(self) -> None:
+        self._read: dict[Path, _Read] = {}
+        self._modules: dict[str, _Module | None] = {}
+
+    def behind(self, problem: Spec, solver: Spec) -> dict[str, str]:
+        """Content hash of every file and version of every library behind a run of ``solver`` on ``problem``."""
+        found: dict[str, str] = {}
+        starts = [self._start("problem", problem), self._start("solver", solver), *map(self._module, NUMERICS)]
+        for start in starts:
+            if start is not None:
+                self._follow(start, found)
+        libraries = {*ALWAYS, *(name.removeprefix("library ") for name in found if name.startswith("library "))}
+        found.update({f"library {name}": _version_of(name) for name in libraries})
+        return {**found, "python": ".".join(platform.python_version_tuple()[:2])}
+
+    def _follow(self, start: _Module, found: dict[str, str]) -> None:
+        """Add ``start`` and all it imports of its own package and of hhtbench, directly or not."""
+        own = {start.name.partition(".")[0], "hhtbench"}
+        for name, digest in self._data(start):
+            found[name] = digest
+        waiting = [start]
+        while waiting:
+            module = waiting.pop()
+            if module.name in found:
+                continue
+            read = self._reading(module)
+            found[module.name] = read.digest
+            for name in read.imports:
+                top = name.partition(".")[0]
+                inner = _neighbour(module.root, name) or (self._module(name) if top in own else None)
+                if inner is not None:
+                    waiting.append(inner)
+                elif top not in own and _is_library(top):
+                    found[f"library {top}"] = ""
+
+    def _start(self, kind: str, spec: Spec) -> _Module | None:
+        if spec.path is None:
+            return self._module(plugins.find(kind, spec.name).module)
+        file = Path(spec.path).expanduser()
+        return _Module(spec.path, file, file.parent) if file.is_file() else None
+
+    def _module(self, name: str) -> _Module | None:
+        if name not in self._modules:
+            self._modules[name] = _find(name)
+        return self._modules[name]
+
+    def _reading(self, module: _Module) -> _Read:
+        if module.file not in self._read:
+            text = module.file.read_bytes()
+            digest = hashlib.sha256(text).hexdigest()
+            try:
+                tree = ast.parse(text)
+            except (SyntaxError, ValueError):
+                self._read[module.file] = _Read(digest, (), frozenset())
+            else:
+                package = module.name if module.file.name == "__init__.py" else module.name.rpartition(".")[0]
+                words = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+                self._read[module.file] = _Read(digest, tuple(_imports(tree, package)), frozenset(words))
+        return self._read[module.file]
+
+    def _data(self, module: _Module) -> Iterator[tuple[str, str]]:
+        """Data files in the module's folder whose name, with or without ending, the module mentions."""
+        words = self._reading(module).words
+        folders = [module.file.parent, *(f for f in module.file.parent.iterdir() if f.is_dir())]
+        for folder in folders:
+            for file in sorted(folder.iterdir()):
+                if file.suffix not in NOT_DATA and (file.name in words or file.stem in words) and file.is_file():
+                    name = file.relative_to(module.file.parent).as_posix()
+                    yield f"{module.name}: {name}", hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _find(name: str) -> _Module | None:
+    """The file of a dotted name; None for one that is no file, and for ``hhtbench`` itself, which only re-exports."""
+    top, *rest = name.split(".")
+    if name == "hhtbench":
+        return None
+    for base in _folders(top):
+        place = base.joinpath(*rest)
+        for file in (place.with_name(f"{place.name}.py"), place / "__init__.py", *(() if rest else (base,))):
+            if file.is_file():
+                return _Module(name, file, None)
+    return None
+
+
+def _folders(top: str) -> tuple[Path, ...]:
+    """Where a top-level package or module lies, without importing it."""
+    spec = importlib.util.find_spec(top)
+    if spec is None:
+        return ()
+    if spec.submodule_search_locations is not None:
+        return tuple(map(Path, spec.submodule_search_locations))
+    return (Path(spec.origin),) if spec.origin else ()
+
+
+def _neighbour(root: Path | None, name: str) -> _Module | None:
+    """A file beside a user's file, imported by its bare name."""
+    if root is None:
+        return None
+    place = root.joinpath(*name.split("."))
+    for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
+        if file.is_file():
+            return _Module(name, file, root)
+    return None
+
+
+def _imports(tree: ast.AST, package: str) -> Iterator[str]:
+    """Names imported anywhere in ``tree`` except for type checking."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            name = ".".join([*base, *([node.module] if node.module else [])])
+            yield name
+            yield from (f"{name}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            yield from (name for rest in node.orelse for name in _imports(rest, package))
+        else:
+            yield from _imports(node, package)
+
+
+@cache
+def _owners() -> dict[str, list[str]]:
+    return dict(packages_distributions())
+
+
+def _is_library(top: str) -> bool:
+    return top in _owners()
+
+
+@cache
+def _version_of(top: str) -> str:
+    try:
+        return ", ".join(sorted({f"{name} {version(name)}" for name in _owners().get(top, [top])}))
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,82 @@
+"""The worker process: receives one task at a time over a pipe and answers with JSON."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import json
+import os
+import signal
+import sys
+from multiprocessing.connection import Connection
+from typing import Any
+
+from hhtbench.campaign.run import run_cell, status_of, text_of, time_cell
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem, Solver
+from hhtbench.registry import load_problem, load_solver
+from hhtbench.result import Status
+
+SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+
+
+def serve(descriptor: int, parent: int) -> None:
+    """Answer tasks until the pipe closes; ``parent`` is the process that must be alive."""
+    _end_with(parent)
+    faulthandler.enable(all_threads=False)  # a crash names its line on stderr
+    os.set_inheritable(descriptor, False)
+    connection = Connection(descriptor)
+    bench = _Bench(connection)
+    connection.send_bytes(json.dumps({"ready": True}).encode())
+    while True:
+        try:
+            task = json.loads(connection.recv_bytes())
+        except (EOFError, OSError):
+            return
+        connection.send_bytes(json.dumps({"result": bench.do(task)}, allow_nan=False).encode())
+
+
+class _Bench:
+    """Problems, solvers and compiled code that stay between the tasks of one worker."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._problems: dict[str, Problem] = {}
+        self._solvers: dict[str, Solver] = {}
+        self._warm: dict[tuple[str, str], dict[str, float]] = {}
+
+    def do(self, task: dict[str, Any]) -> dict[str, Any]:
+        """One task; never raises what a plugin or a user's function raised."""
+        try:
+            return self._do(task)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - it costs this task only
+            if task["repeats"]:
+                return {"repeats": 0, "note": text_of(error)}
+            return {"status": status_of(error).label, "message": text_of(error)}
+
+    def _do(self, task: dict[str, Any]) -> dict[str, Any]:
+        self._phase("loading")
+        names = task["problem"], task["solver"]
+        try:
+            if names[0] not in self._problems:
+                self._problems[names[0]] = load_problem(names[0])
+            if names[1] not in self._solvers:
+                self._solvers[names[1]] = load_solver(names[1])
+        except (ProblemError, TypeError) as error:
+            return {"status": Status.declined.label, "message": f"it cannot be loaded: {error}"}
+        problem, solver = self._problems[names[0]], self._solvers[names[1]]
+        warm = self._warm.setdefault(names, {})
+        if task["repeats"]:
+            return time_cell(problem, solver, task["request"], task["repeats"], "s" in warm, self._phase)
+        return run_cell(problem, solver, task["request"], warm, self._phase)
+
+    def _phase(self, name: str) -> None:
+        self._connection.send_bytes(json.dumps({"phase": name}).encode())
+
+
+def _end_with(parent: int) -> None:
+    """Die with the parent, even while hanging in C; where the system has no such signal the closed pipe has to do."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit(1)

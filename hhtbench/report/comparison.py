@@ -1,0 +1,184 @@
+"""The comparison of a campaign: ``index.html`` and ``report.md``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from plotly.offline import get_plotlyjs
+from tabulate import tabulate
+
+from hhtbench import analysis
+from hhtbench.errors import ProblemError
+from hhtbench.evidence import Evidence
+from hhtbench.report import colours, tables
+from hhtbench.report.chart import HEIGHT, Chart, draw
+from hhtbench.report.charts import problem_charts
+from hhtbench.report.colours import SolverStyle
+from hhtbench.report.legend import legend
+from hhtbench.report.markdown import claims, environment_table, escape_text
+from hhtbench.report.page import embedded
+from hhtbench.report.summary import problem_summary, summary
+from hhtbench.report.tables import Table
+from hhtbench.report.wording import anchor, verdict
+from hhtbench.store.rows import RunRow
+
+TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
+LONG = 44  # characters; a longer cell may wrap
+CURVES = "convergence.html"  # written by `verify`, linked where it is there
+
+
+def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidence: Evidence | None = None) -> None:
+    """Write ``index.html`` and ``report.md`` into ``folder``, which is made when it is missing.
+
+    Parameters
+    ----------
+    rows
+        The campaign's rows, failed ones included.
+    folder
+        Where the files go; files of an earlier report are replaced.
+    command
+        The command that made the report, printed so that a reader can repeat it.
+    evidence
+        A verification that ``report.md`` ends with and whose verdict ``index.html`` shows.
+
+    Raises
+    ------
+    ProblemError
+        The folder cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        curves = (folder / CURVES).is_file()
+        (folder / "index.html").write_text(comparison_page(rows, command, evidence, curves), encoding="utf-8")
+        (folder / "report.md").write_text(comparison_markdown(rows, command, evidence), encoding="utf-8")
+    except OSError as error:
+        raise ProblemError(f"the report cannot be written to {folder}: {error.strerror}.") from error
+
+
+def comparison_page(rows: Sequence[RunRow], command: str, evidence: Evidence | None, curves: bool) -> str:
+    """The text of ``index.html``."""
+    styles = colours.solver_styles(analysis.entries(rows))
+    names = analysis.problems(rows)
+    links = [f'<a href="#{anchor(name)}">{escape(name)}</a>' for name in names]
+    links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
+    texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
+    return Template(texts["html"]).substitute(
+        title=escape(TITLE),
+        style=Template(texts["css"]).substitute(font=colours.FONT, text=colours.TEXT, height=HEIGHT),
+        contents="\n".join(links),
+        summary="\n".join(f"<p>{_prose(part)}</p>" for part in summary(rows)),
+        claims=_verdict_box(evidence, curves),
+        against=_html_table(tables.against(rows)),
+        drift=_html_table(tables.largest_drift(rows)),
+        legend=legend(styles),
+        sections="\n".join(_problem_section(rows, name, styles) for name in names),
+        failures=_html_table(tables.failure_table(rows)),
+        machine=_machine(rows),
+        command=escape(command),
+        created=escape(_created(rows)),
+        plotly=get_plotlyjs(),
+        script=texts["js"],
+    )
+
+
+PARTS = ("html", "css", "js")
+
+
+def comparison_markdown(rows: Sequence[RunRow], command: str, evidence: Evidence | None) -> str:
+    """The text of ``report.md``."""
+    parts = [f"# {TITLE}", *map(escape_text, summary(rows)), "The same with charts: [index.html](index.html)."]
+    parts += ["## HHT against the cheapest other solver", *_markdown_table(tables.against(rows))]
+    parts += ["## Largest drift of every solver", *_markdown_table(tables.largest_drift(rows))]
+    for name in analysis.problems(rows):
+        parts += [f"## {escape_text(name)}", *map(escape_text, problem_summary(rows, name))]
+        for build in (tables.price_of_drift, tables.cheapest, tables.side_by_side, tables.counter_table):
+            parts += _markdown_table(build(rows, name))
+    parts += ["## Runs that did not reach the end", *_markdown_table(tables.failure_table(rows))]
+    parts += ["## How it was made", f"```\n{command}\n```", f"Rows of {_created(rows)}."]
+    parts += [environment_table(environment) for environment in tables.environments(rows)]
+    if evidence is not None:
+        parts += claims(evidence)
+    return "\n\n".join(parts) + "\n"
+
+
+def _prose(text: str) -> str:
+    """Escaped, with numbers that no line break tears apart."""
+    return re.sub(r"\d+e-\d+", r'<span class="number">\g<0></span>', escape(text))
+
+
+def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, SolverStyle]) -> str:
+    charts = problem_charts(rows, problem)
+    drawn = "\n".join(_figure(problem, chart, styles) for chart in charts) or "<p>No run left anything to draw.</p>"
+    everything = tables.all_runs(rows, problem)
+    return f"""\
+<section>
+<h2 id="{anchor(problem)}">{escape(problem)}</h2>
+<p class="lead">{"<br>".join(_prose(text) for text in problem_summary(rows, problem))}</p>
+<div class="charts">
+{drawn}
+</div>
+{_html_table(tables.price_of_drift(rows, problem), "Both sides of the comparison")}
+{_html_table(tables.cheapest(rows, problem), "Cheapest solvers at a given error")}
+{_html_table(tables.side_by_side(rows, problem), "One run of every solver, side by side")}
+{_html_table(tables.counter_table(rows, problem), "Counters of these runs")}
+<details><summary>All {len(everything.rows)} runs on {escape(problem)}</summary>
+{_html_table(everything)}
+</details>
+</section>"""
+
+
+def _figure(problem: str, chart: Chart, styles: dict[str, SolverStyle]) -> str:
+    return f"""\
+<figure id="{anchor(f"{problem}-{chart.id}")}">
+<h3>{escape(chart.title)}</h3>
+<div class="plot"><script type="application/json">{embedded(draw(chart, styles))}</script></div>
+<figcaption class="caption">{escape(chart.caption)}</figcaption>
+</figure>"""
+
+
+def _html_table(table: Table, caption: str = "") -> str:
+    if not table.rows:
+        return "<p>None.</p>" if not caption else f"<p><b>{escape(caption)}</b>: none.</p>"
+    head = "".join(f'<th scope="col">{escape(header)}</th>' for header in table.headers)
+    body = "\n".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
+    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>{note}'
+
+
+def _html_cell(cell: tables.Cell) -> str:
+    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "short") if part)
+    detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
+    return f'<td class="{classes}">{escape(cell.text)}{detail}</td>'
+
+
+def _markdown_table(table: Table) -> list[str]:
+    body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
+    text = tabulate(body, headers=table.headers, tablefmt="github", disable_numparse=True) if body else "None."
+    return [text, escape_text(table.note)] if table.note else [text]
+
+
+def _verdict_box(evidence: Evidence | None, curves: bool) -> str:
+    if evidence is None:
+        return ""
+    link = f' <a href="{CURVES}">The curves</a>,' if curves else ""
+    state = "good" if evidence.passed else "bad"
+    text = f"<b>{escape(evidence.title)}.</b> {escape(verdict(evidence))}"
+    return f'<p class="verdict {state}">{text}{link} <a href="report.md">the table of claims</a>.</p>'
+
+
+def _machine(rows: Sequence[RunRow]) -> str:
+    lines = [", ".join(f"{name} {value}" for name, value in found.items()) for found in tables.environments(rows)]
+    return "\n".join(f"<p>{escape(line)}</p>" for line in lines) or "<p>Not recorded.</p>"
+
+
+def _created(rows: Sequence[RunRow]) -> str:
+    dates = sorted(row.created[:10] for row in rows if row.created)
+    if not dates:
+        return "an unknown date"
+    return dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"

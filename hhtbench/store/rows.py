@@ -1,0 +1,85 @@
+"""``RunRow``: one finished cell of a campaign, as the store keeps it and the report reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRow:
+    """One cell: one problem, one solver, one request, and what came of it.
+
+    The mappings are plain JSON (numbers, text, lists, mappings, null).  No number is ever NaN or infinite: what could
+    not be measured is null, or the key of an optional part is absent where that is said below.  A failed cell has the
+    same keys, filled as far as its partial solution reaches; a declined, crashed or killed one has ``metrics == {}`` and
+    ``series == {}``.
+
+    ``request``
+        Exactly one of ``rtol``, ``step``, ``steps`` is not null: ``{"rtol": 1e-06, "atol": null, "step": null,
+        "steps": null, "outputs": 51, "counting": true, "max_seconds": 20.0}``.  ``outputs`` is the number of output times,
+        equal distances over the interval (the times of the problem's reference are added); ``atol`` null means the
+        solver's own choice; ``counting``: solvers that count in a run of their own were let to.
+
+    ``metrics``
+        ``t_end``: last time reached [s].  ``reached``: fraction of the interval, 0 to 1.  ``rows``: output rows.
+
+        ``errors``: absent where the problem has neither exact solution nor reference, or no row meets one.  It holds
+        ``against``: "exact" or "reference"; ``digits``: verified digits of the reference or null; ``points``: number of
+        times compared; and one entry for each of ``q``, ``v``, ``lam``, ``mu`` that the problem has, and
+        ``observables``: {name: entry}.  An entry is ``{"end", "end_scaled", "max", "max_scaled"}``: largest component of
+        |error| at the end of the interval and over all compared times; ``_scaled``: every component over its scale first
+        (``problem.scales``; for an observable the largest size of its true value over the compared times).  ``end`` and
+        ``end_scaled`` are null where the end was not reached.
+
+        ``drift``: ``{"position", "velocity", "acceleration", "position_absolute", "velocity_absolute", "energy",
+        "invariants", "sampled", "points"}``, each a maximum over time.  ``position``: |g_i| / sum_j |g_q,ij| s_q,j.
+        ``velocity``: g_t + g_q v and k, over their row's size with s_v.  ``acceleration``: the constraints' second (k:
+        first) derivative with the accelerations that follow from the rows' own multipliers, over the size of its terms; on
+        output rows only.  ``_absolute``: max |g_i| and max |g_t + g_q v|_i or |k_i|, in their own units.  ``energy``: change
+        since the start over the larger of its own and the kinetic energy's size.  ``invariants``: {name: change over the
+        value at the start, or over 1 where that is zero}.  Null (or {}) where the system has no such level or declares
+        none.  ``sampled``: "steps" (all internal steps) or, where the solver tells none, "rows"; ``points``: how many there
+        were.
+
+    ``series``
+        For plots, each at most 200 points.  ``drift``: ``{"t", "position", "velocity", "energy", "invariants": {name:
+        [...]}}``, thinned so that the largest value in each span of time stays; a level that does not exist is absent.
+        ``acceleration``: ``{"t", "value"}`` or absent.  ``errors``: ``{"t", "q", "v", "lam", "mu"}`` scaled errors at the
+        compared times, components as in ``metrics``; absent like ``metrics["errors"]``.  ``multipliers``: ``{"t", "lam":
+        [[...] per time], "mu": [[...] per time]}`` at the output rows, at most 12 components of each.  ``steps``:
+        ``{"t", "h"}`` ends and lengths of internal steps; absent where the solver keeps none.
+
+    ``counters``
+        The fields of :class:`~hhtbench.result.Counters`: numbers, or null where not reported, and ``provenance``.
+        ``{}`` where no solve came back.
+
+    ``timing``
+        ``compile_s``: wall time of the warm-up of this solver on this problem, compilation included; what solvers before
+        it have compiled or left in the cache on disk is not compiled again.  ``solve_s``: one warm solve beside other work.
+        ``best_s``, ``median_s``, ``repeats``: warm solves alone on a core with one thread; null until the timing pass
+        has run, and for a cell that did not succeed.  ``note``: only where a timed solve failed (then ``repeats`` is 0).
+        ``{}`` where no solve came back.
+
+    ``environment``
+        ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "numpy", "scipy", "jax", ...}``:
+        text and numbers, the same for all cells of one machine.
+    """
+
+    key: str  #: content hash of specs, request, sources and versions
+    problem: str  #: canonical spec, "planar_chain(n_links=100)"
+    solver: str  #: canonical spec, "ida(form='ggl')"
+    request: dict[str, Any]
+    status: str  #: label of a :class:`~hhtbench.result.Status`: "success", "declined", "crashed", ...
+    message: str  #: what happened and what to do; the reason of a declined cell
+    metrics: dict[str, Any] = field(default_factory=dict)
+    series: dict[str, Any] = field(default_factory=dict)
+    counters: dict[str, Any] = field(default_factory=dict)
+    timing: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, Any] = field(default_factory=dict)
+    created: str = ""  #: UTC, ISO 8601
+
+    @property
+    def success(self) -> bool:
+        """True when the end of the interval (or a terminal event) was reached."""
+        return self.status in ("success", "event")

@@ -1,0 +1,169 @@
+"""What the adapters of foreign libraries share: options, what they accept, and the stepping of SUNDIALS.
+
+A library is driven one accepted step at a time.  :class:`~solvers._run.Run` hands it the equations of a form as callbacks,
+each counted and guarded, and takes the steps; the subclass of :class:`Adapter` holds what differs between libraries.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import partial
+from typing import Any, ClassVar
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import Structure, derive
+from hhtbench.protocol import PHYSICS, Problem, System, declared
+from hhtbench.request import Request
+from hhtbench.result import Counters, Solution, Status
+from solvers import forms
+from solvers._run import Halt, Run
+from solvers._start import empty_solution
+
+SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
+    -1: Status.max_steps,
+    -2: Status.step_too_small,  # accuracy beyond roundoff was asked for
+    -3: Status.step_too_small,
+    -4: Status.newton_failed,
+    -6: Status.singular_iteration_matrix,
+    -7: Status.singular_iteration_matrix,
+    -22: Status.declined,
+}
+
+
+def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
+    """Every known option with its value; the first possible value is the default.
+
+    Raises
+    ------
+    TypeError
+        An option is unknown.
+    ProblemError
+        A value is; the text names the closest.
+    """
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise TypeError(f"{solver} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+    for name, value in options.items():
+        if value not in known[name]:
+            by_letters = {x.lower(): x for x in known[name]}
+            close = get_close_matches(str(value).lower(), by_letters, n=1)
+            hint = f" Did you mean {by_letters[close[0]]}?" if close else ""
+            raise ProblemError(f"{solver} has no {name} {value!r}.{hint} Known: {', '.join(known[name])}.")
+    return {name: options.get(name, values[0]) for name, values in known.items()}
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """One library with one form and method, as the bench sees it.
+
+    Relative tolerances are the request's; absolute ones too, or ``rtol`` times the problem's scales of q and v where the
+    request gives none.  Multipliers are not in the error test.  Output at ``t_eval`` leaves the steps as they are and is as
+    accurate: interpolated by methods of many steps, by a shorter step from the same start for methods of one step.
+    """
+
+    name: str
+    form: str
+    method: str
+    library: ClassVar[str]
+    installed: ClassVar[bool] = True
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """The reason why this solver cannot take the problem or request, or None; no function of a system is evaluated."""
+        if not self.installed:
+            return f"skipped, {self.library} is not installed"
+        if request.options:
+            return f"unknown option {', '.join(sorted(request.options))}; {self.name} takes its options where it is named"
+        if request.fixed:
+            return f"{self.name} chooses its own steps: give rtol (and atol), not step or steps"
+        if request.rtol is None:
+            return f"{self.name} controls its error: give rtol (and atol)"
+        if request.rtol == 0 and request.atol is None:
+            return "rtol = 0 leaves no tolerance; give atol too"
+        structure = _structure(problem)
+        return None if structure is None else forms.refusal(self.form, structure)
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate ``problem``; an exception of its functions is raised again, with ``.partial_solution``."""
+        reason = self.accepts(problem, request)
+        if reason is not None:
+            return empty_solution(problem.q0.size, Status.declined, reason, Counters(provenance="nothing was called"))
+        run = Run(self.name, problem, request, self.form)
+        try:
+            return run.solution(self.drive)
+        except BaseException as error:
+            BaseException.__setattr__(error, "partial_solution", run.partial(error))  # also where the class is frozen
+            raise
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
+        self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
+
+    def drive(self, run: Run) -> None:
+        """Step the library from ``run.t`` to ``run.t1``, giving every step to ``run.accept``."""
+        raise NotImplementedError
+
+
+def _structure(problem: Problem) -> Structure | None:
+    """The structure as far as it is known without evaluating anything; None where a declaration is faulty."""
+    system = problem.system
+    if isinstance(system, System):
+        try:
+            return derive(system, problem.t_span[0], problem.q0, problem.v0).structure
+        except Exception:  # noqa: BLE001 - whatever tracing raises, solve raises again where it belongs
+            return None
+    there = {name: declared(system, name) is not None for name in PHYSICS}
+    linear = not there["reaction"] and not there["velocity_reaction"]
+    m, p = int(there["constraint"]), int(there["velocity_constraint"])  # how many, only the functions know
+    return Structure(n=problem.q0.size, m=m, p=p, mass="variable", linear_reaction=linear)
+
+
+def step_sundials(run: Run, solver: Any) -> None:
+    """Take the steps of ``solver``, an IDA or CVODE of scikit-sundae after ``init_step``, until ``run.t1``."""
+    with _overheard() as said:
+        while run.unfinished():
+            step = solver.step(run.t1, method="onestep", tstop=run.t1)
+            if step.status < 0:
+                status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
+                raise Halt(status, f"{step.message} {' '.join(said)} {status.text} t = {run.t:.17g} was reached.")
+            run.accept(step.t, step.y, partial(_interpolated, solver, step.t))
+
+
+def _interpolated(solver: Any, end: float, time: float) -> Vector:
+    """y at ``time`` within the last step; the library is put back to the step's end, from where it goes on."""
+    y = solver.step(time, method="normal", tstop=None).y
+    solver.step(end, method="normal", tstop=None)
+    return y
+
+
+class _Listener:
+    """A stdout that keeps what SUNDIALS' error handler prints and passes on what a callback prints."""
+
+    def __init__(self, stream: Any, said: list[str]) -> None:
+        self.stream, self.said = stream, said
+        self.skip_newline = False
+
+    def write(self, text: str) -> int:
+        if text.startswith("\n[") and ", Error: " in text:
+            self.said.append(text.strip())
+            self.skip_newline = True
+        elif not (self.skip_newline and text == "\n"):
+            self.stream.write(text)
+            self.skip_newline = False
+        return len(text)
+
+    def flush(self) -> None:
+        self.stream.flush()
+
+
+@contextmanager
+def _overheard() -> Iterator[list[str]]:
+    """Keep SUNDIALS' printed errors out of the terminal."""
+
+    said: list[str] = []
+    with redirect_stdout(_Listener(sys.stdout, said)):
+        yield said

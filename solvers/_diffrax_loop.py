@@ -1,0 +1,108 @@
+"""diffrax's steps in one compiled loop: its solvers and step size controller, stepped as its manual describes.
+
+Tolerances, times and parameters are arguments of the compiled code, so that all of them share it.  ``diffeqsolve`` is not
+used: it cannot go on exactly where an earlier call has stopped.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+from solvers.forms import rhs_function
+
+SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short against a time budget
+CLIP = 2e-14  # relative: a step that ends this close to the end goes to the end, as diffrax has it
+
+evaluations: Counter[int] = Counter()  # ticket of a counted solve -> evaluations so far
+
+
+def _tick(ticket: Any) -> None:
+    evaluations[int(ticket)] += 1
+
+
+def _method(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
+    """Terms, solver and step size controller; time runs forward in s = direction * t."""
+    direction, ticket, rtol = fixed[0], fixed[1], fixed[4]
+
+    def field(s: Any, y: Any, _: Any) -> Any:
+        if counted:
+            jax.debug.callback(_tick, ticket)
+        return direction * rhs_function(dynamics, direction * s, y)
+
+    controller = diffrax.PIDController(rtol=rtol, atol=weights)
+    options: dict[str, Any] = {}
+    if name == "Kvaerno5":  # as diffeqsolve does: Newton's tolerances are the controller's
+        norm: Any = controller.norm
+        options = {"root_finder": diffrax.VeryChord(rtol=rtol, atol=weights, norm=norm)}
+    return diffrax.ODETerm(field), getattr(diffrax, name)(**options), controller
+
+
+def _first(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
+    """The state of the loop before the first step."""
+    terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
+    s, end = fixed[2], fixed[3]
+    following, control = controller.init(terms, s, end, y, None, None, solver.func, solver.error_order(terms))
+    following = jnp.minimum(following, end)
+    memory = solver.init(terms, s, following, y, None)
+    return {"s": s, "next": following, "y": y, "memory": memory, "control": control}
+
+
+def start_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> Any:
+    """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, start, end, rtol."""
+    return ravel_pytree(_first(dynamics, name, counted, fixed, weights, y))[0]
+
+
+def take_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
+    """Attempt SEGMENT steps or until ``most`` are accepted: the state, three numbers and a row per step, as one vector.
+
+    The numbers: steps accepted, steps attempted, and the end of the first attempt since the last step whose error was not
+    finite.  A row holds a step: its start and end, then y at its end and at its start.
+    """
+    terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
+    shapes = jax.eval_shape(lambda y: _first(dynamics, name, counted, fixed, weights, y), weights)
+    unravel = ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes))[1]
+    end = fixed[3]
+
+    def going(loop: Any) -> Any:
+        state, accepted, attempted, _, _ = loop
+        return (attempted < SEGMENT) & (accepted < most) & (state["s"] < end) & (state["next"] > state["s"])
+
+    def body(loop: Any) -> Any:
+        state, accepted, attempted, bad, rows = loop
+        y, error, _, memory, _ = solver.step(terms, state["s"], state["next"], state["y"], None, state["memory"], False)
+        lost = ~jnp.all(jnp.isfinite(error)) | ~jnp.all(jnp.isfinite(y))
+        error = jnp.where(lost, jnp.inf, error)  # what diffrax does itself: such a step is rejected
+        s, following, control = state["s"], state["next"], state["control"]
+        keep, reached, proposed, _, control, _ = controller.adapt_step_size(
+            s, following, state["y"], y, None, error, solver.error_order(terms), control
+        )
+        proposed = jnp.where(proposed > end - CLIP * jnp.abs(end), jnp.where(keep, end, (reached + end) / 2), proposed)
+        row = jnp.concatenate([jnp.stack([s, following]), y, state["y"]])
+        new = {"y": y, "memory": memory}
+        after = jax.tree.map(lambda a, b: jnp.where(keep, a, b), new, {key: state[key] for key in new})
+        after |= {"s": reached, "next": proposed, "control": control}
+        rows = rows.at[accepted].set(jnp.where(keep, row, rows[accepted]))
+        bad = jnp.where(keep, jnp.nan, jnp.where(lost & jnp.isnan(bad), following, bad))
+        return after, accepted + keep, attempted + 1, bad, rows
+
+    width = 2 + 2 * weights.size
+    loop = unravel(packed), jnp.asarray(0), jnp.asarray(0), jnp.asarray(jnp.nan), jnp.zeros((SEGMENT, width))
+    state, accepted, attempted, bad, rows = jax.lax.while_loop(going, body, loop)
+    return jnp.concatenate([ravel_pytree(state)[0], jnp.stack([accepted, attempted, bad]), rows.ravel()])
+
+
+def step_to(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
+    """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
+
+    The interpolants of these methods are less accurate than their steps, up to forty times at rtol 1e-9.
+    """
+    terms, solver, _ = _method(dynamics, name, counted, fixed, weights)
+    begin, y = row[0], row[2 + weights.size :]
+    reached, _, _, _, result = solver.step(terms, begin, s, y, None, solver.init(terms, begin, s, y, None), False)
+    return jnp.where(result == diffrax.RESULTS.successful, reached, jnp.nan)

@@ -1,0 +1,44 @@
+"""``cvode(form=ode, method=bdf|adams)``: SUNDIALS' CVODE through scikit-sundae on the underlying ODE.
+
+The multipliers are eliminated at the acceleration level, so nothing holds the constraints: they drift with the error.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from solvers._adapter import Adapter, choose, step_sundials
+from solvers._run import Run
+
+try:
+    from sksundae.cvode import CVODE  # type: ignore[import-untyped, import-not-found, unused-ignore]
+except ImportError:
+    CVODE = None
+
+KNOWN = {"form": ("ode",), "method": ("bdf", "adams")}
+
+
+class CVODESolver(Adapter):
+    """CVODE with Newton's iteration, the form's exact Jacobian and dense linear algebra, for both methods."""
+
+    library: ClassVar[str] = "scikit-sundae"
+    installed: ClassVar[bool] = CVODE is not None
+
+    def drive(self, run: Run) -> None:
+        """One CVODE, stepped to the end."""
+
+        def rhs(t: float, y: Any, result: Any) -> None:
+            result[:] = run.rhs(t, y)
+
+        def jacobian(t: float, y: Any, _: Any, result: Any) -> None:
+            result[:] = run.rhs_jacobian(t, y)
+
+        solver = CVODE(rhs, method=self.method, jacfn=jacobian, rtol=run.rtol, atol=run.weights)
+        solver.init_step(run.t0, run.start.y)
+        step_sundials(run, solver)
+
+
+def solver(**options: Any) -> CVODESolver:
+    """CVODE; options ``method``: bdf (default) or adams, ``form``: ode."""
+    chosen = choose("cvode", options, KNOWN)
+    return CVODESolver(f"cvode(method={chosen['method']})", chosen["form"], chosen["method"])

@@ -1,0 +1,110 @@
+"""``diffrax(method=Tsit5|Dopri8|Kvaerno5)``: diffrax on the underlying ODE, compiled as a whole.
+
+The loop over steps is compiled too (:mod:`solvers._diffrax_loop`); it returns to Python after every SEGMENT attempts, so
+that budgets hold.  A compiled solve cannot be watched: :meth:`DiffraxSolver.count` repeats it, untimed, with a callback
+at every evaluation; ``max_evaluations`` selects that code.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import partial
+from typing import Any, ClassVar
+
+import jax
+import numpy as np
+
+from hhtbench.errors import BudgetSpent
+from hhtbench.lowering import compile_function
+from hhtbench.protocol import NumpySystem, Problem
+from hhtbench.request import Request
+from hhtbench.result import Counters, Status
+from solvers._adapter import Adapter, choose
+from solvers._run import Halt, Run
+
+try:
+    from solvers import _diffrax_loop as loop
+except ImportError:
+    loop = None  # type: ignore[assignment]
+
+KNOWN = {"method": ("Tsit5", "Dopri8", "Kvaerno5"), "form": ("ode",)}
+
+_tickets = itertools.count()
+
+
+class DiffraxSolver(Adapter):
+    """One of diffrax's Runge-Kutta methods with its default step size controller."""
+
+    library: ClassVar[str] = "diffrax"
+    installed: ClassVar[bool] = loop is not None
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """As every adapter, and only systems that JAX can trace."""
+        if self.installed and isinstance(problem.system, NumpySystem):
+            return "diffrax compiles the system, and plain callables cannot be compiled; write it as a System in jax.numpy"
+        return super().accepts(problem, request)
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """As every adapter, and with output within the first step, so that its code is compiled too."""
+        one = replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None)
+        t = self.solve(problem, replace(one, t_eval=None)).t
+        if request.t_eval is not None and t.size == 2:
+            self.solve(problem, replace(one, t_eval=t[:1] + np.diff(t) / 2))
+
+    def count(self, problem: Problem, request: Request) -> Counters:
+        """The counters of :meth:`solve` with the evaluations, from a run of its own."""
+        counters = self.solve(problem, replace(request, max_evaluations=request.max_evaluations or 2**62)).counters
+        return replace(counters, provenance=f"counted in a second run; {counters.provenance}")
+
+    def drive(self, run: Run) -> None:
+        """Compiled segments until the end."""
+        counted = run.request.max_evaluations is not None
+        run.unseen = ["residual_evaluations"] * (not counted) + ["jacobian_evaluations"] * (self.method == "Kvaerno5")
+        ticket = next(_tickets)
+        try:
+            self._segments(run, counted, ticket)
+        finally:
+            loop.evaluations.pop(ticket, None)
+
+    def _segments(self, run: Run, counted: bool, ticket: int) -> None:
+        functions = loop.start_steps, loop.take_steps, loop.step_to
+        start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted) for f in functions)
+        s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-t
+        fixed = np.array([run.direction, ticket, run.direction * run.t0, s1, run.rtol]), run.weights
+        state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
+        while run.unfinished():
+            packed = segment(*fixed, state, loop.SEGMENT if most is None else min(loop.SEGMENT, most - run.steps))
+            state, numbers, rows = np.split(packed, [state.size, state.size + 3])
+            accepted, attempted = int(numbers[0]), int(numbers[1])
+            rejected += attempted - accepted
+            lost = numbers[2] if accepted or np.isnan(lost) else lost
+            run.library_counters = {"steps_rejected_error": rejected}
+            if counted:
+                _spend(run, ticket)
+            for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
+                t = run.t1 if row[1] == s1 else run.direction * row[1]
+                between = partial(_between, step_to, fixed, row)
+                run.accept(t, row[2 : 2 + run.form.size], between)
+            if not accepted:
+                run.look_ahead(run.direction * lost)
+                status = Status.step_too_small
+                raise Halt(status, f"diffrax accepts no step from t = {run.t:.17g}. {status.text}")
+
+
+def _between(step_to: Any, fixed: Any, row: Any, time: float) -> Any:
+    return step_to(*fixed, row, fixed[0][0] * time)
+
+
+def _spend(run: Run, ticket: int) -> None:
+    """Book the evaluations of a counted segment."""
+    jax.effects_barrier()
+    run.work.add("residual_evaluations", loop.evaluations.pop(ticket, 0))
+    if run.work.tally["residual_evaluations"] > (run.work.max_evaluations or 0):
+        raise BudgetSpent("evaluations", run.work.max_evaluations or 0)
+
+
+def solver(**options: Any) -> DiffraxSolver:
+    """A method of diffrax; options ``method``: Tsit5 (default), Dopri8 or Kvaerno5, ``form``: ode."""
+    chosen = choose("diffrax", options, KNOWN)
+    return DiffraxSolver(f"diffrax(method={chosen['method']})", chosen["form"], chosen["method"])

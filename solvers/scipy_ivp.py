@@ -1,0 +1,68 @@
+"""``scipy(method=Radau|BDF|LSODA|DOP853)``: SciPy's solver classes on the underlying ODE, stepped one by one.
+
+``solve_ivp`` returns nothing of a run that raises, and keeps no budget.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import integrate
+
+from hhtbench.result import Status
+from solvers._adapter import Adapter, choose
+from solvers._run import Halt, Run
+
+KNOWN = {"method": ("Radau", "BDF", "LSODA", "DOP853"), "form": ("ode",)}
+SMALLEST_RTOL = 100 * float(np.finfo(np.float64).eps)  # SciPy raises smaller ones to this, with a warning
+
+
+class SciPySolver(Adapter):
+    """One of SciPy's methods; the implicit ones get the form's exact Jacobian."""
+
+    library: ClassVar[str] = "scipy"
+
+    def drive(self, run: Run) -> None:
+        """One solver object, stepped to the end."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="lsoda: ")  # its failures are told by the status
+            solver = self._stepper(run, run.t0, run.start.y, run.t1)
+            while run.unfinished():
+                _step(run, solver)
+                run.library_counters["factorisations"] = int(solver.nlu)
+                run.accept(solver.t, solver.y, partial(self._between, run, solver))
+
+    def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
+        if self.method != "DOP853":
+            options["jac"] = run.rhs_jacobian
+        method = getattr(integrate, self.method)
+        return method(run.rhs, t0, y0, t1, rtol=max(run.rtol, SMALLEST_RTOL), atol=run.weights, **options)
+
+    def _between(self, run: Run, solver: Any, time: float) -> Any:
+        """y at ``time`` within the last step.
+
+        A method of many steps has an interpolant as accurate as its steps.  Those of Radau and DOP853 are less accurate,
+        so a shorter step from the same start takes their place.
+        """
+        if self.method in ("BDF", "LSODA"):
+            return solver.dense_output()(time)
+        shorter = self._stepper(run, solver.t_old, solver.y_old, time, first_step=abs(time - solver.t_old))
+        while shorter.status == "running":
+            _step(run, shorter)
+        return shorter.y
+
+
+def _step(run: Run, solver: Any) -> None:
+    message = solver.step()
+    if solver.status == "failed":
+        status = Status.step_too_small
+        raise Halt(status, f"{message} {status.text} t = {run.t:.17g} was reached.")
+
+
+def solver(**options: Any) -> SciPySolver:
+    """A method of SciPy; options ``method``: Radau (default), BDF, LSODA or DOP853, ``form``: ode."""
+    chosen = choose("scipy", options, KNOWN)
+    return SciPySolver(f"scipy(method={chosen['method']})", chosen["form"], chosen["method"])

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+from hhtbench.analysis import counters, drift, drift_series, failures, machines, statuses
+from tests.analysis.laws import failed, run
+from tests.report.synthetic import rows as campaign
+
+
+def test_every_failed_row_is_in_the_failures_once():
+    rows = campaign()
+    keys = [key for line in failures(rows) for key in line.keys]
+    assert Counter(keys) == Counter(row.key for row in rows if not row.success)
+    assert sum(statuses(rows).values()) == len(rows)
+
+
+def test_failures_with_one_outcome_share_a_line_and_keep_their_settings():
+    rows = [failed("ida", 1e-3), failed("ida", 1e-4), failed("ida", 1e-5, message="other"), failed("cvode", 1e-3)]
+    lines = failures(rows)
+    assert [line.settings for line in lines] == [("rtol 1e-03", "rtol 1e-04"), ("rtol 1e-05",), ("rtol 1e-03",)]
+
+
+def test_counter_that_was_not_reported_is_none_and_zero_stays_zero():
+    row = run("ida", 1e-3, 1e-3, 100, counters={"steps_accepted": 0, "newton_iterations": None, "provenance": "library"})
+    (line,) = counters([row])
+    assert (line.counts["steps_accepted"], line.counts["newton_iterations"], line.provenance) == (0, None, "library")
+
+
+def test_drift_keeps_every_row_and_every_level():
+    found = {"position": 1e-9, "velocity": 1e-7, "acceleration": None, "energy": 0.0, "invariants": {"p": 1e-3, "L": None}}
+    rows = [run("ida", 1e-3, 1e-3, 100, metrics={"drift": found | {"sampled": "steps"}}), failed("ida", 1e-4)]
+    full, empty = drift(rows)
+    assert (full.position, full.velocity, full.acceleration, full.energy) == (1e-9, 1e-7, None, 0.0)
+    assert (dict(full.invariants), full.sampled) == ({"p": 1e-3}, "steps")
+    assert (empty.position, empty.point.status) == (None, "newton_failed")
+
+
+def test_drift_series_of_a_failed_run_goes_as_far_as_it_came():
+    row = run("ida", 1e-3, 1e-3, 100, status="deadline", series={"drift": {"t": [0.0, 1.0], "position": [0.0, 1e-9]}})
+    (series,) = drift_series([row, failed("ida", 1e-4)], "position")
+    assert (series.t, series.value, series.point.status) == ((0.0, 1.0), (0.0, 1e-9), "deadline")
+    assert drift_series([row], "velocity") == ()
+
+
+def test_rows_of_two_machines_are_told_apart():
+    rows = [run("ida", 1e-3, 1e-3, 100), run("ida", 1e-4, 1e-3, 100)]
+    rows.append(replace(rows[0], environment={"python": "3.13"}))
+    assert [(dict(entry.environment), entry.rows) for entry in machines(rows)] == [
+        ({"python": "3.11"}, 2),
+        ({"python": "3.13"}, 1),
+    ]

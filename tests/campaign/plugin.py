@@ -1,0 +1,106 @@
+"""A distribution from outside: a falling weight without JAX, and a solver that misbehaves as it is told."""
+
+from __future__ import annotations
+
+PROBLEM = """\
+    '''A weight that falls: y = 1 - g t^2 / 2.'''
+    import numpy as np
+    from hhtbench.protocol import Motion, NumpySystem, Problem
+    from outside import shared
+
+    DATA = "fall.json"
+
+    def exact(t):
+        return Motion(np.array([1 - shared.G * t**2 / 2]), np.array([-shared.G * t]), np.zeros(0), np.zeros(0))
+
+    def problem(t_end=1.0):
+        system = NumpySystem(force=lambda t, q, v: 0 * q - shared.G, energy=lambda t, q, v: v[0] ** 2 / 2 + shared.G * q[0])
+        return Problem(name="fall", system=system, t_span=(0.0, t_end), q0=[1.0], v0=[0.0], exact=exact)
+"""
+
+SHARED = """\
+    G = 9.81
+"""
+
+SOLVER = """\
+    '''Gives the exact fall with an error of rtol, or does what its option says.'''
+    import ctypes
+    import os
+    import signal
+    import time
+    import numpy as np
+    from hhtbench import Counters, Solution, Status
+
+    class Told:
+        name = "told"
+
+        def __init__(self, does="good", seconds=0.0, log=None):
+            self.does, self.seconds, self.log = does, seconds, log
+
+        def accepts(self, problem, request):
+            return "it never takes anything" if self.does == "decline" else None
+
+        def warm_up(self, problem, request):
+            pass
+
+        def solve(self, problem, request):
+            if self.log:
+                with open(self.log, "a") as file:
+                    file.write(f"{os.getpid()}\\n")
+            time.sleep(self.seconds)
+            at_worst = request.rtol is not None and request.rtol < 1e-5  # misbehaves at the tightest tolerance only
+            if at_worst:
+                self.misbehave()
+            t = request.t_eval if request.t_eval is not None else np.linspace(*problem.t_span, 5)
+            rows = [problem.exact(float(time)) for time in t]
+            q, v = np.array([row.q for row in rows]), np.array([row.v for row in rows])
+            q = q + (request.rtol or 0.0)
+            if at_worst and self.does == "nan":
+                q[-1] = np.nan
+            if at_worst and self.does == "short":
+                t, q, v = t[:-1], q[:-1], v[:-1]
+            none = np.zeros((t.size, 0))
+            return Solution(t=t, q=q, v=v, lam=none, mu=none, status=Status.success, message="there",
+                            counters=Counters(steps_accepted=4))
+
+        def misbehave(self):
+            if self.does == "segv":
+                ctypes.string_at(0)
+            if self.does == "exit":
+                os._exit(7)
+            if self.does == "raise":
+                raise self.unpicklable("no more")
+            if self.does == "memory_error":
+                raise MemoryError("none left")
+            if self.does == "hang":
+                ctypes.CDLL(None).pause()
+            if self.does == "eat":
+                self.kept = []
+                while True:
+                    self.kept.append(np.ones(4_000_000))
+            if self.does == "fork":
+                if os.fork() == 0:
+                    time.sleep(60)
+                os._exit(0)
+
+        @property
+        def unpicklable(self):
+            class Local(Exception):
+                def __reduce__(self):
+                    raise TypeError("cannot be pickled")
+            return Local
+"""
+
+FILES = {
+    "outside/__init__.py": "",
+    "outside/fall.py": PROBLEM,
+    "outside/fall.json": "{}",
+    "outside/other.json": "{}",
+    "outside/other.py": "VALUE = 1\n",
+    "outside/shared.py": SHARED,
+    "outside/told.py": SOLVER,
+}
+GROUPS = {
+    "hhtbench.problems": {"fall": "outside.fall:problem"},
+    "hhtbench.solvers": {"told": "outside.told:Told", "absent": "outside.told:Absent"},
+}

@@ -1,0 +1,196 @@
+"""Acceptance K2, K8: whatever one cell does to its worker costs that cell only."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hhtbench.campaign import Campaign, Grid, Limits, execute, plan_cells, run_campaign
+from hhtbench.errors import ProblemError
+from hhtbench.store import Store, load_rows
+
+TOLERANCES = (1e-3, 1e-6)  # the solver of the test misbehaves at the second
+ENDS = {
+    "good": "success",
+    "segv": "crashed",
+    "exit": "crashed",
+    "fork": "crashed",
+    "raise": "user_exception",
+    "memory_error": "out_of_memory",
+    "eat": "out_of_memory",
+    "hang": "deadline",
+    "nan": "unreliable",
+    "short": "unreliable",
+}
+
+
+def campaign(*does: str, **changes: float) -> Campaign:
+    solvers = tuple(f"told(does='{name}')" for name in does)
+    return Campaign(grids=(Grid(problems=("fall",), solvers=solvers, rtol=TOLERANCES),), **{"max_seconds": 2.0, **changes})
+
+
+@pytest.fixture(scope="module")
+def limits() -> Limits:
+    return Limits(jobs=2, memory=700 * 2**20)
+
+
+def test_a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only(
+    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(execute, "GRACE", 0.5)
+    asked = campaign(*ENDS, "decline")
+    absent = Grid(problems=("fall",), solvers=("told(size=3)", "absent"), rtol=(1e-3,))
+    with Store(tmp_path / "runs.db") as store:
+        done = run_campaign(replace(asked, grids=(*asked.grids, absent)), store, limits=limits, timing=False)
+    rows = load_rows(tmp_path / "runs.db")
+    assert len(rows) == done.cells == done.ran == 2 * len(ENDS) + 4
+    found = {(row.solver, row.request["rtol"]): row for row in rows}
+    for does, status in ENDS.items():
+        solver = f"told(does='{does}')"
+        assert found[solver, 1e-3].status == "success", does
+        assert found[solver, 1e-3].metrics["errors"]["q"]["end"] == pytest.approx(1e-3)
+        assert found[solver, 1e-6].status == status, found[solver, 1e-6]
+    messages = {row.solver[11:-2]: row.message for row in rows if row.request["rtol"] == 1e-6}
+    assert "signal SIGSEGV" in messages["segv"] and "misbehave" in messages["segv"]  # the line, from faulthandler
+    assert "exit code 7" in messages["exit"]
+    assert "no more" in messages["raise"] and "told.py" in messages["raise"]
+    assert "did not end within" in messages["hang"] and "the solve" in messages["hang"]
+    assert "GiB" in messages["eat"]
+    assert "not finite" in messages["nan"]
+    assert "the last time is" in messages["short"]
+    declined = [row for row in rows if row.status == "declined"]
+    assert {row.message.partition(":")[0] for row in declined} == {"it never takes anything", "it cannot be loaded"}
+    assert all(row.metrics == {} and row.counters == {} for row in declined)
+    with Store(tmp_path / "runs.db") as store:
+        again = run_campaign(asked, store, limits=limits, timing=False)
+    assert (again.ran, again.cells) == (0, 2 * len(ENDS) + 2)
+
+
+def test_successes_are_timed_once_and_a_resumed_campaign_runs_nothing(outside: Path, tmp_path: Path, limits: Limits):
+    log = tmp_path / "log"
+    solver = f"told(seconds=0.01, log='{log}')"
+    asked = Campaign(grids=(Grid(problems=("fall",), solvers=(solver, "told(does=segv)"), rtol=TOLERANCES),), repeats=3)
+    with Store(tmp_path / "runs.db") as store:
+        done = run_campaign(asked, store, limits=limits)
+        assert (done.ran, done.timed) == (4, 3)
+        solves = len(log.read_text().split())
+        again = run_campaign(asked, store, limits=limits)
+        assert (again.ran, again.timed) == (0, 0)
+    assert len(log.read_text().split()) == solves == 2 * (2 + 3)  # each: the solve, once more for its steps, three timed
+    rows = {(row.solver[:9], row.request["rtol"]): row for row in load_rows(tmp_path / "runs.db")}
+    timing = rows["told(log=", 1e-3].timing
+    assert timing["repeats"] == 3
+    assert 0.01 < timing["best_s"] <= timing["median_s"] < 1.0
+    assert rows["told(does", 1e-6].timing == {}
+    assert rows["told(log=", 1e-3].counters["steps_accepted"] == 4
+    assert rows["told(log=", 1e-3].environment["cores"] >= 1
+
+
+def test_a_larger_budget_repeats_the_cells_that_ran_out_of_time(
+    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(execute, "GRACE", 0.2)
+    asked = campaign("hang", max_seconds=0.3)
+    one = Limits(jobs=1, memory=limits.memory)
+    with Store(tmp_path / "runs.db") as store:
+        assert run_campaign(asked, store, limits=one, timing=False).ran == 2
+        assert run_campaign(asked, store, limits=one, timing=False).ran == 0
+        assert run_campaign(replace(asked, max_seconds=0.4), store, limits=one, timing=False).ran == 1
+
+
+def test_changed_sources_run_again_and_replace_the_old_row(outside: Path, tmp_path: Path, limits: Limits):
+    asked = campaign("good")
+    one = Limits(jobs=1, memory=limits.memory)
+    with Store(tmp_path / "runs.db") as store:
+        run_campaign(asked, store, limits=one, timing=False)
+        path = outside / "outside" / "told.py"
+        path.write_text(path.read_text() + "\n# changed\n")
+        assert run_campaign(asked, store, limits=one, timing=False).ran == 2
+    assert {row.key for row in load_rows(tmp_path / "runs.db")} == {cell.key for cell in plan_cells(asked)}
+
+
+def test_a_worker_that_cannot_start_ends_the_campaign(
+    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("hhtbench.campaign.process.START", "raise SystemExit('no such thing')")
+    with Store(tmp_path / "runs.db") as store, pytest.raises(ProblemError, match=r"cannot start.*no such thing"):
+        run_campaign(campaign("good"), store, limits=limits, timing=False)
+
+
+def alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def test_kill_9_of_the_runner_loses_nothing_acknowledged_and_leaves_no_worker(outside: Path, tmp_path: Path):
+    store, log = tmp_path / "runs.db", tmp_path / "log"
+    command = [
+        *(sys.executable, "-c", "from hhtbench.cli import main; main()", "run", "--store", str(store), "--jobs", "1"),
+        *("--problems", "fall", "--solvers", f"told(seconds=0.2, log='{log}')", "--no-timing"),
+        *("--rtol", "1e-3,2e-3,3e-3,4e-3,5e-3"),
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(outside)}
+    runner = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60
+    while not (store.exists() and len(rows_so_far(store)) >= 2):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    os.kill(runner.pid, signal.SIGKILL)
+    runner.wait()
+    kept = load_rows(store)
+    assert 2 <= len(kept) < 5
+    end = time.monotonic() + 5
+    while any(alive(int(pid)) for pid in set(log.read_text().split())):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    again = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert f"5 cells: 5 success ({5 - len(kept)} run now, 0 timed now)" in again.stdout
+    rows = load_rows(store)
+    assert len(rows) == 5
+    assert all(row in rows for row in kept)
+
+
+HOLDS = """
+import sys, time
+from hhtbench.campaign.process import WorkerProcess
+worker = WorkerProcess()
+asked = {"rtol": 1e-6, "outputs": 3, "counting": False, "max_seconds": 9.0, "atol": None, "step": None, "steps": None}
+while not worker.ready:
+    worker.receive()
+worker.submit("a cell", {"problem": "fall", "solver": sys.argv[1], "request": asked, "repeats": 0})
+time.sleep(60)
+"""
+
+
+def test_a_worker_that_hangs_in_c_dies_with_its_killed_runner(outside: Path, tmp_path: Path):
+    log = tmp_path / "log"
+    solver = f"told(does='hang', log='{log}')"
+    environment = {**os.environ, "PYTHONPATH": str(outside)}
+    runner = subprocess.Popen([sys.executable, "-c", HOLDS, solver], env=environment)
+    end = time.monotonic() + 60
+    while not (log.exists() and log.read_text()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    time.sleep(0.1)  # it hangs now
+    os.kill(runner.pid, signal.SIGKILL)
+    runner.wait()
+    end = time.monotonic() + 5
+    while alive(int(log.read_text())):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def rows_so_far(store: Path) -> list[object]:
+    try:
+        return list(load_rows(store))
+    except ProblemError:  # the tables are not there yet
+        return []

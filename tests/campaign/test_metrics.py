@@ -1,0 +1,232 @@
+"""Metrics of hand-made solutions whose errors and drift are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench import Motion, NumpySystem, Problem, Scales, Solution, Status, System
+from hhtbench.campaign.metrics import MOST_POINTS, measure, plain, spans
+from hhtbench.result import DenseOutput
+
+
+class Circle(System):
+    """A point that runs round the unit circle at speed one; no force but the constraint's, lam = 1/2."""
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return 0 * q
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return jnp.stack([q @ q - 1])
+
+    def energy(self, t: Any, q: Any, v: Any) -> Any:
+        return v @ v / 2
+
+    def invariants(self, t: Any, q: Any, v: Any) -> dict[str, Any]:
+        return {"spin": q[0] * v[1] - q[1] * v[0]}
+
+
+NUMPY_CIRCLE = NumpySystem(
+    force=lambda t, q, v: 0 * q,
+    constraint=lambda t, q: np.array([q @ q - 1]),
+    energy=lambda t, q, v: v @ v / 2,
+    invariants=lambda t, q, v: {"spin": q[0] * v[1] - q[1] * v[0]},
+)
+
+
+def exact(t: float) -> Motion:
+    q, v = np.array([np.cos(t), np.sin(t)]), np.array([-np.sin(t), np.cos(t)])
+    return Motion(q=q, v=v, lam=np.array([0.5]), mu=np.zeros(0))
+
+
+def circle(**changes: Any) -> Problem:
+    values: dict[str, Any] = {
+        "name": "circle",
+        "system": Circle(),
+        "t_span": (0.0, 1.0),
+        "q0": [1.0, 0.0],
+        "v0": [0.0, 1.0],
+        "exact": exact,
+        "scales": Scales(q=2.0, v=np.array([1.0, 4.0]), lam=0.5),
+        "observables": {"height": lambda t, q, v, lam: q[1]},
+    }
+    return Problem(**{**values, **changes})
+
+
+def solution(t: Any = None, radius: float = 1.0, speed: float = 1.0, lam: float = 0.5, **changes: Any) -> Solution:
+    times = np.linspace(0.0, 1.0, 11) if t is None else np.asarray(t)
+    rows = [exact(time) for time in times]
+    values: dict[str, Any] = {
+        "t": times,
+        "q": radius * np.array([row.q for row in rows]),
+        "v": speed * np.array([row.v for row in rows]),
+        "lam": np.full((times.size, 1), lam),
+        "mu": np.zeros((times.size, 0)),
+        "status": Status.success,
+        "message": "made by hand",
+    }
+    return Solution(**{**values, **changes})
+
+
+def test_an_exact_solution_has_neither_errors_nor_drift():
+    found = measure(circle(), solution())
+    assert found.note == ""
+    errors, drift = found.metrics["errors"], found.metrics["drift"]
+    assert (errors["against"], errors["points"], found.metrics["reached"]) == ("exact", 11, 1.0)
+    assert all(errors[name]["max_scaled"] == 0.0 for name in ("q", "v", "lam"))
+    assert "mu" not in errors
+    for level in ("position", "velocity", "acceleration", "energy"):
+        assert drift[level] < 1e-15
+    assert drift["invariants"]["spin"] < 1e-15
+    assert (drift["sampled"], drift["points"]) == ("rows", 11)
+
+
+def test_errors_are_the_largest_component_over_its_scale_at_the_end_and_over_time():
+    made = solution()
+    q, v, lam = made.q.copy(), made.v.copy(), made.lam.copy()
+    q[3, 1] += 0.5
+    q[-1, 0] -= 0.02
+    v[5, 0] += 0.1
+    v[5, 1] += 0.2  # larger, but smaller over its scale of 4
+    lam[-1] += 0.01
+    errors = measure(circle(), replace(made, q=q, v=v, lam=lam)).metrics["errors"]
+    assert errors["q"] == pytest.approx({"end": 0.02, "end_scaled": 0.01, "max": 0.5, "max_scaled": 0.25})
+    assert errors["v"] == pytest.approx({"end": 0.0, "end_scaled": 0.0, "max": 0.2, "max_scaled": 0.1})
+    assert errors["lam"] == pytest.approx({"end": 0.01, "end_scaled": 0.02, "max": 0.01, "max_scaled": 0.02})
+    height = errors["observables"]["height"]
+    assert height["max"] == pytest.approx(0.5)
+    assert height["max_scaled"] == pytest.approx(0.5 / np.sin(1.0))
+
+
+def test_without_an_exact_solution_the_rows_of_the_reference_count():
+    true = exact(0.5)
+    reference = {"t": [0.25, 0.5, 3.0], "q": [[9, 9], true.q, [9, 9]], "v": [[9, 9], true.v, [9, 9]], "digits": 8}
+    problem = circle(exact=None, reference=reference)
+    errors = measure(problem, solution(radius=1.1)).metrics["errors"]  # it has no row at 0.25 and 3
+    assert (errors["against"], errors["digits"], errors["points"]) == ("reference", 8, 1)
+    assert errors["q"]["max"] == pytest.approx(0.1 * np.max(np.abs(true.q)))
+    assert errors["q"]["end"] is None
+    assert "lam" not in errors
+    assert "errors" not in measure(circle(exact=None), solution()).metrics
+
+
+@pytest.mark.parametrize("system", [Circle(), NUMPY_CIRCLE], ids=["jax", "numpy"])
+def test_drift_is_the_constraint_over_its_row_and_the_typical_sizes(system: Any):
+    problem = circle(system=system, scales=Scales(q=2.0, v=4.0))
+    drift = measure(problem, solution(t=[0.0, 0.25, 1.0], radius=1.1)).metrics["drift"]
+    # g = 1.21 - 1 over sum |2 q_j| * 2, smallest where one coordinate is zero
+    assert drift["position"] == pytest.approx(0.21 / (2 * 1.1 * 2), rel=1e-6)
+    assert drift["position_absolute"] == pytest.approx(0.21)
+    assert drift["velocity"] == pytest.approx(0.0, abs=1e-9)
+    made = solution(t=[0.0, 0.25, 1.0])
+    v = made.v.copy()
+    v[0] += [0.3, 0.0]  # along the radius (1, 0): g_q v = 2 * 0.3, over 2 * 4
+    drift = measure(problem, replace(made, v=v)).metrics["drift"]
+    assert drift["velocity"] == pytest.approx(0.6 / 8, rel=1e-6)
+    assert drift["velocity_absolute"] == pytest.approx(0.6, rel=1e-6)
+
+
+def test_wrong_multipliers_show_at_the_acceleration_level():
+    """g'' = 2 q.vdot + 2 v.v with vdot = -2 lam q: 2 (1 - 2 lam), over 4 lam + 2."""
+    drift = measure(circle(), solution(t=[0.0, 1.0], lam=0.75)).metrics["drift"]
+    at_zero = 1.0 / (2 * 1.5 + 2)
+    assert drift["acceleration"] == pytest.approx(at_zero)
+    assert drift["position"] < 1e-15
+
+
+def test_energy_and_invariants_change_relative_to_their_own_size():
+    made = solution()
+    v = made.v * np.linspace(1.0, 1.1, 11)[:, None]
+    drift = measure(circle(), replace(made, v=v)).metrics["drift"]
+    assert drift["energy"] == pytest.approx(0.21 / 1.21)  # over the largest kinetic energy
+    assert drift["invariants"]["spin"] == pytest.approx(0.1)
+
+
+def test_a_system_without_constraints_and_energy_has_null_for_each():
+    problem = circle(system=NumpySystem(force=lambda t, q, v: 0 * q))
+    drift = measure(problem, solution(lam=0.5)).metrics["drift"]
+    assert [drift[name] for name in ("position", "velocity", "acceleration", "energy")] == [None] * 4
+    assert drift["invariants"] == {}
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Dense output that is off the circle at one internal step only."""
+
+    t: Any
+
+    def __call__(self, t: Any) -> DenseOutput:
+        rows = [exact(time) for time in t]
+        radius = np.where(np.asarray(t) == 0.5, 1.2, 1.0)
+        return DenseOutput(radius[:, None] * np.array([row.q for row in rows]), np.array([row.v for row in rows]))
+
+
+def test_drift_is_measured_at_the_internal_steps_not_at_the_output_rows():
+    ends = np.linspace(0.0, 1.0, 601)
+    made = solution(t=[0.0, 1.0], interpolant=Steps(ends))
+    problem = circle(scales=Scales(q=1.0))
+    found = measure(problem, made)
+    size = 2 * 1.2 * (np.cos(0.5) + np.sin(0.5))
+    assert found.metrics["drift"]["position"] == pytest.approx(0.44 / size)
+    assert (found.metrics["drift"]["sampled"], found.metrics["drift"]["points"]) == ("steps", 601)
+    curve = found.series["drift"]
+    assert len(curve["t"]) == MOST_POINTS
+    assert max(curve["position"]) == pytest.approx(0.44 / size)  # thinning keeps the peak
+    assert max(found.series["steps"]["h"]) == pytest.approx(1 / 600)
+
+
+def test_a_second_solve_with_output_at_every_step_shows_the_steps():
+    at_steps = solution(t=np.linspace(0, 1, 41), radius=1.1)
+    drift = measure(circle(), solution(), at_steps).metrics["drift"]
+    assert (drift["sampled"], drift["points"]) == ("steps", 41)
+    assert drift["position_absolute"] == pytest.approx(0.21)
+
+
+def test_a_partial_solution_is_measured_as_far_as_it_reaches():
+    made = solution(t=np.linspace(0, 0.5, 6), radius=1.1, status=Status.newton_failed)
+    found = measure(circle(), made).metrics
+    assert found["reached"] == 0.5
+    assert found["errors"]["q"]["end"] is None
+    assert found["errors"]["q"]["max"] == pytest.approx(0.1)
+    nothing = measure(circle(), solution(t=[], lam=0.0, q=np.zeros((0, 2)), v=np.zeros((0, 2)))).metrics
+    assert nothing == {"t_end": None, "reached": 0.0, "rows": 0}
+
+
+def test_values_that_are_not_finite_become_null_and_end_the_drift_there():
+    made = solution(radius=1.1)
+    q = made.q.copy()
+    q[7:] = np.nan
+    found = measure(circle(), replace(made, q=q))
+    json.dumps([found.metrics, found.series], allow_nan=False)
+    assert found.metrics["errors"]["q"]["max"] is None
+    assert found.metrics["drift"]["points"] == 7
+
+
+def test_a_function_of_the_problem_that_raises_costs_its_own_part():
+    def broken(t: float) -> Motion:
+        raise RuntimeError("no idea")
+
+    found = measure(circle(exact=broken), solution())
+    assert found.note == "errors not measured: RuntimeError: no idea"
+    assert found.metrics["drift"]["position"] < 1e-15
+
+
+def test_a_backward_solution_reaches_its_end():
+    made = solution(t=np.linspace(1.0, 0.0, 11))
+    found = measure(circle(t_span=(1.0, 0.0), q0=exact(1.0).q, v0=exact(1.0).v), made).metrics
+    assert found["reached"] == 1.0
+    assert found["errors"]["q"]["end"] == 0.0
+
+
+def test_thinning_keeps_the_largest_and_the_last():
+    t = np.arange(1000.0)
+    curve = spans(t, {"x": np.where(t == 333, 7.0, 1.0)})
+    assert len(curve["t"]) == MOST_POINTS
+    assert curve["x"].max() == 7.0
+    assert curve["t"][-1] == 999
+    assert plain({"a": np.array([np.inf, 1.0])}) == {"a": [None, 1.0]}

@@ -1,0 +1,160 @@
+"""One cell without a worker: what is asked of a solver, in which order, and what becomes of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status
+from hhtbench.campaign.run import WARM_UP, request_of, run_cell, time_cell
+from hhtbench.errors import ProblemError
+
+ASKED = {"rtol": 1e-3, "atol": None, "step": None, "steps": None, "outputs": 5, "counting": True, "max_seconds": 9.0}
+PROBLEM = Problem(
+    name="line",
+    system=NumpySystem(force=lambda t, q, v: 0 * q),
+    t_span=(0.0, 1.0),
+    q0=[0.0],
+    v0=[1.0],
+    exact=lambda t: Motion(np.array([t]), np.array([1.0]), np.zeros(0), np.zeros(0)),
+)
+
+
+class Line:
+    """Solves the straight line, and keeps a diary."""
+
+    name = "line"
+
+    def __init__(self) -> None:
+        self.diary: list[str] = []
+
+    def accepts(self, problem: Any, request: Any) -> str | None:
+        self.diary.append("accepts")
+        return None
+
+    def warm_up(self, problem: Any, request: Any) -> None:
+        self.diary.append("warm_up")
+
+    def count(self, problem: Any, request: Any) -> Counters:
+        self.diary.append("count")
+        return Counters(residual_evaluations=77)
+
+    def solve(self, problem: Any, request: Any) -> Solution:
+        t = np.linspace(0, 1, 31) if request.t_eval is None else request.t_eval
+        self.diary.append(f"solve {t.size}")
+        return line(t, counters=Counters(residual_evaluations=None))
+
+
+def line(t: Any, **changes: Any) -> Solution:
+    none = np.zeros((t.size, 0))
+    values = {
+        "q": t[:, None],
+        "v": np.ones((t.size, 1)),
+        "lam": none,
+        "mu": none,
+        "status": Status.success,
+        "message": "done",
+    }
+    return Solution(t=t, **{**values, **changes})
+
+
+def run(solver: Any, warm: Any = None, **changes: Any) -> dict[str, Any]:
+    return run_cell(PROBLEM, solver, {**ASKED, **changes}, {} if warm is None else warm, lambda _: None)
+
+
+def test_a_solver_is_warmed_once_then_solves_counts_and_shows_its_steps():
+    solver, warm, phases = Line(), {}, []
+    row = run_cell(PROBLEM, solver, ASKED, warm, phases.append)
+    assert solver.diary == ["accepts", "warm_up", "solve 5", "count", "solve 31"]
+    assert row["counters"]["residual_evaluations"] == 77
+    assert row["metrics"]["drift"]["points"] == 31
+    assert row["metrics"]["rows"] == 5
+    assert phases[0] == WARM_UP
+    solver.diary.clear()
+    run(solver, warm)
+    assert "warm_up" not in solver.diary
+
+
+def test_without_counting_the_counters_of_the_solve_stand():
+    solver = Line()
+    assert run(solver, counting=False)["counters"]["residual_evaluations"] is None
+    assert "count" not in solver.diary
+
+
+def test_a_counting_run_that_fails_costs_nothing(monkeypatch: pytest.MonkeyPatch):
+    def fails(*_: Any) -> Counters:
+        raise RuntimeError("cannot")
+
+    monkeypatch.setattr(Line, "count", fails)
+    row = run(Line())
+    assert (row["status"], row["counters"]["residual_evaluations"]) == ("success", None)
+
+
+def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delattr(Line, "warm_up")
+    solver = Line()
+    time_cell(PROBLEM, solver, ASKED, 3, False, lambda _: None)
+    assert solver.diary == ["solve 5"] * 4
+    solver.diary.clear()
+    timing = time_cell(PROBLEM, solver, ASKED, 3, True, lambda _: None)
+    assert solver.diary == ["solve 5"] * 3
+    assert timing["repeats"] == 3
+    assert timing["best_s"] <= timing["median_s"]
+
+
+def test_what_was_reached_before_an_exception_is_measured(monkeypatch: pytest.MonkeyPatch):
+    def breaks(self: Any, problem: Any, request: Any) -> Solution:
+        error = ZeroDivisionError("in the force")
+        error.partial_solution = line(np.array([0.0, 0.5]), status=Status.user_exception)  # type: ignore[attr-defined]
+        raise error
+
+    monkeypatch.setattr(Line, "solve", breaks)
+    row = run(Line())
+    assert row["status"] == "user_exception"
+    assert row["message"].startswith("ZeroDivisionError: in the force (raised in test_run.py")
+    assert row["metrics"]["reached"] == 0.5
+    assert row["metrics"]["errors"]["q"]["max"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("raised", "status"),
+    [
+        (MemoryError("none"), "out_of_memory"),
+        (RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating"), "out_of_memory"),
+        (ProblemError("not this"), "declined"),
+        (SystemExit(3), "user_exception"),
+    ],
+)
+def test_what_a_solver_raises_becomes_a_status(monkeypatch: pytest.MonkeyPatch, raised: BaseException, status: str):
+    def raises(*_: Any) -> Solution:
+        raise raised
+
+    monkeypatch.setattr(Line, "solve", raises)
+    assert run(Line())["status"] == status
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        (None, "returned NoneType"),
+        (line(np.array([0.0, 0.9])), "the last time is 0.9"),
+        (line(np.zeros(0)), "there are no rows"),
+        (line(np.array([0.0, 1.0]), v=np.ones((1, 1))), "v (1, 1) for 2 times"),
+        (line(np.array([0.0, 1.0]), lam=np.full((2, 1), np.inf)), "lam hold values that are not finite"),
+    ],
+)
+def test_a_success_that_cannot_be_one_is_unreliable(monkeypatch: pytest.MonkeyPatch, returned: Any, said: str):
+    monkeypatch.setattr(Line, "solve", lambda *_: returned)
+    row = run(Line())
+    assert row["status"] == "unreliable"
+    assert said in row["message"]
+
+
+def test_output_times_are_even_and_hold_those_of_the_reference():
+    reference = {"t": [0.3, 1.0, 7.0]}
+    forward = Problem(**{**vars(PROBLEM), "reference": reference})
+    assert request_of(forward, ASKED).t_eval.tolist() == [0.0, 0.25, 0.3, 0.5, 0.75, 1.0]
+    backward = Problem(**{**vars(PROBLEM), "t_span": (1.0, 0.0), "reference": reference})
+    assert request_of(backward, ASKED).t_eval.tolist() == [1.0, 0.75, 0.5, 0.3, 0.25, 0.0]

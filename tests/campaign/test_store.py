@@ -1,0 +1,193 @@
+"""Acceptance K4, K6, K8: damage is found, one writer at a time, what is acknowledged stays."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hhtbench.errors import ProblemError
+from hhtbench.store import RunRow, Store, load_rows
+from hhtbench.store import sqlite as module
+
+ROW = RunRow(
+    key="k0",
+    problem="fall",
+    solver="told",
+    request={"rtol": 1e-3, "max_seconds": 1.0},
+    status="success",
+    message="there",
+    metrics={"t_end": 1.0},
+    series={"drift": {"t": [0.0, 1.0] * 200}},
+    timing={"repeats": None},
+    created="2026-01-01T00:00:00+00:00",
+)
+
+
+def fill(path: Path, count: int = 10) -> list[RunRow]:
+    rows = [replace(ROW, key=f"k{i}", metrics={"t_end": float(i)}) for i in range(count)]
+    with Store(path) as store:
+        for row in rows:
+            store.put(row, f"identity {row.key}")
+    return rows
+
+
+def test_rows_come_back_as_they_were_written(tmp_path: Path):
+    rows = fill(tmp_path / "runs.db")
+    assert load_rows(tmp_path / "runs.db") == rows
+    with Store(tmp_path / "runs.db") as store:
+        assert [store.get(row.key) for row in rows] == rows
+        assert store.get("absent") is None
+        assert store.repairs == ()
+
+
+def test_a_row_of_changed_sources_replaces_the_one_of_the_same_cell(tmp_path: Path):
+    with Store(tmp_path / "runs.db") as store:
+        store.put(ROW, "cell")
+        store.put(replace(ROW, key="k1"), "cell")
+        store.put(replace(ROW, key="k1", timing={"repeats": 3}), "cell")
+    (row,) = load_rows(tmp_path / "runs.db")
+    assert (row.key, row.timing) == ("k1", {"repeats": 3})
+
+
+def test_a_number_that_is_not_finite_is_never_written(tmp_path: Path):
+    with Store(tmp_path / "runs.db") as store, pytest.raises(ValueError, match="not JSON compliant"):
+        store.put(replace(ROW, metrics={"t_end": float("nan")}), "cell")
+
+
+def test_a_flipped_byte_in_a_row_is_found_and_the_row_given_up(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path)
+    content = bytearray(path.read_bytes())
+    place = content.find(b'{"t_end": 4.0}')
+    content[place + 10] ^= 1  # 4.0 reads 5.0: valid JSON, valid SQLite
+    path.write_bytes(content)
+    with pytest.warns(UserWarning, match="1 damaged rows"):
+        assert [row.key for row in load_rows(path)] == [f"k{i}" for i in range(10) if i != 4]
+    with Store(path) as store:
+        assert "1 rows did not match" in store.repairs[0]
+        assert store.get("k4") is None
+    with Store(path) as store:
+        assert store.repairs == ()
+
+
+def test_a_damaged_index_that_would_hide_a_row_is_found_and_rebuilt(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    rows = fill(path)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"k3")] = ord("j")  # the index lies before the rows
+    path.write_bytes(content)
+    with Store(path) as store:
+        assert "10 sound rows were saved" in store.repairs[0]
+        assert [store.get(row.key) for row in rows] == rows
+
+
+def test_no_flipped_byte_is_used_silently(tmp_path: Path):
+    """60 places anywhere in the file; every row that comes back is one that was written."""
+    path = tmp_path / "runs.db"
+    rows = fill(path, 5)
+    sound, places = path.read_bytes(), random.Random(3)
+    for _ in range(60):
+        content = bytearray(sound)
+        content[places.randrange(len(content))] ^= 1 << places.randrange(8)
+        path.write_bytes(content)
+        try:
+            with Store(path) as store:
+                kept = [store.get(row.key) for row in rows]
+        except ProblemError as error:
+            assert any(text in str(error) for text in ("version", "cannot be opened", "is no store"))
+        else:
+            assert all(got is None or got == row for got, row in zip(kept, rows, strict=True))
+            assert all(kept) or store.repairs
+
+
+def test_a_truncated_file_is_set_aside_and_only_rows_that_are_whole_are_used(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 200)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with Store(path) as store:
+        assert "damaged" in store.repairs[0]
+        kept = [row for row in rows if store.get(row.key) == row]
+    assert load_rows(path) == kept
+    assert list(tmp_path.glob("runs.db.damaged-*"))
+
+
+def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
+    path = tmp_path / "notes.db"
+    path.write_text("my notes " * 500)
+    with pytest.raises(ProblemError, match="is no store"):
+        Store(path)
+    assert path.read_text() == "my notes " * 500
+    foreign = tmp_path / "foreign.db"
+    with sqlite3.connect(foreign) as connection:
+        connection.execute("CREATE TABLE songs (title TEXT)")
+    before = foreign.read_bytes()
+    with pytest.raises(ProblemError, match="is no store: it has a table songs"):
+        Store(foreign)
+    assert foreign.read_bytes() == before
+
+
+KILLED = """
+import os, signal, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1])
+connection.execute("PRAGMA cache_size = 1")
+connection.execute("BEGIN")
+connection.execute("UPDATE runs SET status = 'half', message = message || hex(zeroblob(20000))")
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("first", [load_rows, lambda path: Store(path).close()])
+def test_what_a_killed_writer_had_begun_is_rolled_back(tmp_path: Path, first: Callable[[Path], object]):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 50)
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    assert path.with_name("runs.db-journal").exists()
+    first(path)
+    assert load_rows(path) == rows
+
+
+def test_a_second_writer_is_refused_and_the_lock_ends_with_the_first(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    with Store(path), pytest.raises(ProblemError, match="another"):
+        Store(path)
+    Store(path).close()
+
+
+def test_a_store_that_cannot_be_written_says_so_and_keeps_its_rows(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.put(ROW, "cell")
+        store._connection.execute("PRAGMA max_page_count = 1")
+        with pytest.raises(ProblemError, match=r"cannot be written.*full"):
+            store.put(replace(ROW, key="k1", message="x" * 100_000), "other")
+    assert load_rows(path) == [ROW]
+
+
+def test_wrong_places_and_versions_are_refused(tmp_path: Path):
+    with pytest.raises(ProblemError, match="no folder"):
+        Store(tmp_path / "absent" / "runs.db")
+    with pytest.raises(ProblemError, match="no store"):
+        load_rows(tmp_path / "absent.db")
+    path = tmp_path / "runs.db"
+    fill(path, 1)
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE meta SET value = '99'")
+    with pytest.raises(ProblemError, match="version 99"):
+        Store(path)
+
+
+def test_rows_are_on_the_disk_when_put_returns(tmp_path: Path):
+    with Store(tmp_path / "runs.db") as store:
+        assert store._connection.execute("PRAGMA synchronous").fetchone()[0] == 2  # FULL
+        assert store._connection.execute("PRAGMA journal_mode").fetchone()[0] == b"delete"
+        store.put(ROW, "cell")
+        assert load_rows(tmp_path / "runs.db") == [ROW]  # seen from another connection: committed
+    assert module.VERSION == 1

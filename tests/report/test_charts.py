@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from hhtbench.report.chart import Chart, EdgeMark, Trace, draw
+from hhtbench.report.charts import problem_charts
+from hhtbench.report.colours import FAMILIES, solver_order, solver_styles
+from tests.analysis.laws import failed, law, run
+from tests.report.synthetic import SOLVERS
+
+
+def _charts(rows, problem="pendulum"):
+    return {chart.id: chart for chart in problem_charts(rows, problem)}
+
+
+def _drawn(chart, *entries):
+    return draw(chart, solver_styles(entries or {trace.entry for trace in chart.traces} | {m.entry for m in chart.marks}))
+
+
+def _named(figure, name, symbol):
+    return [trace for trace in figure.data if trace.name == name and trace.marker.symbol == symbol]
+
+
+def test_failed_run_with_a_time_stands_above_all_errors_at_its_time_and_names_its_status():
+    rows = [*law("ida", 50.0, 4), run("ida", 1e-7, None, 300, status="deadline", message="the budget is used up")]
+    figure = _drawn(_charts(rows)["work-evaluations"])
+    (mark,) = _named(figure, "ida", "hourglass-open")
+    assert mark.x[0] == pytest.approx(300)
+    assert mark.y[0] > max(max(trace.y) for trace in figure.data if trace.mode != "markers")
+    assert math.log10(mark.y[0]) < figure.layout.yaxis.range[1]
+    assert "deadline" in mark.text[0]
+    assert "the budget is used up" in mark.text[0]
+
+
+def test_declined_runs_of_a_solver_share_one_mark_at_the_right_edge():
+    rows = [*law("ida", 50.0, 4), *(failed("cvode", setting, "declined", "no form") for setting in (1e-3, 1e-4))]
+    for chart in ("work-time", "work-evaluations", "convergence-rtol"):
+        figure = _drawn(_charts(rows)[chart])
+        (mark,) = _named(figure, "cvode", "circle-open")
+        assert mark.x[0] > max(max(trace.x) for trace in figure.data if trace.mode != "markers")
+        assert math.log10(mark.x[0]) < figure.layout.xaxis.range[1]
+        assert "declined: rtol 1e-03, rtol 1e-04" in mark.text[0]
+        assert "declined: cvode" in _charts(rows)[chart].caption
+
+
+def test_every_row_is_a_point_or_a_mark(rows):
+    for problem in ("andrews", "knife_edge", "oscillator_chain(n=10)"):
+        own = [row for row in rows if row.problem == problem]
+        chart = _charts(own, problem)["work-time"]
+        inside = sum(len(trace.x) for trace in chart.traces)
+        marked = sum(mark.text.count("rtol ") for mark in chart.marks)
+        assert inside + marked == len(own)
+        assert inside == sum(row.success for row in own)
+
+
+def test_successful_run_without_a_count_of_evaluations_stands_at_the_right_at_its_error():
+    rows = [*law("ida", 50.0, 4), run("diffrax", 1e-3, 1e-3, None)]
+    (mark,) = [mark for mark in _charts(rows)["work-evaluations"].marks if mark.entry == "diffrax"]
+    assert (mark.x, mark.y) == (None, 1e-3)
+
+
+def test_run_without_any_error_stands_at_the_bottom():
+    rows = [*law("ida", 50.0, 4), run("exact", 1e-3, 0.0, 100)]
+    figure = _drawn(_charts(rows)["work-evaluations"])
+    (mark,) = _named(figure, "exact", "triangle-down-open")
+    assert math.log10(mark.y[0]) == pytest.approx(figure.layout.yaxis.range[0])
+
+
+def test_marks_in_the_strip_do_not_hide_one_another():
+    marks = tuple(EdgeMark(entry=f"s{i}", status="deadline", text="", x=1.0 + i / 1000) for i in range(6))
+    chart = Chart(
+        id="c",
+        title="",
+        caption="",
+        x_label="",
+        y_label="",
+        traces=(Trace(entry="s0", x=(0.1, 100.0), y=(1.0, 1e-6), text=("", "")),),
+        marks=marks,
+    )
+    figure = _drawn(chart)
+    heights = [math.log10(trace.y[0]) for trace in figure.data if trace.mode == "markers"]
+    span = np.ptp(figure.layout.yaxis.range)
+    assert min(abs(a - b) for a, b in combinations(heights, 2)) > 0.03 * span
+    assert max(heights) < figure.layout.yaxis.range[1]
+
+
+def test_spent_budget_far_to_the_right_does_not_flatten_the_curves():
+    rows = [*law("ida", 50.0, 4), run("scipy", 1e-7, None, 1e9, status="deadline")]
+    low, high = _drawn(_charts(rows)["work-evaluations"]).layout.xaxis.range
+    assert high - low < 4
+
+
+def test_ticks_stop_where_the_strip_of_failures_begins():
+    rows = [*law("ida", 50.0, 4), run("scipy", 1e-7, None, 100, status="deadline")]
+    figure = _drawn(_charts(rows)["work-evaluations"])
+    assert max(figure.layout.yaxis.tickvals) <= 0.2 < 10 ** figure.layout.yaxis.range[1]
+
+
+def test_limit_of_the_reference_is_drawn_where_errors_come_near_it():
+    rows = law("ida", 50.0, 4)
+    for row in rows:
+        row.metrics["errors"]["digits"] = 6
+    assert "the reference cannot judge below" in [a.text for a in _drawn(_charts(rows)["work-time"]).layout.annotations]
+    for row in rows:
+        row.metrics["errors"]["digits"] = 12
+    assert not _drawn(_charts(rows)["work-time"]).layout.annotations
+
+
+def test_drift_over_time_keeps_its_largest_value_when_thinned_and_zero_can_be_drawn():
+    t = [float(i) for i in range(1000)]
+    values = [0.0] * 1000
+    values[777] = 1e-5
+    rows = [run("ida", 1e-4, 1e-4, 100, series={"drift": {"t": t, "position": values}})]
+    chart = _charts(rows)["drift-position"]
+    (trace,) = chart.traces
+    assert len(trace.x) <= 120
+    assert dict(zip(trace.x, trace.y, strict=True))[777.0] == 1e-5
+    assert min(trace.y) == 1e-18
+    assert "Zero is drawn at 1e-18" in chart.caption
+
+
+def test_drift_of_a_failed_run_is_drawn_as_far_as_it_came_with_its_status_at_the_end():
+    series = {"drift": {"t": [0.0, 0.5], "position": [1e-9, 1e-8]}}
+    rows = [run("ida", 1e-4, None, 100, status="newton_failed", series=series), failed("scipy", 1e-4, "crashed")]
+    chart = _charts(rows)["drift-position"]
+    assert [(mark.entry, mark.status, mark.x) for mark in chart.marks] == [("ida", "newton_failed", 0.5)]
+    assert "No series: scipy (crashed)" in chart.caption
+
+
+def test_caption_tells_the_slopes():
+    rows = [run("hht", step, 3 * step**2, 1 / step, request={"step": step}, key=str(step)) for step in (0.1, 0.05, 0.025)]
+    assert "Fitted slopes: 2.00 (hht, constant step)." in _charts(rows)["convergence-step"].caption
+
+
+def test_caption_of_the_drift_tells_how_far_apart_the_errors_are():
+    series = {"drift": {"t": [0.0, 0.5], "position": [1e-9, 1e-8]}}
+    rows = [run("ida", 1e-4, 2e-4, 100, series=series), run("hht", 1e-4, 3e-3, 100, series=series)]
+    assert "(they are from 2.0e-04 to 3.0e-03)" in _charts(rows)["drift-position"].caption
+
+
+def test_families_have_their_colours_in_every_report_and_variants_differ():
+    styles = solver_styles(SOLVERS)
+    assert styles["hht(alpha=-0.1)"].colour == FAMILIES["hht"].lower()
+    assert solver_styles(["hht(alpha=0)"])["hht(alpha=0)"].colour == FAMILIES["hht"].lower()
+    assert len({style.colour for entry, style in styles.items() if entry.startswith("scipy")}) == 3
+    looks = [(style.colour, style.dash) for style in styles.values()]
+    assert len(set(looks)) == len(looks)
+
+
+def test_order_of_solvers_is_by_family_and_strangers_come_last():
+    order = solver_order(["zeta", "scipy(method=Radau)", "ida(form=ggl)", "hht(alpha=0)", "alpha", "hht(alpha=-0.1)"])
+    assert order == ("hht(alpha=-0.1)", "hht(alpha=0)", "ida(form=ggl)", "scipy(method=Radau)", "alpha", "zeta")

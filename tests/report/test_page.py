@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html import escape
+from html.parser import HTMLParser
+
+import pytest
+
+from hhtbench.errors import ProblemError
+from hhtbench.report import write_comparison
+from tests.report.conftest import COMMAND
+from tests.report.synthetic import PROBLEMS, SOLVERS
+
+MOST_BYTES = 8e6
+LABELS = [solver.replace("'", "") for solver in SOLVERS]
+
+
+class Sources(HTMLParser):
+    """Collects what a browser would fetch and where links lead."""
+
+    def __init__(self):
+        super().__init__()
+        self.fetched, self.links, self.ids, self.buttons = [], [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        if tag == "a":
+            self.links.append(found["href"])
+        else:
+            self.fetched += [found[key] for key in ("src", "href", "srcset", "data") if key in found]
+        if "id" in found:
+            self.ids.append(found["id"])
+        if "data-entry" in found:
+            self.buttons.append(found["data-entry"])
+
+
+@pytest.fixture(scope="module")
+def parsed(page):
+    parser = Sources()
+    parser.feed(page)
+    return parser
+
+
+def figures(page):
+    """Title -> figure, for each problem."""
+
+    def refuse(text):
+        raise ValueError(f"{text} is not JSON")
+
+    found = {}
+    for section in re.findall(r"<section>(.*?)</section>", page, re.DOTALL):
+        problem = re.search(r"<h2 [^>]*>(.*?)</h2>", section)[1]
+        parts = re.findall(
+            r'<h3>(.*?)</h3>\n<div class="plot"><script type="application/json">(.*?)</script>', section, re.DOTALL
+        )
+        found[problem] = {title: json.loads(text, parse_constant=refuse) for title, text in parts}
+    return found
+
+
+def test_page_fetches_nothing_and_holds_plotly_once(page, parsed):
+    assert parsed.fetched == []
+    assert "@import" not in page.partition("</style>")[0]
+    assert page.count("plotly.js v") == 1
+    assert len(page) < MOST_BYTES
+
+
+def test_links_lead_somewhere(parsed):
+    inside = [link[1:] for link in parsed.links if link.startswith("#")]
+    assert set(inside) <= set(parsed.ids)
+    assert len(inside) == len(PROBLEMS) + 2
+    assert {link for link in parsed.links if not link.startswith("#")} == {"report.md"}
+    assert len(set(parsed.ids)) == len(parsed.ids)
+
+
+def test_curves_of_the_verification_are_linked_where_they_are(rows, evidence, tmp_path, page):
+    assert "convergence.html" not in page
+    (tmp_path / "convergence.html").write_text("")
+    write_comparison(rows[:5], tmp_path, COMMAND, evidence)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert '<a href="convergence.html">' in text
+    assert "The one claim holds." in text
+
+
+def test_failing_verification_is_shown_as_failing(rows, evidence, tmp_path):
+    failing = replace(evidence, rows=(replace(evidence.rows[0], passed=False),))
+    write_comparison(rows[:5], tmp_path, COMMAND, failing)
+    assert '<p class="verdict bad">' in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_every_problem_and_every_solver_appears(page, parsed, report):
+    text = (report / "report.md").read_text(encoding="utf-8")
+    assert parsed.buttons == sorted(parsed.buttons, key=LABELS.index) or set(parsed.buttons) == set(LABELS)
+    assert set(parsed.buttons) == set(LABELS)
+    for problem in PROBLEMS:
+        assert f">{problem}</h2>" in page
+        assert f"\n## {problem}\n" in text
+    for label in LABELS:
+        assert label in text
+
+
+def test_every_row_is_in_the_table_of_all_runs(page, rows):
+    for problem in PROBLEMS:
+        own = [row for row in rows if row.problem == problem]
+        table = page.partition(f"All {len(own)} runs on {problem}</summary>")[2].partition("</details>")[0]
+        assert table.count("<tr>") == len(own) + 1
+        assert table.count('"bad short"') == sum(not row.success for row in own)
+
+
+def test_every_problem_has_its_charts(page):
+    found = {problem: list(charts) for problem, charts in figures(page).items()}
+    assert found["andrews"] == [
+        "Error against wall time",
+        "Error against residual evaluations",
+        "Error against tolerance",
+        "Drift of the position constraints over time",
+        "Drift of the velocity constraints over time",
+        "Change of energy over time",
+        "Error of the multipliers λ (position constraints)",
+    ]
+    assert "Drift of the position constraints over time" not in found["knife_edge"]
+    assert "Error of the multipliers μ (velocity constraints)" in found["knife_edge"]
+    assert "Error against wall time" not in found["planar_chain(n_links=4)"]
+
+
+def test_every_solver_is_on_every_chart_as_curve_or_mark(page):
+    for problem, charts in figures(page).items():
+        for title, figure in charts.items():
+            named = {trace["name"] for trace in figure["data"]}
+            if "over time" in title:
+                named |= {label for label in LABELS if f"{escape(label)} (" in page.partition("No series: ")[2]}
+            assert named == set(LABELS), (problem, title)
+
+
+def test_series_of_a_page_are_thin(page):
+    for charts in figures(page).values():
+        for title, figure in charts.items():
+            if "over time" in title:
+                packed = [trace["x"]["bdata"] for trace in figure["data"] if trace["mode"] == "lines"]
+                assert max(len(text) for text in packed) < 120 * 4 * 4 / 3 + 4  # four bytes a point, packed as base 64
+
+
+def test_signs_of_html_in_texts_of_rows_are_harmless(rows, tmp_path):
+    message = "</script><b>boom</b>"
+    broken = replace(rows[0], status="newton_failed", message=message, solver="mine.py:solve(name='</script><i>')")
+    write_comparison([broken, *rows[1:10]], tmp_path, COMMAND)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert message not in text
+    assert "<i>" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert escape(message) in text
+
+
+def test_machine_and_versions_and_command_are_told(page, report):
+    assert "processor &lt;Test&gt; &amp; Co, cores 2" in page
+    assert f"<code>{COMMAND}</code>" in page
+    text = (report / "report.md").read_text(encoding="utf-8")
+    assert "| cores" in text
+    assert COMMAND in text
+
+
+def test_markdown_has_the_comparison_first_and_the_claims_after(report):
+    text = (report / "report.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^# (.*)$", text, re.MULTILINE)
+    assert headings == ["Accuracy, work and drift: extended HHT-alpha and other solvers", "The paper's claims"]
+    assert text.index("## andrews") < text.index("# The paper's claims")
+    assert "| 5.1/q" in text
+    assert "position drift \\| is 1.0" in text
+
+
+def test_folder_that_cannot_be_made_is_explained(rows, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ProblemError, match="report cannot be written"):
+        write_comparison(rows[:1], tmp_path / "file" / "folder", COMMAND)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 5])
+def test_report_of_few_rows_is_written(rows, kept, tmp_path):
+    write_comparison(rows[:kept], tmp_path, COMMAND)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert ("The store holds no rows" in text) == (kept == 0)
