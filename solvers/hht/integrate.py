@@ -11,6 +11,7 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.request import StepPlan
 from hhtbench.result import Solution, Status
 from solvers._start import Failure, acceleration_at, budget_failure
+from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.state import State
@@ -48,13 +49,17 @@ def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History
     return End(Status.success, Status.success.text, state)
 
 
+def reached(output: HermiteOutput, t_eval: Vector | None) -> Vector:
+    """The asked output times within the accepted steps, in either direction of time; None asks for every step."""
+    if t_eval is None:
+        return output.t
+    return t_eval[(t_eval >= output.t.min()) & (t_eval <= output.t.max())]
+
+
 def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
     """The Solution: rows at ``t_eval`` (None: at every step) that were reached, multipliers by (H16)."""
     output = history.dense_output()
-    times = output.t
-    if t_eval is not None:
-        direction = -1.0 if output.t[-1] < output.t[0] else 1.0
-        times = t_eval[direction * t_eval <= direction * output.t[-1]]
+    times = reached(output, t_eval)
     rows = output(times)
     engine.work.lift_budgets()
     found = recover_multipliers(engine, history, times, rows.q, rows.v)
@@ -116,10 +121,7 @@ def recover_multipliers(engine: HostEngine, history: History, times: Vector, q: 
 def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:
     """What was accepted before an exception; multipliers are the stage values, since no callback may be called any more."""
     output = history.dense_output()
-    times = output.t
-    if t_eval is not None:
-        direction = -1.0 if output.t[-1] < output.t[0] else 1.0
-        times = t_eval[direction * t_eval <= direction * output.t[-1]]
+    times = reached(output, t_eval)
     rows = output(times)
     lam, mu = history.multiplier_guess(times)
     return Solution(

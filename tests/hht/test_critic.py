@@ -132,3 +132,11 @@ def test_close_to_one_half_the_failure_names_b():
         solution = HHT(FarRod(), b=0.5 + 1e-12).solve((0, 1), [1, 0], [0, 0], steps=10)
     assert not solution.success
     assert "b is close to" in solution.message
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+def test_a_run_that_fails_in_its_first_step_returns_the_reached_output_times_in_both_directions(end):
+    system = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan if t else 0.0]))
+    solution = HHT(system).solve((0.0, end), [1.0], [0.0], steps=4, t_eval=[0.0, end / 2, end])
+    assert solution.status is hb.Status.nonfinite_callback
+    assert solution.t.tolist() == [0.0]
