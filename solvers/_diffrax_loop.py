@@ -17,9 +17,16 @@ from jax.flatten_util import ravel_pytree
 from solvers.forms import rhs_function
 
 SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short against a time budget
+AT_START = 3  # evaluations for the length of the first step and for its first stage
 CLIP = 2e-14  # relative: a step that ends this close to the end goes to the end, as diffrax has it
 
 evaluations: Counter[int] = Counter()  # ticket of a counted solve -> evaluations so far
+
+
+def evaluations_per_step(name: str) -> int | None:
+    """Evaluations of one attempted step of an explicit method, whose last stage is the next step's first; else None."""
+    tableau: Any = getattr(diffrax, name).tableau
+    return tableau.num_stages - 1 if tableau.a_diagonal is None else None
 
 
 def _tick(ticket: Any) -> None:

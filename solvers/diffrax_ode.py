@@ -1,8 +1,9 @@
 """``diffrax(method=Tsit5|Dopri8|Kvaerno5)``: diffrax on the underlying ODE, compiled as a whole.
 
 The loop over steps is compiled too (:mod:`solvers._diffrax_loop`); it returns to Python after every SEGMENT attempts, so
-that budgets hold.  A compiled solve cannot be watched: :meth:`DiffraxSolver.count` repeats it, untimed, with a callback
-at every evaluation; ``max_evaluations`` selects that code.
+that budgets hold.  A compiled solve cannot be watched.  An explicit method evaluates as often as it has stages, so its
+evaluations follow from its attempts.  An implicit one iterates: :meth:`DiffraxSolver.count` repeats its solve, untimed,
+with a callback at every evaluation; ``max_evaluations`` selects that code.
 """
 
 from __future__ import annotations
@@ -55,12 +56,13 @@ class DiffraxSolver(Adapter):
     def count(self, problem: Problem, request: Request) -> Counters:
         """The counters of :meth:`solve` with the evaluations, from a run of its own."""
         counters = self.solve(problem, replace(request, max_evaluations=request.max_evaluations or 2**62)).counters
-        return replace(counters, provenance=f"counted in a second run; {counters.provenance}")
+        return replace(counters, provenance=f"in a second run: {counters.provenance}")
 
     def drive(self, run: Run) -> None:
         """Compiled segments until the end."""
-        counted = run.request.max_evaluations is not None
-        run.unseen = ["residual_evaluations"] * (not counted) + ["jacobian_evaluations"] * (self.method == "Kvaerno5")
+        implicit = loop.evaluations_per_step(self.method) is None
+        counted = implicit and run.request.max_evaluations is not None
+        run.unseen = ["residual_evaluations"] * (implicit and not counted) + ["jacobian_evaluations"] * implicit
         ticket = next(_tickets)
         try:
             self._segments(run, counted, ticket)
@@ -71,8 +73,10 @@ class DiffraxSolver(Adapter):
         functions = loop.start_steps, loop.take_steps, loop.step_to
         start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted) for f in functions)
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-t
+        per_step = loop.evaluations_per_step(self.method) or 0
         fixed = np.array([run.direction, ticket, run.direction * run.t0, s1, run.rtol]), run.weights
         state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
+        _book(run, loop.AT_START if per_step else 0)
         while run.unfinished():
             packed = segment(*fixed, state, loop.SEGMENT if most is None else min(loop.SEGMENT, most - run.steps))
             state, numbers, rows = np.split(packed, [state.size, state.size + 3])
@@ -80,28 +84,36 @@ class DiffraxSolver(Adapter):
             rejected += attempted - accepted
             lost = numbers[2] if accepted or np.isnan(lost) else lost
             run.library_counters = {"steps_rejected_error": rejected}
-            if counted:
-                _spend(run, ticket)
+            _book(run, _ticked(ticket) if counted else per_step * attempted)
             for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
                 t = run.t1 if row[1] == s1 else run.direction * row[1]
-                between = partial(_between, step_to, fixed, row)
+                between = partial(_between, run, step_to, fixed, row, per_step)
                 run.accept(t, row[2 : 2 + run.form.size], between)
+            if counted:
+                _book(run, _ticked(ticket))
             if not accepted:
                 run.look_ahead(run.direction * lost)
                 status = Status.step_too_small
                 raise Halt(status, f"diffrax accepts no step from t = {run.t:.17g}. {status.text}")
 
 
-def _between(step_to: Any, fixed: Any, row: Any, time: float) -> Any:
+def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, time: float) -> Any:
+    _book(run, per_step + 1 if per_step else 0)
     return step_to(*fixed, row, fixed[0][0] * time)
 
 
-def _spend(run: Run, ticket: int) -> None:
-    """Book the evaluations of a counted segment."""
+def _ticked(ticket: int) -> int:
+    """Evaluations of counted code since the last call."""
     jax.effects_barrier()
-    run.work.add("residual_evaluations", loop.evaluations.pop(ticket, 0))
-    if run.work.tally["residual_evaluations"] > (run.work.max_evaluations or 0):
-        raise BudgetSpent("evaluations", run.work.max_evaluations or 0)
+    return loop.evaluations.pop(ticket, 0)
+
+
+def _book(run: Run, evaluations: int) -> None:
+    """Count ``evaluations`` done inside compiled code."""
+    run.work.add("residual_evaluations", evaluations)
+    most = run.work.max_evaluations
+    if most is not None and run.work.tally["residual_evaluations"] > most:
+        raise BudgetSpent("evaluations", most)
 
 
 def solver(**options: Any) -> DiffraxSolver:

@@ -1,0 +1,98 @@
+"""Work is counted where it happens, also inside compiled code."""
+
+import jax
+import numpy as np
+import pytest
+
+from hhtbench.lowering import compiling
+from hhtbench.request import Request
+from solvers import diffrax_ode, ida
+from tests.adapters.liar import lying
+from tests.adapters.scenes import HOST, Growing, numpy_ring, problem
+
+TSIT5 = diffrax_ode.solver(method="Tsit5")
+EVERY = pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)
+ON_HOST = pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
+LOOSE = Request(rtol=1e-6)
+
+
+@ON_HOST
+def test_evaluations_are_counted_where_they_happen(solver):
+    """On plain callables every call of the force is one evaluation; compiled code says how many points it takes."""
+    calls = []
+    scene = numpy_ring(force=lambda t, q, v: calls.append(t) or np.zeros(2))
+    counters = solver.solve(scene, LOOSE).counters
+    assert counters.residual_evaluations == len(calls) > 0
+    compiled = solver.solve(problem(), LOOSE).counters
+    assert compiled.steps_accepted == pytest.approx(counters.steps_accepted, rel=0.4)
+    assert compiled.residual_evaluations > compiled.steps_accepted
+    assert compiled.newton_iterations is None, "what nobody reports is not zero"
+    assert "not reported" in compiled.provenance
+
+
+def test_evaluations_of_ida_are_those_of_the_library(monkeypatch):
+    seen = []
+    monkeypatch.setattr(ida, "IDA", lying(ida.IDA, lambda result: seen.append((result.nfev, result.njev))))
+    counters = ida.solver().solve(problem(), Request(rtol=1e-6, t_eval=[1.0])).counters
+    assert counters.residual_evaluations == seen[-1][0] + 2  # the start's acceleration level, and the row's
+    assert counters.jacobian_evaluations == seen[-1][1]
+    assert "1 for multipliers at output rows" in counters.provenance
+
+
+class Watched(Growing):
+    """Tells every evaluation of its force, from inside compiled code too."""
+
+    def force(self, t, q, v):
+        jax.debug.callback(lambda: watched.append(1))
+        return super().force(t, q, v)
+
+
+watched = []
+
+
+@pytest.mark.parametrize("method", ["Tsit5", "Dopri8"])
+@pytest.mark.parametrize("t_eval", [None, [0.31, 0.32, 0.9, 1.0]])
+def test_evaluations_of_explicit_methods_in_compiled_code_are_those_of_the_system(method, t_eval):
+    """Booked as stages times attempts; here the system itself counts."""
+    scene = problem("rheonomic", system=Watched())
+    solver = diffrax_ode.solver(method=method)
+    solver.warm_up(scene, Request(rtol=1e-6, t_eval=t_eval))
+    jax.effects_barrier()
+    watched.clear()
+    solution = solver.solve(scene, Request(rtol=1e-6, t_eval=t_eval))
+    jax.effects_barrier()
+    assert solution.success
+    assert solution.counters.residual_evaluations == len(watched) > solution.counters.steps_accepted
+
+
+def test_evaluations_of_an_implicit_method_in_compiled_code_come_from_a_second_run():
+    asked = Request(rtol=1e-6, t_eval=[0.5, 1.0])
+    solver = diffrax_ode.solver(method="Kvaerno5")
+    first = solver.solve(problem(), asked)
+    second = solver.count(problem(), asked)
+    assert first.counters.residual_evaluations is None
+    assert "in a second run" in second.provenance
+    assert second.steps_accepted == first.counters.steps_accepted
+    stages = 6 * (second.steps_accepted + second.steps_rejected_error)  # implicit ones, at least one evaluation each
+    assert stages <= second.residual_evaluations <= 10 * stages
+
+
+def test_compiled_code_is_shared_between_tolerances_and_parameters():
+    def run(**request):
+        TSIT5.solve(problem("rheonomic", system=Growing(growth=0.3)), Request(**request))
+
+    run(rtol=1e-5)
+    before = sum(entry._cache_size() for entry in compiling._compiled.values())
+    run(rtol=1e-7)
+    run(rtol=1e-6, atol=1e-9, max_num_steps=3)
+    run(rtol=1e-6, max_seconds=5.0)
+    assert sum(entry._cache_size() for entry in compiling._compiled.values()) == before
+
+
+@EVERY
+def test_nothing_compiles_after_the_warm_up(solver):
+    asked = Request(rtol=1e-6, t_eval=np.linspace(0, 1, 5))
+    solver.warm_up(problem(), asked)
+    before = sum(entry._cache_size() for entry in compiling._compiled.values())
+    assert solver.solve(problem(), asked).success
+    assert sum(entry._cache_size() for entry in compiling._compiled.values()) == before
