@@ -17,6 +17,7 @@ from hhtbench.check import check
 from hhtbench.describe import describe
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, read_evidence
+from hhtbench.reference.command import reference_command
 from hhtbench.registry import load_problem, load_verification
 from hhtbench.report import write_comparison, write_report
 from hhtbench.report.solution import end_state, errors_at_end, save_solution
@@ -122,6 +123,7 @@ def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs:
 
 
 main.add_command(run_command)
+main.add_command(reference_command)
 
 
 @main.command("report")

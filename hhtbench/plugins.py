@@ -21,6 +21,7 @@ GROUPS = {
     "problem": "hhtbench.problems",
     "solver": "hhtbench.solvers",
     "verification": "hhtbench.verifications",
+    "reference": "hhtbench.references",
 }
 
 

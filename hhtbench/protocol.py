@@ -57,6 +57,7 @@ PHYSICS = (
     "reaction",
     "velocity_reaction",
     "energy",
+    "power",
     "invariants",
 )
 DERIVATIVES = (
@@ -67,6 +68,21 @@ DERIVATIVES = (
     "velocity_constraint_jacobian",  # (t,q,v) -> (p,n): k_v
     "reaction_jacobians",  # (t,q,lam) -> (Q_q (n,n), Q_lam (n,m))
     "sparsity",  # mapping: name of a pattern, see PATTERNS -> booleans (rows, n)
+)
+TAGS = (  # kinds of problems, for choosing among them
+    "holonomic",
+    "velocity-level",
+    "mixed",
+    "unconstrained",
+    "rheonomic",
+    "redundant",
+    "singular",
+    "stiff",
+    "flexible",
+    "nonlinear reaction",
+    "variable mass",
+    "damped",
+    "large",
 )
 PATTERNS = (  # what ``sparsity`` may hold: patterns of derivatives of F, g, k, Q and M x
     "force_q",
@@ -106,6 +122,9 @@ class System(eqx.Module):
         Generalised reaction forces; ``-g_q^T lam`` and ``-k_v^T mu`` if undeclared.  May be nonlinear in ``lam``.
     ``energy(t, q, v) -> scalar``, ``invariants(t, q, v) -> dict of scalars``
         Measured, never used by a solver.
+    ``power(t, q, v, lam, mu) -> scalar``
+        What feeds ``energy`` (dampers, forces without a potential, moving constraints), so that along every motion
+        ``d energy/dt = power`` [W].  Undeclared: the energy is conserved.
 
     The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.
     """
@@ -183,7 +202,8 @@ class Problem:
     exact: Callable[[float], Motion] | None = None  #: closed solution
     reference: Mapping[str, Any] | None = None  #: {"t": (k,), "q": (k,n), "v": (k,n), "lam": (k,m), "digits": int}
     sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
-    tags: tuple[str, ...] = ()
+    tags: tuple[str, ...] = ()  #: of ``TAGS``, what a solver must be able to take
+    good_for: str = ""  #: one sentence: what this problem shows that others do not
     source: str = ""  #: where the equations and values come from
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
@@ -75,7 +75,9 @@ class Status(enum.Enum):
 class Counters:
     """Work done; None means not reported, never zero instead.
 
-    One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.
+    One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.  Those that
+    output rows cost, for their multipliers or to reach them inside a step, are ``output_evaluations`` and in no other
+    counter, so that work does not depend on how much output is asked for; budgets count both.
     ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
     """
 
@@ -84,6 +86,7 @@ class Counters:
     steps_rejected_newton: int | None = 0
     newton_iterations: int | None = 0
     residual_evaluations: int | None = 0
+    output_evaluations: int | None = 0
     jacobian_evaluations: int | None = 0
     factorisations: int | None = 0
     linear_solves: int | None = 0
@@ -113,7 +116,11 @@ class DenseOutput(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level."""
+    """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
+
+    ``carried`` is None where a solver has no multipliers of its own, as on the underlying ODE, and for HHT with output
+    between its steps: its stage values belong to their ends.
+    """
 
     t: Vector  #: (n_t,) [s]
     q: Matrix  #: (n_t, n)
@@ -124,6 +131,7 @@ class Solution:
     message: str  #: what happened, where, and what to do
     counters: Counters = field(default_factory=Counters)
     steps_data: StepsData | None = None  #: HHT only
+    carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
     t_events: tuple[Vector, ...] = ()
     interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
 

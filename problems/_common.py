@@ -41,13 +41,22 @@ def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
     Returns
     -------
     dict
-        ``t`` (k,), ``q, v`` (k, n), ``lam`` (k, m), ``mu`` (k, p) as float64, ``digits`` and ``source``.  The file
-        keeps the digits as strings because they are more than a double holds.
+        ``t`` (k,), ``q, v`` (k, n), ``lam`` (k, m), ``mu`` (k, p), ``bars``: {quantity: (k,) scaled error bars}, ``digits``
+        that the largest bar of q and v leaves, and ``source``.
     """
-    stored = json.loads((REFERENCES / f"{name}.json").read_text(encoding="utf-8"))
+    file = REFERENCES / f"{name}.json"
+    if not file.is_file():
+        return None
+    stored = json.loads(file.read_text(encoding="utf-8"))
     t = np.array(stored["t"], dtype=np.float64)
     rows = t <= t_end
     if not rows.any():
         return None
-    values = {key: np.array(stored[key], dtype=np.float64)[rows] for key in ("q", "v", "lam", "mu")}
-    return {"t": t[rows], **values, "digits": int(stored["digits_verified"]), "source": stored["source"]}
+    values = {key: np.array(part, dtype=np.float64)[rows] for key, part in stored["values"].items()}
+    values |= {key: np.zeros((int(rows.sum()), 0)) for key in ("lam", "mu") if key not in values}
+    bars = {key: np.array(part, dtype=np.float64)[rows] for key, part in stored["bars"].items()}
+    worst = max(bars[key].max() for key in ("q", "v"))
+    others = stored["confirmed_by"]
+    confirmed = [other["solver"] for other in others if other["independent"] and other["status"] == "success"]
+    source = f"{stored['first']}, confirmed by {' and '.join(confirmed)}"
+    return {"t": t[rows], **values, "bars": bars, "digits": int(-np.log10(worst)), "source": source}

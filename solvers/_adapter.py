@@ -47,7 +47,9 @@ def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[st
     """
     unknown = sorted(set(options) - set(known))
     if unknown:
-        raise TypeError(f"{solver} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+        close = get_close_matches(unknown[0], known, n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise TypeError(f"{solver} does not know {', '.join(unknown)}; known: {', '.join(known)}.{hint}")
     for name, value in options.items():
         if value not in known[name]:
             by_letters = {x.lower(): x for x in known[name]}
@@ -130,14 +132,24 @@ def step_sundials(run: Run, solver: Any) -> None:
             if step.status < 0:
                 status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
                 raise Halt(status, f"{step.message} {' '.join(said)} {status.text} t = {run.t:.17g} was reached.")
-            run.accept(step.t, step.y, partial(_interpolated, solver, step.t))
+            run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step))
 
 
-def _interpolated(solver: Any, end: float, time: float) -> Vector:
-    """y at ``time`` within the last step; the library is put back to the step's end, from where it goes on."""
-    y = solver.step(time, method="normal", tstop=None).y
+def _state(solver: Any, step: Any, time: float) -> Vector:
+    """y at ``time`` within the last step."""
+    return _within(solver, step.t, time).y
+
+
+def _rate(solver: Any, step: Any, time: float) -> Vector:
+    """y' at ``time`` within the last step of an IDA, or at its end."""
+    return step.yp if time == step.t else _within(solver, step.t, time).yp
+
+
+def _within(solver: Any, end: float, time: float) -> Any:
+    """What the library gives at ``time``; it is put back to the step's end, from where it goes on."""
+    found = solver.step(time, method="normal", tstop=None)
     solver.step(end, method="normal", tstop=None)
-    return y
+    return found
 
 
 class _Listener:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
@@ -21,7 +21,11 @@ from hhtbench.lowering import (
     constraint_rank,
     derive,
     mass_is_singular,
+    padded,
+    reduce_redundant,
     route_of,
+    smallest,
+    unreduced,
 )
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.protocol import NumpySystem, System
@@ -65,7 +69,27 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
             stacklevel=2,
         )
         dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
-    return regular(dynamics, place)
+    return regular(independent(dynamics, place), place)
+
+
+def independent(dynamics: Any, place: Place) -> Any:
+    """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
+    if not dynamics.structure.constrained:
+        return dynamics
+    at = ConstraintLevels(dynamics).at(place.t, place.q, place.v)
+    rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
+    if not np.isfinite(rows).all() or not rows.any(axis=1).all():
+        return dynamics  # the start's own check says what is wrong
+    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
+    reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
+    if reduced is None:
+        return dynamics
+    warnings.warn(
+        f"redundant constraints: {rank.text}. The solver works without those rows; multipliers are those of least norm.",
+        UserWarning,
+        stacklevel=2,
+    )
+    return reduced
 
 
 def regular(dynamics: Any, place: Place) -> Any:
@@ -90,8 +114,10 @@ def _mass_is_singular(dynamics: Any, place: Place) -> bool:
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
 
-def inconsistency(levels: ConstraintLevels, place: Place) -> Failure | None:
+def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:
     """None for a consistent start; else the violated rows with their sizes, or the redundant rows.
+
+    ``reduced``: the solver works without those.
 
     Raises
     ------
@@ -104,7 +130,7 @@ def inconsistency(levels: ConstraintLevels, place: Place) -> Failure | None:
         message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
         return Failure(Status.inconsistent_initial, message)
     rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
-    if rank.redundant:
+    if rank.redundant and not reduced:
         return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {rank.text}")
     return None
 
@@ -134,6 +160,20 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
     expect_finite("velocity_constraint_jacobian", at.velocity_jacobian, t)
     expect_finite("the velocity level of the constraints", at.velocity_drift, t)
     return at
+
+
+def all_multipliers(dynamics: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
+    """Multipliers (k, m) and (k, p) of all rows, of least norm where the solver works without the redundant ones."""
+    whole = unreduced(dynamics)
+    if whole is dynamics:
+        return lam, mu
+    lam, mu = padded(dynamics, lam, mu)
+    levels, m = ConstraintLevels(whole), whole.structure.m
+    for i in range(len(lam)):
+        at = levels.at(float(t[i]), q[i], v[i])
+        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
+        lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]])), [m])
+    return lam, mu
 
 
 Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
@@ -203,8 +243,8 @@ def counted_dynamics(dynamics: Any, work: Work) -> Any:
     """A NumPy system's dynamics tells ``work`` of every callback."""
     if route_of(dynamics) != "numpy":
         return dynamics
-    if hasattr(dynamics, "rho"):
-        return type(dynamics)(inner=counted_dynamics(dynamics.inner, work), rho=dynamics.rho)
+    if hasattr(dynamics, "inner"):
+        return dataclasses.replace(dynamics, inner=counted_dynamics(dynamics.inner, work))
     return dataclasses.replace(dynamics, on_call=work.on_call)
 
 

@@ -62,7 +62,8 @@ class DiffraxSolver(Adapter):
         """Compiled segments until the end."""
         implicit = loop.evaluations_per_step(self.method) is None
         counted = implicit and run.request.max_evaluations is not None
-        run.unseen = ["residual_evaluations"] * (implicit and not counted) + ["jacobian_evaluations"] * implicit
+        evaluations = ["residual_evaluations", "output_evaluations"]
+        run.unseen = evaluations * (implicit and not counted) + ["jacobian_evaluations"] * implicit
         ticket = next(_tickets)
         try:
             self._segments(run, counted, ticket)
@@ -90,7 +91,9 @@ class DiffraxSolver(Adapter):
                 between = partial(_between, run, step_to, fixed, row, per_step)
                 run.accept(t, row[2 : 2 + run.form.size], between)
             if counted:
-                _book(run, _ticked(ticket))
+                inside = _ticked(ticket)  # of the shorter steps to output times
+                run.output_evaluations += inside
+                _book(run, inside)
             if not accepted:
                 run.look_ahead(run.direction * lost)
                 status = Status.step_too_small

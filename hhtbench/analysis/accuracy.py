@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhtbench.analysis.cells import Point, by_entry, entry_of, number, point, points
+from hhtbench.analysis.cells import DOUBTED, Point, by_entry, entry_of, number, point, points
 from hhtbench.store.rows import RunRow
 
 LEAST_POINTS = 3  # of a fitted slope; two points fit any line
 ROUNDOFF = 1e-12  # scaled errors below it say nothing of an order
+COARSE = 0.1  # scaled errors above it lie before the range where an order shows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +75,8 @@ def convergence(rows: Iterable[RunRow]) -> tuple[ConvergenceCurve, ...]:
 
 
 def fit(runs: Sequence[Point]) -> Slope | None:
-    """Slope of error against setting over the runs that succeeded, above the reference's limit and roundoff."""
-    judged = [(run.setting.value, run.error) for run in runs if run.error and run.error > max(run.limit, ROUNDOFF)]
+    """Slope of error against setting over successful runs, above the reference's limit and roundoff, up to ``COARSE``."""
+    judged = [(run.setting.value, run.error) for run in runs if run.error and max(run.limit, ROUNDOFF) < run.error <= COARSE]
     if len({x for x, _ in judged}) < LEAST_POINTS:
         return None
     x, y = (np.log10(np.asarray(values, dtype=np.float64)) for values in zip(*judged, strict=True))
@@ -84,10 +85,10 @@ def fit(runs: Sequence[Point]) -> Slope | None:
 
 
 def multipliers(rows: Iterable[RunRow]) -> tuple[MultiplierPoint, ...]:
-    """One point a row; a failed run has neither error."""
+    """One point a row; a failed run has neither error, one that is not believed has both."""
     found = []
     for row in rows:
-        lam, mu = (number(row.metrics, "errors", name, "max_scaled") if row.success else None for name in ("lam", "mu"))
+        lam, mu = (component_error(row, name) if row.success or row.status == DOUBTED else None for name in ("lam", "mu"))
         found.append(MultiplierPoint(point=point(row), lam=lam, mu=mu))
     return tuple(found)
 

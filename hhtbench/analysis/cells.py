@@ -11,7 +11,8 @@ from hhtbench.store.rows import RunRow
 
 SUBJECT = "hht"  # the family that the comparison is about
 TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
-LEVELS = ("position", "velocity", "acceleration", "energy")
+NEAR = 10.0  # errors within this factor of one another are called equal
+DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +36,17 @@ class Point:
     message: str
     success: bool
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
+    doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
+    compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
     time: float | None  #: wall time of one solve [s]
     alone: bool  #: the time was taken alone on a core, not beside other work
+    disturbed: bool  #: something else ran on the machine while the time was taken
+    share: float | None  #: CPU time over wall time of the median solve
     evaluations: float | None
     position: float | None  #: largest drift at this level
     velocity: float | None
+    absolute: float | None  #: largest |g_i| in its own unit
 
     def work(self, measure: str) -> float | None:
         """``time`` [s] or ``evaluations``."""
@@ -105,6 +111,7 @@ def point(row: RunRow) -> Point:
     """The row, reduced."""
     alone = number(row.timing, "best_s")
     digits = number(row.metrics, "errors", "digits")
+    compared = number(row.metrics, "errors", "points")
     return Point(
         key=row.key,
         problem=row.problem,
@@ -114,13 +121,24 @@ def point(row: RunRow) -> Point:
         message=row.message,
         success=row.success,
         error=state_error(row) if row.success else None,
+        doubted=state_error(row) if row.status == DOUBTED else None,
+        compared=None if compared is None else int(compared),
         limit=0.0 if digits is None else 10.0**-digits,
         time=number(row.timing, "solve_s") if alone is None else alone,
         alone=alone is not None,
+        disturbed=row.timing.get("disturbed") is True,
+        share=_share(row),
         evaluations=number(row.counters, "residual_evaluations"),
         position=number(row.metrics, "drift", "position"),
         velocity=number(row.metrics, "drift", "velocity"),
+        absolute=number(row.metrics, "drift", "position_absolute"),
     )
+
+
+def _share(row: RunRow) -> float | None:
+    """CPU time over wall time; None where either is unknown."""
+    cpu, wall = number(row.timing, "cpu_s"), number(row.timing, "median_s")
+    return None if cpu is None or not wall else cpu / wall
 
 
 def points(rows: Iterable[RunRow]) -> tuple[Point, ...]:
@@ -141,11 +159,11 @@ def by_entry(found: Iterable[Point]) -> dict[str, list[Point]]:
     return {name: sorted(group, key=lambda item: -item.setting.value) for name, group in groups.items()}
 
 
-def typical(runs: Sequence[Point]) -> Point:
-    """The run to set beside other solvers': nearest to ``TYPICAL_ERROR``, else the middle setting, else a failed one."""
+def typical(runs: Sequence[Point], error: float = TYPICAL_ERROR) -> Point:
+    """The run to set beside other solvers': nearest to ``error``, else the middle setting, else a failed one."""
     good = [run for run in runs if run.success]
     measured = [run for run in good if run.error]
     if measured:
-        return min(measured, key=lambda run: abs(math.log10((run.error or 1.0) / TYPICAL_ERROR)))
+        return min(measured, key=lambda run: abs(math.log10((run.error or 1.0) / error)))
     chosen = good or list(runs)
     return chosen[len(chosen) // 2]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family, points, problems
+from hhtbench.analysis.missing import Missing, drifting, unjudged, why_missing
 from hhtbench.store.rows import RunRow
 
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5)  # achieved scaled errors
+HELD_TARGETS = (1e-3, 1e-4, 1e-5)  # at which steady solvers are compared
+HELD = 1e-8  # drift that counts as none: what stabilised forms keep at plain engineering tolerances
 MEASURES = ("time", "evaluations")
 LEVEL = 1.1  # factors below it are called level: repeated timings differ by as much
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
@@ -34,7 +36,7 @@ class Front:
     measure: str  #: "time" or "evaluations"
     target: float
     costs: tuple[Cost, ...]  #: cheapest first
-    missing: dict[str, str]  #: solver -> why it has no cost
+    missing: dict[str, Missing]  #: solver -> why it has no cost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +48,8 @@ class Comparison:
     target: float
     subject: Cost | None
     rival: Cost | None
-    missing: dict[str, str]
+    missing: dict[str, Missing]
+    family: str  #: of the subject
 
     @property
     def factor(self) -> float | None:
@@ -55,14 +58,29 @@ class Comparison:
 
     @property
     def outcome(self) -> str:
-        """ "wins", "loses", "level", "alone" (only the subject gets there), "absent" (it does not), "unknown"."""
+        """ "wins", "loses", "level"; "absent" (it was tried and does not get there), "untried" (it was not asked for it);
+
+        "alone" (others were tried, only the subject gets there), "unrivalled" (others were not asked), "unheld" (others
+        drift too far, as far as they were tried); "unknown".
+        """
         if self.subject is None:
-            return "unknown" if self.rival is None else "absent"
+            tried = "absent" if self.own_missing is None or self.own_missing.kind != "untried" else "untried"
+            return "unknown" if self.rival is None else tried
         if self.factor is None:
-            return "alone"
+            others = [reason.kind for entry, reason in self.missing.items() if family(entry) != self.family]
+            if "drifts" in others:
+                return "unheld"
+            return "unrivalled" if not others or {"untried", "uncounted"} & set(others) else "alone"
         if 1 / LEVEL <= self.factor <= LEVEL:
             return "level"
         return "wins" if self.factor > 1 else "loses"
+
+    @property
+    def own_missing(self) -> Missing | None:
+        """Why the subject has no cost: the reason of its entry that came nearest, one not tried before one that failed."""
+        own = [reason for entry, reason in self.missing.items() if family(entry) == self.family]
+        nearest = sorted(own, key=lambda reason: (reason.kind != "untried", reason.error or math.inf))
+        return nearest[0] if nearest and self.subject is None else None
 
     def drift_ratio(self, level: str) -> float | None:
         """The rival's drift over the subject's at ``level``; None where either is unknown."""
@@ -105,48 +123,65 @@ def _between(coarse: Point, fine: Point, target: float, measure: str) -> float:
     return math.exp(low + share * (high - low))
 
 
-def fronts(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = TARGETS) -> tuple[Front, ...]:
-    """One front for each problem and target."""
+def fronts(
+    rows: Iterable[RunRow], measure: str, targets: Sequence[float] = TARGETS, held: float | None = None
+) -> tuple[Front, ...]:
+    """One front for each problem and target; with ``held`` of the runs whose position and velocity drift stay within it."""
     found = points(rows)
     result = []
     for problem in dict.fromkeys(run.problem for run in found):
         groups = by_entry(run for run in found if run.problem == problem)
         limit = max((run.limit for group in groups.values() for run in group), default=0.0)
-        result += [_front(problem, measure, target, groups, limit) for target in targets]
+        result += [_front(problem, measure, target, groups, limit, held) for target in targets]
     return tuple(result)
 
 
-def _front(problem: str, measure: str, target: float, groups: dict[str, list[Point]], limit: float) -> Front:
+def _front(
+    problem: str, measure: str, target: float, groups: dict[str, list[Point]], limit: float, held: float | None
+) -> Front:
     costs: list[Cost] = []
-    missing: dict[str, str] = {}
+    missing: dict[str, Missing] = {}
+    levels = constrained_levels(run for group in groups.values() for run in group)
     for entry, runs in groups.items():
-        cost = cost_at(runs, target, measure) if target >= limit else None
+        usable = runs if held is None else [run for run in runs if holds(run, levels, held)]
+        cost = cost_at(usable, target, measure) if target >= limit else None
+        accurate = [run for run in runs if run.work(measure) and _error(run) <= target]
         if cost is not None:
             costs.append(cost)
         elif target < limit:
-            missing[entry] = f"the reference cannot judge errors below {limit:.0e}"
+            missing[entry] = unjudged(limit)
+        elif held is not None and accurate:
+            missing[entry] = drifting(accurate, held)
         else:
-            missing[entry] = _why_missing(runs, measure)
+            missing[entry] = why_missing(runs, measure)
     ordered = tuple(sorted(costs, key=lambda cost: cost.value))
     return Front(problem=problem, measure=measure, target=target, costs=ordered, missing=missing)
 
 
-def _why_missing(runs: Sequence[Point], measure: str) -> str:
-    failed = Counter(run.status for run in runs if not run.success)
-    outcome = ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
-    errors = [run.error for run in runs if run.error is not None]
-    if not errors:
-        return outcome or "no exact solution or reference to compare with"
-    if not any(run.work(measure) for run in runs):
-        return f"{measure} not reported"
-    return f"smallest error {min(errors):.2g}" + (f"; {outcome}" if outcome else "")
+def constrained_levels(runs: Iterable[Point]) -> tuple[str, ...]:
+    """The levels, of position and velocity, that the constraints of these runs' problem have."""
+    known = list(runs)
+    return tuple(level for level in ("position", "velocity") if any(getattr(run, level) is not None for run in known))
 
 
-def compare(rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = TARGETS) -> tuple[Comparison, ...]:
-    """For each problem, measure and target: the best of the family ``subject`` against the best of all others."""
+def holds(run: Point, levels: Sequence[str], bound: float) -> bool:
+    """Whether the run's drift was measured and is at most ``bound`` at all ``levels``."""
+    return all(getattr(run, level) is not None and getattr(run, level) <= bound for level in levels)
+
+
+def compare(
+    rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = TARGETS, held: float | None = None
+) -> tuple[Comparison, ...]:
+    """For each problem, measure and target: the best of the family ``subject`` against the best of all others.
+
+    With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.
+    """
     result = []
+    found = points(rows)
     for measure in MEASURES:
-        for front in fronts(rows, measure, targets):
+        for front in fronts(rows, measure, targets, held):
+            if held is not None and not constrained_levels(run for run in found if run.problem == front.problem):
+                continue
             own = [cost for cost in front.costs if family(cost.entry) == subject]
             others = [cost for cost in front.costs if family(cost.entry) != subject]
             result.append(
@@ -157,6 +192,7 @@ def compare(rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[fl
                     subject=own[0] if own else None,
                     rival=others[0] if others else None,
                     missing=front.missing,
+                    family=subject,
                 )
             )
     order = {problem: index for index, problem in enumerate(problems(rows))}

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis.cells import Point, number, point
+from hhtbench.analysis.cells import DOUBTED, Point, by_entry, number, point
 from hhtbench.store.rows import RunRow
 
 COUNTED = (
@@ -16,6 +16,7 @@ COUNTED = (
     "steps_rejected_newton",
     "newton_iterations",
     "residual_evaluations",
+    "output_evaluations",
     "jacobian_evaluations",
     "factorisations",
     "linear_solves",
@@ -41,7 +42,7 @@ class FailureRow:
     message: str
     settings: tuple[str, ...]  #: of the runs, loosest first as they came
     keys: tuple[str, ...]
-    reached: float | None  #: largest fraction of the interval
+    reached: float | None  #: largest fraction of the interval; None for runs that are not believed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,14 +65,20 @@ def counters(rows: Iterable[RunRow]) -> tuple[CounterRow, ...]:
     )
 
 
+def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
+    """Solvers that have successful runs and report the evaluations of none."""
+    groups = by_entry(point(row) for row in rows if row.success)
+    return tuple(entry for entry, runs in groups.items() if all(run.evaluations is None for run in runs))
+
+
 def failures(rows: Iterable[RunRow]) -> tuple[FailureRow, ...]:
-    """Every run that did not reach the end, runs with the same outcome in one line."""
+    """Every run that failed or is not believed, runs with the same outcome in one line."""
     groups: dict[tuple[str, str, str, str], list[tuple[Point, float | None]]] = {}
     for row in rows:
         if not row.success:
             run = point(row)
             own = groups.setdefault((run.problem, run.entry, run.status, run.message), [])
-            own.append((run, number(row.metrics, "reached")))
+            own.append((run, None if row.status == DOUBTED else number(row.metrics, "reached")))
     return tuple(
         FailureRow(
             problem=problem,

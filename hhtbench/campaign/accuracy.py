@@ -59,9 +59,32 @@ class Comparison:
         }
 
 
+def compare_multipliers(problem: Problem, t: Vector, carried: Mapping[str, Matrix]) -> dict[str, dict[str, Any]]:
+    """``lam_carried`` and ``mu_carried`` of ``metrics["errors"]``: the solver's own multipliers at ``t`` (k,)."""
+    rows, truth, against, digits = _matched(problem, t)
+    got: dict[str, Matrix] = {}
+    for name, values in carried.items():
+        if rows.size and name in truth and truth[name].shape == values[rows].shape and truth[name].shape[1]:
+            got[name] = values[rows]
+    if not got:
+        return {}
+    found = Comparison(
+        against=against,
+        digits=digits,
+        at_end=_at_end(problem, t[rows]),
+        t=t[rows],
+        got=got,
+        true=truth,
+        scale={name: _scale(problem, name, values) for name, values in got.items()},
+        observables=(),
+    )
+    entries = found.metrics()
+    return {f"{name}_carried": entries[name] for name in got}
+
+
 def compare(problem: Problem, solution: Solution) -> Comparison | None:
     """The comparison, or None where nothing is known at any time of ``solution``."""
-    rows, truth, against, digits = _matched(problem, solution)
+    rows, truth, against, digits = _matched(problem, np.asarray(solution.t))
     if rows.size == 0:
         return None
     got: dict[str, Matrix] = {}
@@ -71,7 +94,7 @@ def compare(problem: Problem, solution: Solution) -> Comparison | None:
         values, known = np.asarray(getattr(solution, name))[rows], truth.get(name)
         if known is not None and known.shape == values.shape and known.shape[1]:
             got[name], true[name] = values, known
-            scale[name] = np.broadcast_to(np.asarray(getattr(problem.scales, name), dtype=np.float64), known.shape[1:])
+            scale[name] = _scale(problem, name, known)
     names = []
     if all(name in truth for name in ("q", "v")):
         for observable, function in problem.observables.items():
@@ -82,16 +105,23 @@ def compare(problem: Problem, solution: Solution) -> Comparison | None:
             size = np.max(np.abs(true[name]), axis=0)
             scale[name] = np.where(size > 0, size, 1.0)
             names.append(name)
-    at_end = abs(solution.t[rows[-1]] - problem.t_span[1]) <= SAME_TIME * _span(problem)
     t = np.asarray(solution.t)[rows]
+    at_end = _at_end(problem, t)
     return Comparison(
         against=against, digits=digits, at_end=at_end, t=t, got=got, true=true, scale=scale, observables=tuple(names)
     )
 
 
-def _matched(problem: Problem, solution: Solution) -> tuple[Any, dict[str, Matrix], str, int | None]:
-    """Rows of the solution where something is known, the values there, their kind and digits."""
-    times = np.asarray(solution.t)
+def _at_end(problem: Problem, t: Vector) -> bool:
+    return bool(abs(t[-1] - problem.t_span[1]) <= SAME_TIME * _span(problem))
+
+
+def _scale(problem: Problem, name: str, values: Matrix) -> Vector:
+    return np.broadcast_to(np.asarray(getattr(problem.scales, name), dtype=np.float64), values.shape[1:])
+
+
+def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], str, int | None]:
+    """Those of ``times`` at which something is known, the values there, their kind and digits."""
     if problem.exact is not None:
         motions = [problem.exact(float(t)) for t in times]
         truth = {

@@ -11,11 +11,14 @@ from typing import Any
 
 import click
 
+from hhtbench import plugins
 from hhtbench.campaign.campaign import Done, Progress, run_campaign
 from hhtbench.campaign.execute import Limits
 from hhtbench.campaign.machine import total_memory, usable_cores
 from hhtbench.campaign.plan import Campaign, Grid, named_campaign, restrict
 from hhtbench.errors import ProblemError
+from hhtbench.registry import load_solver
+from hhtbench.specs import parse_spec
 from hhtbench.store import Store
 
 MOST_SHOWN = 12  # failures on the terminal; the store holds all
@@ -38,12 +41,14 @@ MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 def run_command(file: Path, jobs: int | None, timing: bool, **chosen: Any) -> None:
     """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again."""
     campaign = _campaign(**chosen)
+    if chosen["name"] is None:
+        refuse_misspelt(chosen["solvers"])
     jobs = jobs or usable_cores()
     limits = Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
     with Store(file) as store:
         for repair in store.repairs:
             click.echo(f"{file}: {repair}", err=True)
-        done = run_campaign(campaign, store, limits=limits, timing=timing, progress=_progress())
+        done = run_campaign(campaign, store, limits=limits, timing=timing, progress=terminal_progress())
     click.echo(_summary(done, file))
 
 
@@ -67,6 +72,33 @@ def _campaign(
     else:
         campaign = restrict(named_campaign(name), *some)
     return campaign if max_seconds is None else replace(campaign, max_seconds=max_seconds)
+
+
+def refuse_misspelt(solvers: tuple[str, ...]) -> None:
+    """Make every registered solver once, before anything runs: a wrong option is wrong use, not a row.
+
+    Files are not executed here.  What cannot be imported, or fails otherwise, costs its own cells only.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        There is no such solver, or it cannot be made with these options.
+    """
+    for text in split_specs(solvers):
+        spec = parse_spec(text)
+        if spec.path is not None:
+            continue
+        plugins.find("solver", spec.name)
+        try:
+            plugins.load("solver", spec.name)
+        except ProblemError:  # its library is missing or broken
+            continue
+        try:
+            load_solver(text)
+        except (ProblemError, TypeError):
+            raise
+        except Exception:  # noqa: BLE001 - the plugin's own: the workers tell
+            continue
 
 
 def split_specs(texts: tuple[str, ...]) -> list[str]:
@@ -98,7 +130,7 @@ def _numbers(name: str, texts: tuple[str, ...], kind: Any) -> tuple[Any, ...]:
         raise ProblemError(f"--{name} takes numbers separated by commas; got {', '.join(words)}.") from error
 
 
-def _progress() -> Progress | None:
+def terminal_progress() -> Progress | None:
     """One line on the terminal; None where nobody looks."""
     if not sys.stderr.isatty():
         return None

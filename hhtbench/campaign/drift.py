@@ -17,7 +17,20 @@ from hhtbench.lowering import compile_function, derive
 from hhtbench.protocol import Problem, declared
 from hhtbench.result import Solution
 
+NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
+SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
 CHUNK = 256  # states per call: one compiled shape for all lengths
+
+
+@dataclass(frozen=True)
+class Own:
+    """States with the multipliers that the solver itself holds there."""
+
+    t: Vector  #: (r,) [s]
+    q: Matrix  #: (r, n)
+    v: Matrix  #: (r, n)
+    lam: Matrix  #: (r, m)
+    mu: Matrix  #: (r, p)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,15 +45,23 @@ class Drift:
     absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, as they are
     energy: Vector | None  #: (k,)
     invariants: dict[str, Vector]  #: name -> (k,)
-    row_t: Vector  #: (r,) output times [s]
+    own_t: Vector  #: (r,) times at which the solver holds multipliers of its own [s]
     acceleration: Vector | None  #: (r,)
+    acceleration_note: str | None  #: why there is none although the system is constrained
 
     def metrics(self) -> dict[str, Any]:
         """``metrics["drift"]`` of a row."""
         names = ("position", "velocity", "acceleration", "energy")
         largest = {name: None if getattr(self, name) is None else np.max(getattr(self, name)) for name in names}
         invariants = {name: np.max(values) for name, values in self.invariants.items()}
-        return {**largest, **self.absolute, "invariants": invariants, "sampled": self.sampled, "points": int(self.t.size)}
+        return {
+            **largest,
+            **self.absolute,
+            "invariants": invariants,
+            "sampled": self.sampled,
+            "points": int(self.t.size),
+            "acceleration_note": self.acceleration_note,
+        }
 
 
 def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Drift | None:
@@ -58,6 +79,8 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
     energetic = declared(problem.system, "energy") is not None
     values = _in_chunks(state_terms, dynamics, (names, energetic), (t, q, v), (s_q, s_v))
     levels, bare, energies, kept = np.split(values, [2, 4, 6], axis=1)
+    own = own_multipliers(solution, at_steps)
+    acceleration, note = _acceleration(dynamics, own) if s.constrained else (None, None)
     return Drift(
         sampled=sampled,
         t=t,
@@ -70,8 +93,9 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
         },
         energy=_energy_drift(energies) if energetic else None,
         invariants={name: _change(kept[:, i]) for i, name in enumerate(names)},
-        row_t=np.asarray(solution.t),
-        acceleration=_acceleration(dynamics, solution) if s.constrained else None,
+        own_t=np.zeros(0) if own is None else own.t,
+        acceleration=acceleration,
+        acceleration_note=note,
     )
 
 
@@ -98,7 +122,7 @@ def state_terms(dynamics: Any, names: Any, energetic: bool, t: Any, q: Any, v: A
 
 
 def row_terms(dynamics: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-    """The constraints' last derivative with the accelerations of the given multipliers, over the size of its terms."""
+    """The constraints' last derivative with the accelerations of the given multipliers, then the size of its terms."""
     s, xp = dynamics.structure, dynamics.xp
     right = dynamics.force(t, q, v)
     if s.m:
@@ -111,8 +135,9 @@ def row_terms(dynamics: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
         parts.append((dynamics.constraint_jacobian(t, q), dynamics.constraint_acceleration(t, q, v)))
     if s.p:
         parts.append((dynamics.velocity_constraint_jacobian(t, q, v), dynamics.velocity_constraint_acceleration(t, q, v)))
-    scaled = [_relative(xp, c @ vdot + rest, xp.abs(c) @ xp.abs(vdot) + xp.abs(rest)) for c, rest in parts]
-    return xp.max(xp.concatenate(scaled))[None]
+    imbalance = [xp.abs(c @ vdot + rest) for c, rest in parts]
+    sizes = [xp.abs(c) @ xp.abs(vdot) + xp.abs(rest) for c, rest in parts]
+    return xp.concatenate([*imbalance, *sizes])
 
 
 def all_states(dynamics: Any, terms: Any, static: Any, count: int, *arguments: Any) -> Any:
@@ -161,17 +186,41 @@ def _states(solution: Solution, at_steps: Solution | None) -> tuple[str, Vector,
     return sampled, t[:kept], q[:kept], v[:kept]
 
 
-def _acceleration(dynamics: Any, solution: Solution) -> Vector | None:
-    """Per output row, or None where accelerations do not follow from the multipliers (a singular mass, none returned)."""
+def own_multipliers(solution: Solution, at_steps: Solution | None) -> Own | None:
+    """Where and which multipliers the solver holds: at its steps where they are known, else at the rows; None: nowhere.
+
+    Not those in ``lam`` and ``mu``: these are recovered from the acceleration level and satisfy it by construction.
+    """
+    for rows in (at_steps, solution):
+        if rows is not None and rows.carried is not None:
+            carried = (np.asarray(rows.carried[name], dtype=np.float64) for name in ("lam", "mu"))
+            return Own(np.asarray(rows.t), np.asarray(rows.q), np.asarray(rows.v), *carried)
+    steps = solution.steps_data
+    if steps is None or steps.t.size == 0 or not keeps_steps(solution):
+        return None
+    at = solution(steps.t)
+    return Own(steps.t, at.q, at.v, steps.lam_end, steps.mu_half)
+
+
+def _acceleration(dynamics: Any, own: Own | None) -> tuple[Vector | None, str | None]:
+    """Drift at the acceleration level at every state of ``own``, or None and the reason.
+
+    Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning
+    point, any error is as large as they are.
+    """
     s = dynamics.structure
-    if solution.lam.shape != (solution.t.size, s.m) or solution.mu.shape != (solution.t.size, s.p) or not solution.t.size:
-        return None
-    rows = tuple(np.asarray(getattr(solution, name), dtype=np.float64) for name in ("t", "q", "v", "lam", "mu"))
+    if own is None:
+        return None, NO_MULTIPLIERS
+    if own.t.size == 0 or own.lam.shape != (own.t.size, s.m) or own.mu.shape != (own.t.size, s.p):
+        return None, "the solver's own multipliers do not fit its rows"
     try:
-        values = _in_chunks(row_terms, dynamics, (), rows)[:, 0]
+        terms = _in_chunks(row_terms, dynamics, (), (own.t, own.q, own.v, own.lam, own.mu))
     except np.linalg.LinAlgError:
-        return None
-    return values if np.isfinite(values).all() else None
+        return None, SINGULAR_MASS
+    if not np.isfinite(terms).all():
+        return None, SINGULAR_MASS
+    imbalance, sizes = np.split(terms, 2, axis=1)
+    return np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1), None
 
 
 def _energy_drift(energies: Matrix) -> Vector:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.campaign.accuracy import Comparison, compare
-from hhtbench.campaign.drift import Drift, measure_drift
+from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
+from hhtbench.campaign.drift import Drift, measure_drift, own_multipliers
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution
 
@@ -65,11 +65,15 @@ def plain(value: Any) -> Any:
 
 
 def _add_errors(
-    problem: Problem, solution: Solution, _: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
+    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
 ) -> None:
     found: Comparison | None = compare(problem, solution)
-    if found is not None:
-        metrics["errors"], series["errors"] = found.metrics(), found.series()
+    if found is None:
+        return
+    metrics["errors"], series["errors"] = found.metrics(), found.series()
+    own = own_multipliers(solution, None) or own_multipliers(solution, at_steps)  # at the rows where it is known there
+    if own is not None:
+        metrics["errors"] |= compare_multipliers(problem, own.t, {"lam": own.lam, "mu": own.mu})
 
 
 def _add_drift(
@@ -83,7 +87,7 @@ def _add_drift(
     series["drift"] = spans(found.t, {name: values for name, values in curves.items() if values is not None})
     series["drift"]["invariants"] = {k: v for k, v in spans(found.t, found.invariants).items() if k != "t"}
     if found.acceleration is not None:
-        series["acceleration"] = spans(found.row_t, {"value": found.acceleration})
+        series["acceleration"] = spans(found.own_t, {"value": found.acceleration})
     if found.h is not None and found.h.size:
         series["steps"] = spans(found.t[1:], {"h": found.h}, np.minimum)
 

@@ -7,6 +7,7 @@ import json
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from hhtbench.errors import NotFoundError, ProblemError
 from hhtbench.request import make_request
 from hhtbench.specs import Spec, canonical, parse_spec
 
-OUTPUTS = 51  # output times: enough for a plot, few enough that handing them over does not count as work
+OUTPUTS = 51  # output times: enough for a plot; work is measured by solves without them
 AXES = ("rtol", "step", "steps")
 
 
@@ -141,18 +142,35 @@ def _digest(content: Any) -> str:
 
 
 def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]) -> Campaign:
-    """The part of ``campaign`` on these problems and solvers; an empty list keeps all."""
-    wanted = [{canonical(text) for text in texts} for texts in (problems, solvers)]
+    """The part of ``campaign`` on these problems and solvers; an empty list keeps all.
 
-    def kept(texts: tuple[str, ...], some: set[str]) -> tuple[str, ...]:
+    Raises
+    ------
+    NotFoundError
+        One of them is not in the campaign; the text names the closest that is.
+    """
+    chosen = {"problem": [canonical(text) for text in problems], "solver": [canonical(text) for text in solvers]}
+    for kind, texts in chosen.items():
+        there = [canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")]
+        for text in texts:
+            if text not in there:
+                raise NotFoundError(_not_in_campaign(kind, text, list(dict.fromkeys(there))))
+
+    def kept(texts: tuple[str, ...], some: list[str]) -> tuple[str, ...]:
         return tuple(text for text in texts if not some or canonical(text) in some)
 
     grids = [
         Grid(
-            problems=kept(grid.problems, wanted[0]),
-            solvers=kept(grid.solvers, wanted[1]),
+            problems=kept(grid.problems, chosen["problem"]),
+            solvers=kept(grid.solvers, chosen["solver"]),
             **{axis: getattr(grid, axis) for axis in AXES},
         )
         for grid in campaign.grids
     ]
     return replace(campaign, grids=tuple(grids))
+
+
+def _not_in_campaign(kind: str, text: str, there: list[str]) -> str:
+    close = get_close_matches(text, there, n=1, cutoff=0.5) or [known for known in there if known.startswith(text)][:1]
+    hint = f" Did you mean {close[0]}?" if close else ""
+    return f"the campaign has no {kind} {text!r}.{hint} It has: {', '.join(there)}."

@@ -1,11 +1,16 @@
-"""One cell in a worker: decline, warm up, solve, judge, measure; and the timed repeats."""
+"""One cell in a worker: decline, warm up, solve, judge, measure; and the timed repeats.
+
+Work is that of a solve to the end of the interval, without output on the way.  Errors and curves come from another solve
+with output, drift from a third one with output at every step; neither is timed or counted.
+"""
 
 from __future__ import annotations
 
 import gc
+import os
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,7 +26,10 @@ from hhtbench.result import Counters, Solution, Status
 
 ENOUGH = 0.5  # s of timed solves after which no repeat is begun: long solves vary little
 WARM_UP = "the warm-up"  #: name of the phase that compiles
+DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end
+
+TIMED = ("best_s", "median_s", "repeats", "cpu_s", "load", "disturbed")  #: of ``timing``, null until the timing pass
 
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
 
@@ -34,6 +42,8 @@ class Outcome:
     message: str
     solution: Solution | None
     seconds: float  #: wall time [s]
+    cpu: float  #: processor time of this process [s]
+    load: float | None  #: of the machine, tasks that run or wait, averaged over a minute
 
 
 def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
@@ -47,6 +57,11 @@ def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
     check_output_times(times, t0, t1)
     values = {name: asked[name] for name in ("rtol", "atol", "step", "steps", "max_seconds")}
     return Request(t_eval=times, **values)
+
+
+def without_output(problem: Problem, request: Request) -> Request:
+    """The same request with its last row only."""
+    return replace(request, t_eval=np.array([problem.t_span[1]]))
 
 
 def run_cell(
@@ -65,61 +80,97 @@ def run_cell(
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
     if outcome.solution is None:
         return row
-    counters = outcome.solution.counters
-    if asked["counting"] and outcome.solution.success:
+    work = _work(problem, solver, request, outcome, phase)
+    if succeeded(outcome) and not succeeded(work):
+        row = {"status": work.status.label, "message": f"without output on the way: {work.message}"}
+    counters = outcome.solution.counters if work.solution is None else work.solution.counters
+    if asked["counting"] and succeeded(work):
         counters = _counted(problem, solver, request, counters, phase)
-    at_steps = _at_steps(problem, solver, request, outcome.solution, phase)
+    at_steps = _at_steps(problem, solver, request, outcome, phase)
     phase("the measurement")
     measured = measure(problem, outcome.solution, at_steps)
-    timing = {"compile_s": warm["s"], "solve_s": outcome.seconds, "best_s": None, "median_s": None, "repeats": None}
     return {
         **row,
         "message": f"{row['message']} {measured.note}".strip(),
         "metrics": measured.metrics,
         "series": measured.series,
         "counters": counters_of(counters),
-        "timing": timing,
+        "timing": {"compile_s": warm["s"], "solve_s": work.seconds, **dict.fromkeys(TIMED)},
     }
 
 
 def time_cell(
     problem: Problem, solver: Solver, asked: Mapping[str, Any], repeats: int, warm: bool, phase: Phase
 ) -> dict[str, Any]:
-    """``best_s``, ``median_s`` and ``repeats`` of up to ``repeats`` solves; ``note`` where one of them failed."""
-    request = request_of(problem, asked)
+    """``timing`` of a row from up to ``repeats`` solves; ``note`` where one of them failed."""
+    request = without_output(problem, request_of(problem, asked))
     if not warm:
         phase(WARM_UP)
         _warm_up(problem, solver, request)
-    taken: list[float] = []
-    while len(taken) < repeats and sum(taken) < ENOUGH:
+    taken: list[Outcome] = []
+    while len(taken) < repeats and sum(solve.seconds for solve in taken) < ENOUGH:
         phase("a timed solve")
         outcome = attempt(problem, solver, request)
-        if outcome.status not in (Status.success, Status.event):
+        if not succeeded(outcome):
             return {"repeats": 0, "note": f"a timed solve ended with {outcome.status.label}: {outcome.message}"}
-        taken.append(outcome.seconds)
-    return {"best_s": min(taken), "median_s": statistics.median(taken), "repeats": len(taken)}
+        taken.append(outcome)
+    return timing_of(taken)
+
+
+def timing_of(solves: Sequence[Outcome]) -> dict[str, Any]:
+    """The values of ``TIMED``: best and median wall time, and what else is known of the median solve."""
+    times = [solve.seconds for solve in solves]
+    median = solves[times.index(statistics.median_low(times))]
+    return {
+        "best_s": min(times),
+        "median_s": median.seconds,
+        "repeats": len(times),
+        "cpu_s": median.cpu,
+        "load": median.load,
+        "disturbed": median.seconds > DISTURBED * median.cpu,
+    }
+
+
+def succeeded(outcome: Outcome) -> bool:
+    """Whether the end, or a terminal event, was reached and the result can be believed."""
+    return outcome.status in (Status.success, Status.event)
 
 
 def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
     """One solve; whatever is raised becomes a status, with the partial solution where there is one."""
     gc.collect()
     gc.disable()
-    started = time.perf_counter()
+    solution: Any = None
+    raised: BaseException | None = None
+    started, cpu = time.perf_counter(), time.process_time()
     try:
         solution = solver.solve(problem, request)
-        seconds = time.perf_counter() - started
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this cell only
-        seconds = time.perf_counter() - started
-        partial = getattr(error, "partial_solution", None)
-        kept = partial if isinstance(partial, Solution) else None
-        return Outcome(status_of(error), text_of(error), kept, seconds)
+        raised = error
     finally:
+        cost = time.perf_counter() - started, time.process_time() - cpu, _load()
         gc.enable()
+    if raised is not None:
+        partial = getattr(raised, "partial_solution", None)
+        kept = partial if isinstance(partial, Solution) else None
+        return Outcome(status_of(raised), text_of(raised), kept, *cost)
     fault = _fault(problem, request, solution)
     if fault:
         kept = solution if isinstance(solution, Solution) else None
-        return Outcome(Status.unreliable, fault, kept, seconds)
-    return Outcome(solution.status, solution.message, solution, seconds)
+        return Outcome(Status.unreliable, fault, kept, *cost)
+    return Outcome(solution.status, solution.message, solution, *cost)
+
+
+def _load() -> float | None:
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+def _work(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Outcome:
+    """The solve without output on the way; ``outcome`` itself where its time was up: that would only be spent again."""
+    if outcome.status is Status.deadline:
+        return outcome
+    phase("the solve without output")
+    return attempt(problem, solver, without_output(problem, request))
 
 
 def _counted(problem: Problem, solver: Solver, request: Request, counters: Counters, phase: Phase) -> Counters:
@@ -129,18 +180,19 @@ def _counted(problem: Problem, solver: Solver, request: Request, counters: Count
         return counters
     phase(WARM_UP)  # it compiles too
     with suppress(Exception):  # the solve stands, and so does what was counted in it
-        found = count(problem, replace(request, max_seconds=None))
+        found = count(problem, replace(without_output(problem, request), max_seconds=None))
         return found if isinstance(found, Counters) else counters
     return counters
 
 
-def _at_steps(problem: Problem, solver: Solver, request: Request, solution: Solution, phase: Phase) -> Solution | None:
-    """The solve once more with output at every step, untimed, where a success does not keep its steps."""
-    if keeps_steps(solution) or not solution.success:
+def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Solution | None:
+    """The solve once more with output at every step, where its end was reached, believed or not, and it keeps no steps."""
+    ends = (Status.success, Status.event, Status.unreliable)
+    if outcome.solution is None or outcome.status not in ends or keeps_steps(outcome.solution):
         return None
     phase("the solve with output at every step")
-    again = attempt(problem, solver, replace(request, t_eval=None)).solution
-    return again if again is not None and again.success else None
+    again = attempt(problem, solver, replace(request, t_eval=None))
+    return again.solution if again.status in ends else None
 
 
 def status_of(error: BaseException) -> Status:

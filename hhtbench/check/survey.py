@@ -22,6 +22,7 @@ ARGUMENTS = {
     "reaction": "t q lam",
     "velocity_reaction": "t q v mu",
     "energy": "t q v",
+    "power": "t q v lam mu",
     "invariants": "t q v",
     "force_jacobians": "t q v",
     "constraint_jacobian": "t q",
@@ -38,6 +39,7 @@ RESULTS = {  # sizes by letter; two entries: a pair of matrices, each may be Non
     "reaction": ("n",),
     "velocity_reaction": ("n",),
     "energy": ("",),
+    "power": ("",),
     "force_jacobians": ("nn", "nn"),
     "constraint_jacobian": ("mn",),
     "constraint_time_derivative": ("m",),
@@ -54,6 +56,7 @@ PATTERNS = {
     "velocity_constraint_q": "pn",
     "reaction_q": "nn",
 }
+MEASURED = ("energy", "power", "invariants")  # no solver uses them
 MEANING = {"m": "constraints", "p": "velocity constraints"}
 
 
@@ -67,7 +70,7 @@ class Survey:
     @property
     def blocking(self) -> str:
         """Why nothing can be derived from the system; empty where it can."""
-        names = [name for name in self.faults if name in PHYSICS and name not in ("energy", "invariants")]
+        names = [name for name in self.faults if name in PHYSICS and name not in MEASURED]
         return "; ".join(f"{name} is faulty (row shape/{name})" for name in names)
 
     @property

@@ -9,6 +9,7 @@ from hhtbench.lowering.compiling import compile_function, route_of
 from hhtbench.lowering.derive import Dynamics, derive
 from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank, mass_is_singular
 from hhtbench.lowering.levels import ConstraintLevels, Levels
+from hhtbench.lowering.reduced import padded, reduce_redundant, smallest, unreduced
 from hhtbench.lowering.structure import Structure
 
 __all__ = [
@@ -23,5 +24,9 @@ __all__ = [
     "constraint_rank",
     "derive",
     "mass_is_singular",
+    "padded",
+    "reduce_redundant",
     "route_of",
+    "smallest",
+    "unreduced",
 ]

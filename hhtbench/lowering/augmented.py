@@ -21,6 +21,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering.differences import derivative
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.reduced import ReducedDynamics
 from hhtbench.lowering.structure import Structure
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
@@ -111,6 +112,8 @@ def _with_known_velocity_rows(dynamics: Any, t: float, q: Vector) -> Any:
     """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
     if dynamics.xp is not np or not dynamics.structure.p:
         return dynamics
+    if isinstance(dynamics, ReducedDynamics):
+        return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
     at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
     places = np.arange(1.0, q.size + 1)
     moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]

@@ -20,6 +20,7 @@ from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.reduced import ReducedDynamics
 
 KEPT = 64  # dynamics whose flattened parameters are remembered
 
@@ -30,7 +31,9 @@ _lock = threading.Lock()
 
 def route_of(dynamics: Any) -> str:
     """The route that serves ``dynamics``: "xla" or "numpy"."""
-    inner = dynamics.inner if isinstance(dynamics, AugmentedDynamics) else dynamics
+    inner = dynamics
+    while isinstance(inner, AugmentedDynamics | ReducedDynamics):
+        inner = inner.inner
     return "numpy" if isinstance(inner, NumpyDynamics) else "xla"
 
 

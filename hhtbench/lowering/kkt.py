@@ -118,8 +118,10 @@ def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
     stacked = np.concatenate([position, velocity], axis=0)
     if stacked.shape[0] == 0:
         return ConstraintRank(0, 0, ())
-    length = np.linalg.norm(stacked, axis=1)
-    unit = stacked / np.where(length > 0, length, 1.0)[:, None]
+    largest = np.max(np.abs(stacked), axis=1, keepdims=True)
+    unit = stacked / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
+    length = np.linalg.norm(unit, axis=1, keepdims=True)
+    unit = unit / np.where(length > 0, length, 1.0)
     triangle, pivots = qr(unit.T, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.sum(diagonal > RANK_TOLERANCE * np.sqrt(stacked.shape[0])))

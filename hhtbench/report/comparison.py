@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -15,14 +15,15 @@ from tabulate import tabulate
 from hhtbench import analysis
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
-from hhtbench.report import colours, tables
-from hhtbench.report.chart import HEIGHT, Chart, draw
+from hhtbench.report import colours, contest, runs, tables
+from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
+from hhtbench.report.frame import Chart
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text
 from hhtbench.report.page import embedded
-from hhtbench.report.summary import problem_summary, summary
+from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.store.rows import RunRow
@@ -51,16 +52,21 @@ def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidenc
     ProblemError
         The folder cannot be made or written.
     """
+    found = analysis.newest(rows)
+    paragraphs = [*summary(found.rows), *older(found)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
-        (folder / "index.html").write_text(comparison_page(rows, command, evidence, curves), encoding="utf-8")
-        (folder / "report.md").write_text(comparison_markdown(rows, command, evidence), encoding="utf-8")
+        page = comparison_page(found.rows, paragraphs, command, evidence, curves)
+        (folder / "index.html").write_text(page, encoding="utf-8")
+        (folder / "report.md").write_text(comparison_markdown(found.rows, paragraphs, command, evidence), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"the report cannot be written to {folder}: {error.strerror}.") from error
 
 
-def comparison_page(rows: Sequence[RunRow], command: str, evidence: Evidence | None, curves: bool) -> str:
+def comparison_page(
+    rows: Sequence[RunRow], paragraphs: Sequence[str], command: str, evidence: Evidence | None, curves: bool
+) -> str:
     """The text of ``index.html``."""
     styles = colours.solver_styles(analysis.entries(rows))
     names = analysis.problems(rows)
@@ -71,13 +77,13 @@ def comparison_page(rows: Sequence[RunRow], command: str, evidence: Evidence | N
         title=escape(TITLE),
         style=Template(texts["css"]).substitute(font=colours.FONT, text=colours.TEXT, height=HEIGHT),
         contents="\n".join(links),
-        summary="\n".join(f"<p>{_prose(part)}</p>" for part in summary(rows)),
+        summary="\n".join(f"<p>{_prose(part)}</p>" for part in paragraphs),
         claims=_verdict_box(evidence, curves),
-        against=_html_table(tables.against(rows)),
-        drift=_html_table(tables.largest_drift(rows)),
+        against=_html_table(contest.against(rows)),
+        drift=_html_table(runs.equal_drift(rows)),
         legend=legend(styles),
         sections="\n".join(_problem_section(rows, name, styles) for name in names),
-        failures=_html_table(tables.failure_table(rows)),
+        failures=_html_table(runs.failure_table(rows)),
         machine=_machine(rows),
         command=escape(command),
         created=escape(_created(rows)),
@@ -87,18 +93,25 @@ def comparison_page(rows: Sequence[RunRow], command: str, evidence: Evidence | N
 
 
 PARTS = ("html", "css", "js")
+TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
+    "Both sides of the comparison": contest.price_of_drift,
+    f"The same among solvers that drift by {analysis.HELD:.0e} at most": contest.steady,
+    "Cheapest solvers at a given error": contest.cheapest,
+    "One run of every solver, side by side": runs.side_by_side,
+    "Counters of these runs": runs.counter_table,
+}
 
 
-def comparison_markdown(rows: Sequence[RunRow], command: str, evidence: Evidence | None) -> str:
+def comparison_markdown(rows: Sequence[RunRow], paragraphs: Sequence[str], command: str, evidence: Evidence | None) -> str:
     """The text of ``report.md``."""
-    parts = [f"# {TITLE}", *map(escape_text, summary(rows)), "The same with charts: [index.html](index.html)."]
-    parts += ["## HHT against the cheapest other solver", *_markdown_table(tables.against(rows))]
-    parts += ["## Largest drift of every solver", *_markdown_table(tables.largest_drift(rows))]
+    parts = [f"# {TITLE}", *map(escape_text, paragraphs), "The same with charts: [index.html](index.html)."]
+    parts += ["## HHT against the cheapest other solver", *_markdown_table(contest.against(rows))]
+    parts += ["## Drift at equal accuracy", *_markdown_table(runs.equal_drift(rows))]
     for name in analysis.problems(rows):
         parts += [f"## {escape_text(name)}", *map(escape_text, problem_summary(rows, name))]
-        for build in (tables.price_of_drift, tables.cheapest, tables.side_by_side, tables.counter_table):
-            parts += _markdown_table(build(rows, name))
-    parts += ["## Runs that did not reach the end", *_markdown_table(tables.failure_table(rows))]
+        for caption, build in TABLES.items():
+            parts += [f"### {caption}", *_markdown_table(build(rows, name))]
+    parts += ["## Runs that failed or are not believed", *_markdown_table(runs.failure_table(rows))]
     parts += ["## How it was made", f"```\n{command}\n```", f"Rows of {_created(rows)}."]
     parts += [environment_table(environment) for environment in tables.environments(rows)]
     if evidence is not None:
@@ -114,7 +127,8 @@ def _prose(text: str) -> str:
 def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, SolverStyle]) -> str:
     charts = problem_charts(rows, problem)
     drawn = "\n".join(_figure(problem, chart, styles) for chart in charts) or "<p>No run left anything to draw.</p>"
-    everything = tables.all_runs(rows, problem)
+    everything = runs.all_runs(rows, problem)
+    built = "\n".join(_html_table(build(rows, problem), caption) for caption, build in TABLES.items())
     return f"""\
 <section>
 <h2 id="{anchor(problem)}">{escape(problem)}</h2>
@@ -122,10 +136,7 @@ def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, Sol
 <div class="charts">
 {drawn}
 </div>
-{_html_table(tables.price_of_drift(rows, problem), "Both sides of the comparison")}
-{_html_table(tables.cheapest(rows, problem), "Cheapest solvers at a given error")}
-{_html_table(tables.side_by_side(rows, problem), "One run of every solver, side by side")}
-{_html_table(tables.counter_table(rows, problem), "Counters of these runs")}
+{built}
 <details><summary>All {len(everything.rows)} runs on {escape(problem)}</summary>
 {_html_table(everything)}
 </details>
@@ -158,8 +169,9 @@ def _html_cell(cell: tables.Cell) -> str:
 
 
 def _markdown_table(table: Table) -> list[str]:
+    headers = [escape_text(header) for header in table.headers]
     body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
-    text = tabulate(body, headers=table.headers, tablefmt="github", disable_numparse=True) if body else "None."
+    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
     return [text, escape_text(table.note)] if table.note else [text]
 
 

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from hhtbench.analysis import Comparison
+from collections.abc import Iterable, Sequence
+
+from hhtbench.analysis import Comparison, Missing, Point, family
 
 MEASURES = {"time": "wall time", "evaluations": "residual evaluations"}
 NOTHING = "\N{EN DASH}"
+AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
+STAR = "something else ran on the core: the median solve took clearly more wall time than processor time"
+BESIDE = f"{AT_MOST} taken beside other work: an upper bound"
+UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
 
 
 def shown(value: float | None) -> str:
     """Three digits; a dash where nothing was measured."""
     return NOTHING if value is None else f"{value:.3g}"
+
+
+def brief(value: float | None) -> str:
+    """Two digits, for tables of many columns."""
+    return NOTHING if value is None else f"{value:.1e}" if 0 < abs(value) < 0.01 else f"{value:.2g}"
 
 
 def count(value: float | None) -> str:
@@ -66,6 +77,53 @@ def factor(line: Comparison) -> str:
 
 
 def outcome(line: Comparison) -> str:
-    """Who needs less, by which factor."""
-    texts = {"unknown": NOTHING, "absent": "HHT does not get there", "alone": "only HHT gets there"}
+    """Who needs less, by which factor; or who gets there at all, as far as it was tried."""
+    if line.outcome in ("absent", "untried", "unknown"):
+        return not_there(line.own_missing)
+    texts = {
+        "alone": "only HHT gets there",
+        "unrivalled": "only HHT was tried that far",
+        "unheld": "no other accurate run drifts so little",
+    }
     return texts.get(line.outcome) or f"{line.outcome} {factor(line)}"
+
+
+def not_there(reason: Missing | None) -> str:
+    """Why HHT has no cost."""
+    if reason is None:
+        return "no HHT run"
+    return f"HHT does not get there: {reason.text}" if reason.kind == "fails" else reason.text
+
+
+def doubt(message: str) -> str:
+    """Why a run that came to an end is not believed."""
+    return f"not believed: {message}"
+
+
+def compared(runs: Iterable[Point]) -> str:
+    """At how many times errors were taken, as the end of a phrase; "" where it is not known."""
+    counts = sorted({run.compared for run in runs if run.compared is not None})
+    if not counts:
+        return ""
+    if counts == [1]:
+        return ", compared at 1 time only"
+    return f", largest over {f'{counts[0]} to ' if len(counts) > 1 else ''}{counts[-1]} compared times"
+
+
+def timed(run: Point) -> str:
+    """Wall time; an upper bound beside other work, with a star where something else ran on the core."""
+    if run.time is None:
+        return NOTHING
+    bound = "" if run.alone or not run.success else AT_MOST + " "
+    return f"{bound}{seconds(run.time)}{'*' if run.disturbed else ''}"
+
+
+def uncounted(entries: Sequence[str]) -> str:
+    """Who is in no ranking by evaluations, and why; "" where all report theirs."""
+    if not entries:
+        return ""
+    reasons: dict[str, list[str]] = {}
+    for entry in entries:
+        reasons.setdefault(UNCOUNTED.get(family(entry), "not reported"), []).append(entry)
+    texts = [f"{listed(own)} ({reason})" for reason, own in reasons.items()]
+    return f"Left out of every ranking by evaluations: {'; '.join(texts)}."

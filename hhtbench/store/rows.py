@@ -25,22 +25,27 @@ class RunRow:
         ``t_end``: last time reached [s].  ``reached``: fraction of the interval, 0 to 1.  ``rows``: output rows.
 
         ``errors``: absent where the problem has neither exact solution nor reference, or no row meets one.  It holds
-        ``against``: "exact" or "reference"; ``digits``: verified digits of the reference or null; ``points``: number of
-        times compared; and one entry for each of ``q``, ``v``, ``lam``, ``mu`` that the problem has, and
-        ``observables``: {name: entry}.  An entry is ``{"end", "end_scaled", "max", "max_scaled"}``: largest component of
-        |error| at the end of the interval and over all compared times; ``_scaled``: every component over its scale first
-        (``problem.scales``; for an observable the largest size of its true value over the compared times).  ``end`` and
-        ``end_scaled`` are null where the end was not reached.
+        ``against``: "exact" or "reference"; ``digits``: verified digits of the reference or null; ``points``: number
+        of times compared; and one entry for each of ``q``, ``v``, ``lam``, ``mu`` that the problem has, and
+        ``observables``: {name: entry}.  ``lam`` and ``mu`` are those that follow from q and v at the acceleration
+        level; ``lam_carried`` and ``mu_carried``, absent where the solver holds none, are its own: at the output rows,
+        or for HHT its stage values at those ends of steps where something is known.  An entry is ``{"end",
+        "end_scaled", "max", "max_scaled"}``: largest component of |error| at the end of the interval and over all
+        compared times; ``_scaled``: every component over its scale first (``problem.scales``; for an observable the
+        largest size of its true value over the compared times).  ``end`` and ``end_scaled`` are null where the end was
+        not reached.
 
         ``drift``: ``{"position", "velocity", "acceleration", "position_absolute", "velocity_absolute", "energy",
-        "invariants", "sampled", "points"}``, each a maximum over time.  ``position``: |g_i| / sum_j |g_q,ij| s_q,j.
-        ``velocity``: g_t + g_q v and k, over their row's size with s_v.  ``acceleration``: the constraints' second (k:
-        first) derivative with the accelerations that follow from the rows' own multipliers, over the size of its terms; on
-        output rows only.  ``_absolute``: max |g_i| and max |g_t + g_q v|_i or |k_i|, in their own units.  ``energy``: change
-        since the start over the larger of its own and the kinetic energy's size.  ``invariants``: {name: change over the
-        value at the start, or over 1 where that is zero}.  Null (or {}) where the system has no such level or declares
-        none.  ``sampled``: "steps" (all internal steps) or, where the solver tells none, "rows"; ``points``: how many there
-        were.
+        "invariants", "sampled", "points", "acceleration_note"}``, each a maximum over time.  ``position``: |g_i| /
+        sum_j |g_q,ij| s_q,j.  ``velocity``: g_t + g_q v and k, over their row's size with s_v.  ``acceleration``:
+        the constraints' second (k: first) derivative with the accelerations that follow from the multipliers the
+        solver itself holds, over the largest size of its terms in the run, at every step; null where it holds none,
+        which ``acceleration_note`` says (else null): those recovered from that very level would make it zero.
+        ``_absolute``: max |g_i| and max |g_t + g_q v|_i or |k_i|, in their own units.  ``energy``: change since the
+        start over the larger of its own and the kinetic energy's size.  ``invariants``: {name: change over the
+        value at the start, or over 1 where that is zero}. Null (or {}) where the system has no such level or
+        declares none.  ``sampled``: "steps" (all internal steps) or, where the solver tells none, "rows";
+        ``points``: how many there were.
 
     ``series``
         For plots, each at most 200 points.  ``drift``: ``{"t", "position", "velocity", "energy", "invariants": {name:
@@ -51,15 +56,19 @@ class RunRow:
         ``{"t", "h"}`` ends and lengths of internal steps; absent where the solver keeps none.
 
     ``counters``
-        The fields of :class:`~hhtbench.result.Counters`: numbers, or null where not reported, and ``provenance``.
+        The fields of :class:`~hhtbench.result.Counters`: numbers, or null where not reported, and ``provenance``; of a
+        solve without output before the end, so ``output_evaluations`` (in no other counter) are those of one row.
         ``{}`` where no solve came back.
 
     ``timing``
         ``compile_s``: wall time of the warm-up of this solver on this problem, compilation included; what solvers before
         it have compiled or left in the cache on disk is not compiled again.  ``solve_s``: one warm solve beside other work.
-        ``best_s``, ``median_s``, ``repeats``: warm solves alone on a core with one thread; null until the timing pass
-        has run, and for a cell that did not succeed.  ``note``: only where a timed solve failed (then ``repeats`` is 0).
-        ``{}`` where no solve came back.
+        ``best_s``, ``median_s``, ``repeats``: wall time of warm solves alone on a core with one thread (of an even number
+        the lower median).  Of the median solve: ``cpu_s`` processor time, ``load`` the machine's average of running tasks
+        over the last minute (null where the system does not tell), ``disturbed`` true where the wall time is more than 1.2
+        times the processor time: something else ran there.  All are null until the timing pass has run, and for a cell that
+        did not succeed.  ``note``: only where a timed solve failed (then ``repeats`` is 0).  Every solve here is one without
+        output before the end.  ``{}`` where no solve came back.
 
     ``environment``
         ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "numpy", "scipy", "jax", ...}``:

@@ -43,7 +43,11 @@ SCHEMA = (
     "CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value TEXT NOT NULL)",
 )
 HEADER = b"SQLite format 3\0"
-INSERT = f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * (len(COLUMNS) + 1))})"
+CHANGES = ", ".join(f"{name} = excluded.{name}" for name in (*COLUMNS, "sha256"))
+INSERT = (  # a row that is written again keeps its place in the file, which is the order of load_rows
+    f"INSERT INTO runs VALUES ({', '.join('?' * (len(COLUMNS) + 1))}) "
+    f"ON CONFLICT (identity) DO UPDATE SET {CHANGES} ON CONFLICT (key) DO UPDATE SET {CHANGES}"
+)
 
 
 class Store:
@@ -150,9 +154,9 @@ class Store:
 
 
 def load_rows(path: str | Path) -> list[RunRow]:
-    """The sound rows of a store, in the order they were written; nothing is written but what a killed runner left undone.
+    """The sound rows of a store, in the order in which their cells came in first.
 
-    Damaged rows are left out, with a warning that counts them.
+    Nothing is written but what a killed runner left undone.  Damaged rows are left out, with a warning that counts them.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from typing import Any
 
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.lowering import ConstraintLevels, derive, unreduced
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.result import Status
 from solvers._start import (
@@ -19,6 +19,7 @@ from solvers._start import (
     counted_dynamics,
     dynamics_for,
     inconsistency,
+    independent,
     regular,
     undetermined,
 )
@@ -79,7 +80,7 @@ def _begin(
     engine = make_engine(system, method, place, work)
     dynamics, s = engine.dynamics, engine.structure
     note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
-    failure = undetermined(dynamics, place)
+    whole, failure = unreduced(dynamics), undetermined(dynamics, place)
     if s.constrained:
         levels = ConstraintLevels(dynamics)
         if calc_initcond:
@@ -88,10 +89,11 @@ def _begin(
                 return Started(None, None, projected)
             place, moved = projected
             note = f"{note} {moved}.".strip()
-        failure = inconsistency(levels, place)
+        failure = inconsistency(ConstraintLevels(whole), place, reduced=whole is not dynamics)
     if failure:
         return Started(None, None, failure)
-    check_guesses(s, guesses)
+    check_guesses(whole.structure, guesses)
+    guesses = guesses if whole is dynamics else (None, None)  # its reaction is linear: no guess picks a root
     state = first_state(engine, place, *guesses, h)
     if isinstance(state, Failure):
         return Started(None, None, state)
@@ -102,4 +104,6 @@ def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
     names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
     if not names:
         return None
-    return lambda: counted_dynamics(regular(derive(system, place.t, place.q, place.v, ignored=names), place), work)
+    return lambda: counted_dynamics(
+        regular(independent(derive(system, place.t, place.q, place.v, ignored=names), place), place), work
+    )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import padded
 from hhtbench.request import StepPlan
 from hhtbench.result import Solution, Status
-from solvers._start import Failure, acceleration_at, budget_failure
+from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
 from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
@@ -62,8 +64,12 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     times = reached(output, t_eval)
     rows = output(times)
     engine.work.lift_budgets()
+    before = engine.work.counters()
     found = recover_multipliers(engine, history, times, rows.q, rows.v)
     kept = len(found.lam)
+    lam, mu = all_multipliers(engine.dynamics, times[:kept], rows.q[:kept], rows.v[:kept], found.lam, found.mu)
+    after = engine.work.counters()
+    spent = (after.residual_evaluations or 0) - (before.residual_evaluations or 0)
     status, message = end.status, f"{end.message} {found.note}".strip()
     if kept < len(times) and status is Status.success:
         status, message = Status.nonfinite_callback, found.note
@@ -71,14 +77,22 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
         t=times[:kept],
         q=rows.q[:kept],
         v=rows.v[:kept],
-        lam=found.lam,
-        mu=found.mu,
+        lam=lam,
+        mu=mu,
         status=status,
         message=f"{message} {note}".strip(),
-        counters=engine.work.counters(),
+        counters=replace(after, residual_evaluations=before.residual_evaluations, output_evaluations=spent),
         steps_data=history.steps_data(),
+        carried=None if t_eval is not None else stage_values(engine, history, times[:kept]),
         interpolant=output,
     )
+
+
+def stage_values(engine: HostEngine, history: History, ends: Vector) -> Mapping[str, Matrix] | None:
+    """Lam1 (k, m) and mu of the midpoint (k, p) of the steps that end at ``ends``; None without constraints."""
+    if not engine.structure.constrained:
+        return None
+    return dict(zip(("lam", "mu"), padded(engine.dynamics, *history.multiplier_guess(ends)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -123,7 +137,7 @@ def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, mes
     output = history.dense_output()
     times = reached(output, t_eval)
     rows = output(times)
-    lam, mu = history.multiplier_guess(times)
+    lam, mu = padded(engine.dynamics, *history.multiplier_guess(times))
     return Solution(
         t=times,
         q=rows.q,

@@ -56,6 +56,27 @@ def test_ida_solves_index_three_at_loose_tolerances(kind):
     assert "index is 2" in ida.solver(form="index3").accepts(problem("velocity"), Request(rtol=1e-3))
 
 
+def lam_of(motion):
+    return np.concatenate([motion.lam, motion.mu])
+
+
+@pytest.mark.parametrize("kind", ["position", "mixed", "velocity"])
+@pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
+def test_the_multipliers_that_a_form_holds_are_told_beside_the_recovered_ones(kind, solver):
+    """At rows inside steps too; less accurate than those that follow from q and v, and no copy of them."""
+    scene = problem(kind)
+    solution = solver.solve(scene, Request(rtol=1e-8, t_eval=ROWS))
+    if eliminates(solver):
+        assert solution.carried is None
+        return
+    own = np.concatenate([solution.carried["lam"], solution.carried["mu"]], axis=1)
+    true = np.array([lam_of(scene.exact(t)) for t in ROWS])
+    assert np.abs(own - true).max() < 1e-2
+    assert np.abs(own - np.concatenate([solution.lam, solution.mu], axis=1)).max() > 1e-12
+    steps = solver.solve(scene, Request(rtol=1e-8))
+    assert steps.carried["lam"].shape == steps.lam.shape
+
+
 @pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
 def test_time_may_run_backward(solver):
     scene = problem(t_span=(1.0, 0.0))

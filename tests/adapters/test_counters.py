@@ -1,12 +1,15 @@
 """Work is counted where it happens, also inside compiled code."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
 from hhtbench.lowering import compiling
 from hhtbench.request import Request
-from solvers import diffrax_ode, ida
+from hhtbench.result import Status
+from solvers import diffrax_ode, ida, scipy_ivp
 from tests.adapters.liar import lying
 from tests.adapters.scenes import HOST, Growing, numpy_ring, problem
 
@@ -22,7 +25,8 @@ def test_evaluations_are_counted_where_they_happen(solver):
     calls = []
     scene = numpy_ring(force=lambda t, q, v: calls.append(t) or np.zeros(2))
     counters = solver.solve(scene, LOOSE).counters
-    assert counters.residual_evaluations == len(calls) > 0
+    assert counters.residual_evaluations + counters.output_evaluations == len(calls)
+    assert counters.output_evaluations == counters.steps_accepted + 1, "one for the multipliers of each row"
     compiled = solver.solve(problem(), LOOSE).counters
     assert compiled.steps_accepted == pytest.approx(counters.steps_accepted, rel=0.4)
     assert compiled.residual_evaluations > compiled.steps_accepted
@@ -34,9 +38,26 @@ def test_evaluations_of_ida_are_those_of_the_library(monkeypatch):
     seen = []
     monkeypatch.setattr(ida, "IDA", lying(ida.IDA, lambda result: seen.append((result.nfev, result.njev))))
     counters = ida.solver().solve(problem(), Request(rtol=1e-6, t_eval=[1.0])).counters
-    assert counters.residual_evaluations == seen[-1][0] + 2  # the start's acceleration level, and the row's
+    assert counters.residual_evaluations == seen[-1][0] + 1  # the start's acceleration level
     assert counters.jacobian_evaluations == seen[-1][1]
-    assert "1 for multipliers at output rows" in counters.provenance
+    assert counters.output_evaluations == 1
+
+
+@EVERY
+def test_work_does_not_depend_on_how_many_rows_are_asked_for(solver):
+    """Steps of Radau, DOP853 and diffrax reach rows inside a step by evaluating more: that is output, not work."""
+    few, many = (solver.solve(problem(), Request(rtol=1e-6, t_eval=np.linspace(0, 1, count))).counters for count in (2, 211))
+    assert many.output_evaluations >= 211 > few.output_evaluations == 2
+    assert replace(many, output_evaluations=0, provenance="") == replace(few, output_evaluations=0, provenance="")
+
+
+def test_budgets_count_the_evaluations_for_rows_inside_steps_too():
+    solver = scipy_ivp.solver(method="DOP853")
+    alone = solver.solve(problem(), Request(rtol=1e-6)).counters.residual_evaluations
+    asked = Request(rtol=1e-6, t_eval=np.linspace(0, 1, 500), max_evaluations=alone + 100)
+    solution = solver.solve(problem(), asked)
+    assert solution.status is Status.evaluation_budget
+    assert solution.counters.residual_evaluations < alone
 
 
 class Watched(Growing):
@@ -62,7 +83,9 @@ def test_evaluations_of_explicit_methods_in_compiled_code_are_those_of_the_syste
     solution = solver.solve(scene, Request(rtol=1e-6, t_eval=t_eval))
     jax.effects_barrier()
     assert solution.success
-    assert solution.counters.residual_evaluations == len(watched) > solution.counters.steps_accepted
+    counters = solution.counters
+    assert counters.residual_evaluations + counters.output_evaluations == len(watched)
+    assert counters.residual_evaluations > counters.steps_accepted
 
 
 def test_evaluations_of_an_implicit_method_in_compiled_code_come_from_a_second_run():
@@ -71,6 +94,8 @@ def test_evaluations_of_an_implicit_method_in_compiled_code_come_from_a_second_r
     first = solver.solve(problem(), asked)
     second = solver.count(problem(), asked)
     assert first.counters.residual_evaluations is None
+    assert first.counters.output_evaluations is None
+    assert second.output_evaluations > 2, "also inside steps"
     assert "in a second run" in second.provenance
     assert second.steps_accepted == first.counters.steps_accepted
     stages = 6 * (second.steps_accepted + second.steps_rejected_error)  # implicit ones, at least one evaluation each

@@ -43,6 +43,21 @@ def test_a_success_that_is_none_is_unreliable(module, name, lie, monkeypatch):
         assert solution.counters.steps_accepted == 4, "the bad step was taken"
 
 
+@pytest.mark.parametrize("rtol", [1e-2, 1e-9])
+@pytest.mark.parametrize(("factor", "believed"), [(1.05, True), (1.2, False)])
+def test_the_bound_of_belief_does_not_depend_on_the_tolerance(rtol, factor, believed, monkeypatch):
+    monkeypatch.setattr(ida, "IDA", lying(ida.IDA, set_to(y=lambda r: factor * r.y)))
+    assert ida.solver().solve(problem(), Request(rtol=rtol)).success == believed
+
+
+def test_the_largest_violation_is_told_with_its_time(monkeypatch):
+    """Off the circle from the fifth step on, most at half time: there g / |q_1 + q_2| = 0.625 / 1.5 / 1.413."""
+    monkeypatch.setattr(ida, "IDA", lying(ida.IDA, set_to(y=lambda r: (1.5 - abs(r.t - 0.5)) * r.y)))
+    solution = ida.solver().solve(problem(), Request(rtol=1e-6, t_eval=[0.0, 0.25, 0.5, 0.75, 1.0]))
+    assert solution.status is Status.unreliable
+    assert "violated by up to 0.29 of its size, most at t = 0.5" in solution.message
+
+
 @pytest.mark.parametrize("module", [ida, cvode], ids=["ida", "cvode"])
 def test_time_that_stands_still_ends_the_solve(module, monkeypatch):
     name, seen = "IDA" if module is ida else "CVODE", []

@@ -44,6 +44,11 @@ def test_slope_leaves_out_what_failed_and_what_the_reference_cannot_judge():
     assert len(curve.points) == 6
 
 
+def test_slope_leaves_out_errors_above_a_tenth():
+    (curve,) = convergence([*_quadratic(0.1, 0.05, 0.025), run("hht(alpha=0)", 1.0, 0.11, 1, request={"step": 1.0})])
+    assert (curve.slope.count, curve.slope.value) == (3, pytest.approx(2.0))
+
+
 def test_two_runs_have_no_slope():
     (curve,) = convergence(_quadratic(0.1, 0.05))
     assert curve.slope is None
@@ -53,7 +58,8 @@ def test_work_precision_keeps_every_row_and_gives_a_failed_one_no_error():
     rows = [*_quadratic(0.1, 0.05), failed("ida", 1e-3), run("ida", 1e-4, 1e-4, 100, status="unreliable")]
     curves = work_precision(rows)
     assert sorted(item.key for curve in curves for item in curve.points) == sorted(row.key for row in rows)
-    assert [item.error for curve in curves if curve.entry == "ida" for item in curve.points] == [None, None]
+    doubted = [(item.error, item.doubted) for curve in curves if curve.entry == "ida" for item in curve.points]
+    assert doubted == [(None, None), (None, 1e-4)]
 
 
 def test_error_of_a_run_is_the_larger_of_q_and_v():

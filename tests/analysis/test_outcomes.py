@@ -3,7 +3,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
-from hhtbench.analysis import counters, drift, drift_series, failures, machines, statuses
+from hhtbench.analysis import counters, drift, drift_series, failures, machines, newest, statuses
 from tests.analysis.laws import failed, run
 from tests.report.synthetic import rows as campaign
 
@@ -41,6 +41,19 @@ def test_drift_series_of_a_failed_run_goes_as_far_as_it_came():
     (series,) = drift_series([row, failed("ida", 1e-4)], "position")
     assert (series.t, series.value, series.point.status) == ((0.0, 1.0), (0.0, 1e-9), "deadline")
     assert drift_series([row], "velocity") == ()
+
+
+def test_run_that_is_not_believed_is_not_said_to_have_reached_the_end():
+    (line,) = failures([run("ida", 1e-3, 1e-3, 100, status="unreliable")])
+    assert line.reached is None
+
+
+def test_newest_row_of_a_cell_stands_for_it_whatever_its_output():
+    rows = [run("ida", 1e-3, 1e-3, 100, key=key, created=day) for key, day in (("a", "2026-01-02"), ("b", "2026-01-01"))]
+    rows[1].request["outputs"] = 11
+    found = newest([*rows, run("ida", 1e-4, 1e-3, 100)])
+    assert [row.key for row in found.rows] == ["a", "ida/0.0001"]
+    assert (found.left_out, found.cells, found.versions) == (1, 1, 2)
 
 
 def test_rows_of_two_machines_are_told_apart():

@@ -14,13 +14,17 @@ from hhtbench.store import load_rows
 
 def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, tmp_path: Path):
     store = tmp_path / "runs.db"
-    options = ["--problems", "fall", "--solvers", "told(does=decline), hht", "--rtol", "1e-3", "--steps", "8 16"]
+    options = ["--problems", "fall", "--solvers", "told(does=good), told(does=decline), hht"]
+    options += ["--rtol", "1e-3", "--steps", "8 16"]
     result = CliRunner().invoke(main, ["run", *options, "--store", str(store), "--jobs", "1"])
     assert result.exit_code == 0, result.output
-    assert "6 cells: 4 declined, 2 success (6 run now, 2 timed now)" in result.output
+    assert "9 cells: 5 success, 4 declined (9 run now, 5 timed now)" in result.output
     assert "it never takes anything" in result.output
-    assert {row.solver for row in load_rows(store)} == {"told(does='decline')", "hht"}
-    assert {row.request["steps"] for row in load_rows(store) if row.success} == {8, 16}
+    rows = load_rows(store)
+    outside_rows = [row for row in rows if row.solver == "told(does='good')"]
+    assert [row.status for row in outside_rows] == ["success"] * 3
+    assert outside_rows[0].metrics["errors"]["q"]["end"] == pytest.approx(1e-3)  # the error that it makes
+    assert {row.request["steps"] for row in rows if row.success and row.solver == "hht"} == {8, 16}
 
 
 @pytest.mark.parametrize(
@@ -31,12 +35,28 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
         (["--problems", "fall", "--solvers", "told"], "nothing to run"),
         (["--campaign", "quick", "--rtol", "1e-3"], "has its own tolerances"),
         (["--campaign", "slow"], "known: quick"),
+        (["--campaign", "quick", "--problems", "nosuch"], "the campaign has no problem 'nosuch'"),
+        (["--campaign", "quick", "--solvers", "hht(alpha=-0.3), ida(form=gg1)"], "Did you mean ida(form='ggl')"),
+        (
+            ["--problems", "fall", "--solvers", "told, ida(fom=ggl)", "--rtol", "1e-3"],
+            "does not know fom; known: form. Did you mean form?",
+        ),
+        (["--problems", "fall", "--solvers", "scipy(method=radau)", "--rtol", "1e-3"], "Did you mean Radau"),
+        (["--problems", "fall", "--solvers", "told(dos=good)", "--rtol", "1e-3"], "Did you mean does"),
     ],
 )
 def test_wrong_use_leaves_with_2_and_says_what_to_do(outside: Path, tmp_path: Path, options: list[str], said: str):
     result = CliRunner().invoke(main, ["run", *options, "--store", str(tmp_path / "runs.db")])
     assert result.exit_code == 2
     assert said in result.output
+    assert not (tmp_path / "runs.db").exists() or not load_rows(tmp_path / "runs.db")
+
+
+def test_a_solver_whose_module_is_broken_costs_its_own_cells_only(outside: Path, tmp_path: Path):
+    options = ["--problems", "fall", "--solvers", "told, absent", "--rtol", "1e-3", "--no-timing", "--jobs", "1"]
+    result = CliRunner().invoke(main, ["run", *options, "--store", str(tmp_path / "runs.db")])
+    assert result.exit_code == 0, result.output
+    assert "1 success, 1 declined" in result.output
 
 
 def test_specs_are_split_at_commas_outside_of_brackets_and_quotes():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status
-from hhtbench.campaign.run import WARM_UP, request_of, run_cell, time_cell
+from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_solver
+from hhtbench.campaign.run import WARM_UP, Outcome, request_of, run_cell, time_cell, timing_of
 from hhtbench.errors import ProblemError
+from solvers import ida
+from tests.adapters import scenes
+from tests.adapters.liar import lying
 
 ASKED = {"rtol": 1e-3, "atol": None, "step": None, "steps": None, "outputs": 5, "counting": True, "max_seconds": 9.0}
 PROBLEM = Problem(
@@ -38,7 +42,7 @@ class Line:
         self.diary.append("warm_up")
 
     def count(self, problem: Any, request: Any) -> Counters:
-        self.diary.append("count")
+        self.diary.append(f"count {request.t_eval.size}")
         return Counters(residual_evaluations=77)
 
     def solve(self, problem: Any, request: Any) -> Solution:
@@ -64,10 +68,10 @@ def run(solver: Any, warm: Any = None, **changes: Any) -> dict[str, Any]:
     return run_cell(PROBLEM, solver, {**ASKED, **changes}, {} if warm is None else warm, lambda _: None)
 
 
-def test_a_solver_is_warmed_once_then_solves_counts_and_shows_its_steps():
+def test_a_solver_is_warmed_once_then_solves_with_and_without_output_counts_and_shows_its_steps():
     solver, warm, phases = Line(), {}, []
     row = run_cell(PROBLEM, solver, ASKED, warm, phases.append)
-    assert solver.diary == ["accepts", "warm_up", "solve 5", "count", "solve 31"]
+    assert solver.diary == ["accepts", "warm_up", "solve 5", "solve 1", "count 1", "solve 31"]
     assert row["counters"]["residual_evaluations"] == 77
     assert row["metrics"]["drift"]["points"] == 31
     assert row["metrics"]["rows"] == 5
@@ -80,7 +84,7 @@ def test_a_solver_is_warmed_once_then_solves_counts_and_shows_its_steps():
 def test_without_counting_the_counters_of_the_solve_stand():
     solver = Line()
     assert run(solver, counting=False)["counters"]["residual_evaluations"] is None
-    assert "count" not in solver.diary
+    assert "count 1" not in solver.diary
 
 
 def test_a_counting_run_that_fails_costs_nothing(monkeypatch: pytest.MonkeyPatch):
@@ -96,12 +100,95 @@ def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch:
     monkeypatch.delattr(Line, "warm_up")
     solver = Line()
     time_cell(PROBLEM, solver, ASKED, 3, False, lambda _: None)
-    assert solver.diary == ["solve 5"] * 4
+    assert solver.diary == ["solve 1"] * 4
     solver.diary.clear()
     timing = time_cell(PROBLEM, solver, ASKED, 3, True, lambda _: None)
-    assert solver.diary == ["solve 5"] * 3
+    assert solver.diary == ["solve 1"] * 3
     assert timing["repeats"] == 3
     assert timing["best_s"] <= timing["median_s"]
+
+
+@pytest.mark.parametrize(
+    ("spec", "accuracy"),
+    [
+        ("ida(form=ggl)", {"rtol": 1e-6}),
+        ("scipy(method=DOP853)", {"rtol": 1e-6}),
+        ("hht", {"rtol": None, "steps": 40}),
+        ("diffrax(method=Tsit5)", {"rtol": 1e-6}),
+    ],
+)
+def test_the_work_of_a_cell_does_not_depend_on_its_output_rows(spec: str, accuracy: dict[str, Any]):
+    """DOP853 and Tsit5 reach rows inside their steps by evaluating more."""
+    solver, scene, warm = load_solver(spec), scenes.problem(), {}
+    few, many = (
+        run_cell(scene, solver, {**ASKED, **accuracy, "outputs": outputs}, warm, lambda _: None) for outputs in (51, 501)
+    )
+    assert (few["status"], few["metrics"]["rows"], many["metrics"]["rows"]) == ("success", 51, 501)
+    assert few["counters"] == many["counters"]
+    assert few["counters"]["residual_evaluations"] > few["counters"]["steps_accepted"] > 2
+    assert few["metrics"]["drift"] == many["metrics"]["drift"]
+
+
+def test_a_solve_that_fails_without_output_is_not_reported_as_a_success(monkeypatch: pytest.MonkeyPatch):
+    def fails_alone(self: Any, problem: Any, request: Any) -> Solution:
+        if request.t_eval is not None and request.t_eval.size == 1:
+            return line(np.array([0.0, 0.5]), status=Status.newton_failed, message="no way")
+        return line(np.linspace(0, 1, 31) if request.t_eval is None else request.t_eval)
+
+    monkeypatch.setattr(Line, "solve", fails_alone)
+    row = run(Line())
+    assert (row["status"], row["metrics"]["rows"]) == ("newton_failed", 5)
+    assert row["message"] == "without output on the way: no way"
+
+
+def test_time_that_was_up_is_not_spent_again(monkeypatch: pytest.MonkeyPatch):
+    solver = Line()
+
+    def late(self: Any, problem: Any, request: Any) -> Solution:
+        self.diary.append("solve")
+        return line(np.array([0.0, 0.5]), status=Status.deadline, counters=Counters(residual_evaluations=9))
+
+    monkeypatch.setattr(Line, "solve", late)
+    row = run(solver)
+    assert solver.diary == ["accepts", "warm_up", "solve"]
+    assert (row["status"], row["counters"]["residual_evaluations"]) == ("deadline", 9)
+
+
+def test_a_result_that_is_not_believed_keeps_its_rows_errors_and_drift(monkeypatch: pytest.MonkeyPatch):
+    """IDA that leaves the circle by a fifth: another mechanism, but how far off it is stays in the store."""
+    monkeypatch.setattr(ida, "IDA", lying(ida.IDA, lambda result: setattr(result, "y", 1.2 * result.y)))
+    row = run_cell(scenes.problem(), load_solver("ida"), {**ASKED, "outputs": 51}, {}, lambda _: None)
+    assert row["status"] == "unreliable"
+    assert row["metrics"]["rows"] == 51
+    assert row["metrics"]["errors"]["q"]["max"] == pytest.approx(0.2, rel=0.1)
+    assert row["metrics"]["drift"]["sampled"] == "steps"
+    assert row["metrics"]["drift"]["position_absolute"] == pytest.approx(0.22, rel=0.01)
+    assert row["counters"]["steps_accepted"] > 4
+
+
+def solved(seconds: float, cpu: float) -> Outcome:
+    return Outcome(Status.success, "", None, seconds, cpu, 0.5)
+
+
+def test_the_median_solve_tells_its_processor_time_and_whether_it_was_disturbed():
+    timing = timing_of([solved(3.0, 1.0), solved(1.0, 0.9), solved(1.3, 1.0)])
+    assert timing == {
+        "best_s": 1.0,
+        "median_s": 1.3,
+        "repeats": 3,
+        "cpu_s": 1.0,
+        "load": 0.5,
+        "disturbed": True,
+    }
+    assert timing_of([solved(1.0, 0.9), solved(9.0, 1.0)])["disturbed"] is False
+
+
+def test_a_solve_that_waits_uses_no_processor_time(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Line, "solve", lambda self, problem, request: time.sleep(0.05) or line(request.t_eval))
+    timing = time_cell(PROBLEM, Line(), ASKED, 3, True, lambda _: None)
+    assert timing["disturbed"] is True
+    assert timing["cpu_s"] < 0.02 < timing["median_s"]
+    assert timing["load"] is None or timing["load"] >= 0.0
 
 
 def test_what_was_reached_before_an_exception_is_measured(monkeypatch: pytest.MonkeyPatch):

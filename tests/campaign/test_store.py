@@ -56,6 +56,17 @@ def test_a_row_of_changed_sources_replaces_the_one_of_the_same_cell(tmp_path: Pa
     assert (row.key, row.timing) == ("k1", {"repeats": 3})
 
 
+def test_rows_that_are_written_again_keep_their_places(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path, 4)
+    with Store(path) as store:
+        store.put(replace(ROW, key="k1", timing={"repeats": 3}), "identity k1")  # timed
+        store.put(replace(ROW, key="new"), "identity k2")  # its sources have changed
+    rows = load_rows(path)
+    assert [row.key for row in rows] == ["k0", "k1", "new", "k3"]
+    assert rows[1].timing == {"repeats": 3}
+
+
 def test_a_number_that_is_not_finite_is_never_written(tmp_path: Path):
     with Store(tmp_path / "runs.db") as store, pytest.raises(ValueError, match="not JSON compliant"):
         store.put(replace(ROW, metrics={"t_end": float("nan")}), "cell")

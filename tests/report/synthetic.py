@@ -86,6 +86,8 @@ def row(problem, solver, rtol, noise=lambda: 1.0, **changes):
     }
     best = None if failed else solve
     values["timing"] = {"compile_s": 1.5, "solve_s": solve * 1.2, "best_s": best, "median_s": best, "repeats": 3}
+    if best is not None:
+        values["timing"] |= {"cpu_s": best * 0.9, "load": 1.0, "disturbed": solver == "scipy(method='Radau')"}
     return RunRow(**values | changes)
 
 
@@ -95,6 +97,7 @@ def _metrics(error, drift, t_end, reached, kind):
     metrics = {"t_end": t_end, "reached": reached, "rows": 51}
     metrics["drift"] = {
         "position": drift if position else None,
+        "position_absolute": 2 * drift if position else None,
         "velocity": drift * 30 if position or velocity else None,
         "acceleration": drift * 100 if position or velocity else None,
         "energy": error / 10,
@@ -122,7 +125,13 @@ def _series(drift, t_end, kind, noise):
     if position or velocity:
         series["velocity"] = [30 * value for value in growth]
     series["energy"] = [3 * value for value in growth]
-    return {"drift": series}
+    series["invariants"] = {"momentum": [5 * value for value in growth]}
+    lam = [[40 * math.cos(time / t_end), 7.0, -0.1, 0.0] if position else [] for time in t[::4]]
+    mu = [[-3.0 * time] if velocity else [] for time in t[::4]]
+    found = {"drift": series, "multipliers": {"t": t[::4], "lam": lam, "mu": mu}}
+    if position or velocity:
+        found["acceleration"] = {"t": t[::4], "value": [100 * value for value in growth[::4]]}
+    return found
 
 
 def rows(seed=7):

@@ -6,9 +6,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hhtbench.report.chart import Chart, EdgeMark, Trace, draw
+from hhtbench.report.chart import draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import FAMILIES, solver_order, solver_styles
+from hhtbench.report.frame import Chart, EdgeMark, Trace
 from tests.analysis.laws import failed, law, run
 from tests.report.synthetic import SOLVERS
 
@@ -34,6 +35,62 @@ def test_failed_run_with_a_time_stands_above_all_errors_at_its_time_and_names_it
     assert math.log10(mark.y[0]) < figure.layout.yaxis.range[1]
     assert "deadline" in mark.text[0]
     assert "the budget is used up" in mark.text[0]
+
+
+def test_run_that_is_not_believed_stands_hollow_at_its_own_time_and_error():
+    rows = [*law("ida", 50.0, 4), run("ida", 2e-3, 0.5, 300, status="unreliable", message="g is 0.1")]
+    chart = _charts(rows)["work-evaluations"]
+    figure = _drawn(chart)
+    (mark,) = _named(figure, "ida", "circle-open")
+    assert (mark.x[0], mark.y[0]) == (pytest.approx(300), pytest.approx(0.5))
+    assert "not believed: g is 0.1" in mark.text[0]
+    assert "error 0.5" in mark.text[0]
+    assert 0.5 not in [y for trace in chart.traces for y in trace.y]
+    assert "Hollow, not believed: ida." in chart.caption
+    assert "did not finish" not in str(figure.layout.annotations)
+
+
+def test_run_that_is_not_believed_and_far_off_does_not_flatten_the_curves():
+    rows = [*law("ida", 50.0, 4), run("ida", 2e-3, 1e9, 300, status="unreliable")]
+    low, high = _drawn(_charts(rows)["work-evaluations"]).layout.yaxis.range
+    assert high - low < 9
+
+
+def test_multipliers_are_drawn_over_time_with_their_signs_and_the_largest_components():
+    values = [[0.1, -5.0, 3.0, 1.0], [0.2, 5.0, -3.0, 1.0]]
+    rows = [run("ida", 1e-4, 1e-4, 100, series={"multipliers": {"t": [0.0, 1.0], "lam": values, "mu": [[], []]}})]
+    charts = _charts(rows)
+    assert [trace.y for trace in charts["series-lam"].traces] == [(-5.0, 5.0), (3.0, -3.0), (1.0, 1.0)]
+    assert "lam[1], lam[2] and lam[3]" in charts["series-lam"].caption
+    assert "series-mu" not in charts
+    low, high = _drawn(charts["series-lam"]).layout.yaxis.range
+    assert low < -5.0 < 5.0 < high
+    assert _drawn(charts["series-lam"]).layout.yaxis.type is None
+
+
+def test_invariants_are_drawn_over_time():
+    series = {"drift": {"t": [0.0, 1.0], "invariants": {"momentum": [1e-9, 1e-7]}}}
+    chart = _charts([run("ida", 1e-4, 1e-4, 100, series=series)])["invariant-momentum"]
+    assert [trace.y for trace in chart.traces] == [(1e-9, 1e-7)]
+
+
+def test_acceleration_level_is_drawn_where_it_was_measured_and_else_the_note_is_told():
+    series = {"acceleration": {"t": [0.0, 1.0], "value": [1e-9, 1e-7]}}
+    note = {"acceleration": None, "acceleration_note": "no multipliers of its own: zero by construction"}
+    rows = [run("ida", 1e-4, 1e-4, 100, series=series), run("scipy", 1e-4, 1e-4, 100, series=series)]
+    rows[0].metrics["drift"], rows[1].metrics["drift"] = {"acceleration": 1e-7}, note
+    chart = _charts(rows)["drift-acceleration"]
+    assert [trace.entry for trace in chart.traces] == ["ida"]
+    assert "No series: scipy (no multipliers of its own: zero by construction)" in chart.caption
+
+
+def test_caption_says_at_how_many_times_errors_were_compared():
+    rows = law("ida", 50.0, 4)
+    for row in rows:
+        row.metrics["errors"]["points"] = 1
+    assert "compared at 1 time only" in _charts(rows)["work-time"].caption
+    rows[0].metrics["errors"]["points"] = 51
+    assert "largest over 1 to 51 compared times" in _charts(rows)["work-time"].caption
 
 
 def test_declined_runs_of_a_solver_share_one_mark_at_the_right_edge():
@@ -133,7 +190,9 @@ def test_drift_of_a_failed_run_is_drawn_as_far_as_it_came_with_its_status_at_the
 
 def test_caption_tells_the_slopes():
     rows = [run("hht", step, 3 * step**2, 1 / step, request={"step": step}, key=str(step)) for step in (0.1, 0.05, 0.025)]
-    assert "Fitted slopes: 2.00 (hht, constant step)." in _charts(rows)["convergence-step"].caption
+    assert (
+        "with the spread: 2.00 \N{PLUS-MINUS SIGN} 0.00 (hht, constant step)." in _charts(rows)["convergence-step"].caption
+    )
 
 
 def test_caption_of_the_drift_tells_how_far_apart_the_errors_are():

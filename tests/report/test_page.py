@@ -9,7 +9,8 @@ from html.parser import HTMLParser
 import pytest
 
 from hhtbench.errors import ProblemError
-from hhtbench.report import write_comparison
+from hhtbench.report import contest, write_comparison
+from tests.analysis.laws import law
 from tests.report.conftest import COMMAND
 from tests.report.synthetic import PROBLEMS, SOLVERS
 
@@ -116,9 +117,13 @@ def test_every_problem_has_its_charts(page):
         "Error against tolerance",
         "Drift of the position constraints over time",
         "Drift of the velocity constraints over time",
+        "Drift of the acceleration level over time",
         "Change of energy over time",
+        "Change of momentum over time",
+        "Multipliers λ over time",
         "Error of the multipliers λ (position constraints)",
     ]
+    assert "Multipliers μ over time" in found["knife_edge"]
     assert "Drift of the position constraints over time" not in found["knife_edge"]
     assert "Error of the multipliers μ (velocity constraints)" in found["knife_edge"]
     assert "Error against wall time" not in found["planar_chain(n_links=4)"]
@@ -129,8 +134,12 @@ def test_every_solver_is_on_every_chart_as_curve_or_mark(page):
         for title, figure in charts.items():
             named = {trace["name"] for trace in figure["data"]}
             if "over time" in title:
-                named |= {label for label in LABELS if f"{escape(label)} (" in page.partition("No series: ")[2]}
+                named |= {label for label in LABELS if escape(label) in _told_absent(page)}
             assert named == set(LABELS), (problem, title)
+
+
+def _told_absent(page):
+    return " ".join(re.findall(r"No series: (.*?)</figcaption>", page, re.DOTALL))
 
 
 def test_series_of_a_page_are_thin(page):
@@ -166,6 +175,38 @@ def test_markdown_has_the_comparison_first_and_the_claims_after(report):
     assert text.index("## andrews") < text.index("# The paper's claims")
     assert "| 5.1/q" in text
     assert "position drift \\| is 1.0" in text
+
+
+def test_marked_times_are_explained_in_the_notes_of_their_tables_and_in_the_summary(report):
+    text = (report / "report.md").read_text(encoding="utf-8")
+    section = text.partition("### Counters of these runs")[2].partition("###")[0]
+    (line,) = [line for line in section.splitlines() if line.startswith("| scipy(method=Radau)")]
+    assert re.search(r"\d m?s\\\*", line)
+    assert "\\*: something else ran on the core" in section
+    assert "Median CPU/wall of the timed solves: 0.90" in text.partition("##")[0]
+
+
+def test_disturbed_time_is_marked_where_solvers_are_ranked():
+    rows = [replace(row, timing={**row.timing, "disturbed": True}) for row in law("ida", 25.0, 2)]
+    found = contest.cheapest([*law("hht", 100.0, 2), *rows], "pendulum")
+    assert [cell.text for cell in found.rows[2][2:4]] == ["ida 25 ms*", "hht 100 ms"]
+    assert "*: something else ran on the core" in found.note
+
+
+def test_bar_in_a_header_does_not_break_the_table_of_markdown(report):
+    text = (report / "report.md").read_text(encoding="utf-8")
+    header, rule = text.partition("## Drift at equal accuracy\n\n")[2].splitlines()[:2]
+    assert "max \\|g\\|" in header
+    assert header.replace("\\|", "").count("|") == rule.count("|")
+
+
+def test_older_row_of_a_cell_is_left_out_and_said(rows, tmp_path):
+    old = replace(rows[0], key="old", created="2025-01-01T00:00:00+00:00", status="deadline", message="of old code")
+    write_comparison([old, *rows[:10], replace(old, key="older")], tmp_path, COMMAND)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "1 cell of the store exists in up to 3 versions" in text
+    assert "2 older left out" in text
+    assert "of old code" not in text
 
 
 def test_folder_that_cannot_be_made_is_explained(rows, tmp_path):

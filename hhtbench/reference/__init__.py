@@ -1,0 +1,6 @@
+"""Reference solutions with error bars: two method families on two forms that agree; their disagreement is the bar."""
+
+from hhtbench.reference.certify import Certificate, certify
+from hhtbench.reference.plan import Entry, load_plan
+
+__all__ = ["Certificate", "Entry", "certify", "load_plan"]

@@ -1,0 +1,196 @@
+"""One certified solution: several solvers at tight tolerance, the stored values, and how far the others are from them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.api import solve
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem
+from hhtbench.reference.plan import Entry
+from hhtbench.registry import load_problem, load_solver
+from hhtbench.result import Counters, Solution, Status
+
+QUANTITIES = ("q", "v", "lam", "mu")
+FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a stored double
+CLOSED = "closed solution"
+SAME_TIME = 1e-12  # of the interval: a stated time and a point of the grid that differ by rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class Confirmation:
+    """One other solver beside the stored values."""
+
+    solver: str
+    form: str
+    independent: bool  #: another family and another form
+    status: str
+    difference: dict[str, Vector]  #: quantity -> largest scaled difference at every time, (k,); empty unless it succeeded
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """Values at all times with their error bars."""
+
+    entry: Entry
+    t: Vector  #: (k,) [s]
+    values: dict[str, Matrix]  #: q, v, lam, mu and observables -> (k, size)
+    bars: dict[str, Vector]  #: the same -> (k,) scaled error bars, growing with time
+    scales: dict[str, Vector]  #: the same -> (size,)
+    confirmations: tuple[Confirmation, ...]
+
+    @property
+    def certified(self) -> bool:
+        """Whether an independent solver reached the end too."""
+        return any(other.independent and other.difference for other in self.confirmations)
+
+    def digits(self, quantity: str) -> float:
+        """Decimal digits of ``quantity`` that its largest bar leaves."""
+        return float(-np.log10(np.max(self.bars[quantity], initial=FLOOR)))
+
+
+def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Certificate:
+    """Solve with every method of the entry and compare.
+
+    A closed solution counts as an independent method.  The bar also covers what the last bit of the start does to the stored
+    values: a start is known to a double only.
+
+    Raises
+    ------
+    ProblemError
+        The first solver does not reach the end, so there is nothing to store.
+    """
+    problem = load_problem(entry.spec)
+    case = _Case(entry=entry, problem=problem, times=times_of(entry, problem), tell=tell)
+    first, _ = case.solved(problem, entry.first)
+    if not first.success:
+        raise ProblemError(f"{entry.name}: {entry.first} ended with {first.status.label}: {first.message}")
+    values = values_of(problem, first)
+    scales = scales_of(problem, values)
+    others = [case.confirmation(solver, values, scales) for solver in entry.second]
+    others += [] if problem.exact is None else [case.closed(values, scales)]
+    moved = case.moved_start(values, scales)
+    bars = {name: _bar(name, others, moved, case.times.size) for name in values}
+    return Certificate(entry=entry, t=case.times, values=values, bars=bars, scales=scales, confirmations=(*others, moved))
+
+
+def times_of(entry: Entry, problem: Problem) -> Vector:
+    """Stated times and grid, sorted, each once; a stated time wins over a point of the grid that equals it."""
+    t0, t1 = problem.t_span
+    stated = np.array(entry.times, dtype=np.float64)
+    outside = stated[(stated < min(t0, t1)) | (stated > max(t0, t1))]
+    if outside.size:
+        raise ProblemError(f"{entry.name}: the time {outside[0]:g} s lies outside of {entry.spec}, [{t0:g}, {t1:g}] s.")
+    grid = np.linspace(t0, t1, entry.grid + 1) if entry.grid else np.zeros(0)
+    near = np.min(np.abs(grid[:, None] - stated), axis=1, initial=np.inf) <= SAME_TIME * abs(t1 - t0)
+    return np.sort(np.concatenate([stated, grid[~near]]))
+
+
+def values_of(problem: Problem, solution: Solution) -> dict[str, Matrix]:
+    """Everything a reference holds, (k, size) each; quantities without entries are left out."""
+    found = {name: np.asarray(getattr(solution, name)) for name in QUANTITIES}
+    found = {name: values for name, values in found.items() if values.shape[1]}
+    rows = list(zip(solution.t, solution.q, solution.v, solution.lam, strict=True))
+    for name, function in problem.observables.items():
+        found[f"observable {name}"] = np.array([np.ravel(function(float(t), *state)) for t, *state in rows], dtype=float)
+    return found
+
+
+def scales_of(problem: Problem, values: dict[str, Matrix]) -> dict[str, Vector]:
+    """Typical sizes: the problem's, and the largest value of an observable."""
+    scales = {}
+    for name, rows in values.items():
+        own = getattr(problem.scales, name, None)
+        size = np.max(np.abs(rows), axis=0) if own is None else np.asarray(own, dtype=np.float64)
+        scales[name] = np.broadcast_to(np.where(size > 0, size, 1.0), rows.shape[1:])
+    return scales
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """One entry being certified."""
+
+    entry: Entry
+    problem: Problem
+    times: Vector
+    tell: Callable[[str], None]
+
+    def solved(self, problem: Problem, solver: str) -> tuple[Solution, float]:
+        """A solve with output at the times of the reference, and its seconds."""
+        self.tell(f"{self.entry.name}: {solver}")
+        started = time.perf_counter()
+        solution = solve(problem, solver, rtol=self.entry.rtol, t_eval=self.times)
+        return solution, time.perf_counter() - started
+
+    def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """Another solver beside the stored values."""
+        solution, seconds = self.solved(self.problem, solver)
+        mine, other = load_solver(self.entry.first), load_solver(solver)
+        forms = str(getattr(mine, "form", "")), str(getattr(other, "form", ""))
+        return Confirmation(
+            solver=solver,
+            form=forms[1],
+            independent=_family(mine) != _family(other) and forms[0] != forms[1],
+            status=solution.status.label,
+            difference=_differences(values_of(self.problem, solution), values, scales) if solution.success else {},
+            seconds=seconds,
+        )
+
+    def closed(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """The closed solution beside the stored values."""
+        exact = self.problem.exact
+        motions = [] if exact is None else [exact(float(t)) for t in self.times]
+        rows = {name: np.array([getattr(motion, name) for motion in motions]) for name in QUANTITIES}
+        solution = replace(self._empty, t=self.times, **rows)
+        difference = _differences(values_of(self.problem, solution), values, scales)
+        return Confirmation(solver=CLOSED, form="", independent=True, status="success", difference=difference, seconds=0.0)
+
+    def moved_start(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """The first solver again from a start whose entries are moved to a neighbouring double, up and down in turn."""
+        sign = np.where(np.arange(self.problem.q0.size) % 2, -np.inf, np.inf)
+        start = {"q0": np.nextafter(self.problem.q0, sign), "v0": np.nextafter(self.problem.v0, -sign)}
+        solution, seconds = self.solved(replace(self.problem, **start), self.entry.first)
+        return Confirmation(
+            solver=f"{self.entry.first} from a start moved by its last bit",
+            form=str(getattr(load_solver(self.entry.first), "form", "")),
+            independent=False,
+            status=solution.status.label,
+            difference=_differences(values_of(self.problem, solution), values, scales) if solution.success else {},
+            seconds=seconds,
+        )
+
+    @property
+    def _empty(self) -> Solution:
+        none = np.zeros((0, 0))
+        return Solution(
+            t=np.zeros(0), q=none, v=none, lam=none, mu=none, status=Status.success, message="", counters=Counters()
+        )
+
+
+def _differences(found: dict[str, Matrix], values: dict[str, Matrix], scales: dict[str, Vector]) -> dict[str, Vector]:
+    return {name: np.max(np.abs(found[name] - rows) / scales[name], axis=1) for name, rows in values.items()}
+
+
+FAMILIES = {"Radau": "Radau IIA", "radau": "Radau IIA", "bdf": "BDF", "BDF": "BDF", "DOP853": "explicit Runge-Kutta"}
+
+
+def _family(solver: Any) -> str:
+    """Two codes of one method are one family."""
+    method = str(getattr(solver, "method", solver.name))
+    return FAMILIES.get(method, method)
+
+
+def _bar(name: str, others: list[Confirmation], moved: Confirmation, count: int) -> Vector:
+    """The closest independent disagreement at every time and before it; infinite where nobody confirms."""
+    found = [other.difference[name] for other in others if other.independent and other.difference]
+    if not found or not moved.difference:
+        return np.full(count, np.inf)
+    closest = min(found, key=lambda difference: float(np.max(difference)))
+    return np.maximum(np.maximum.accumulate(np.maximum(closest, moved.difference[name])), FLOOR)

@@ -1,0 +1,128 @@
+"""The command ``hhtbench reference``: build, check, show."""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from tabulate import tabulate
+
+from hhtbench.errors import ProblemError
+from hhtbench.evidence import Evidence, Row
+from hhtbench.reference.certify import Certificate, certify
+from hhtbench.reference.files import read_certificate, write_certificate
+from hhtbench.reference.plan import Entry, choose, load_plan, registered_folder, registered_plans
+
+SAMPLE = 3  # references that ``check`` computes again unless told otherwise: the quickest, so that it takes seconds
+
+
+@click.group("reference")
+def reference_command() -> None:
+    """Certified reference solutions with error bars."""
+
+
+plan_option = click.option(
+    "--plan", "file", type=click.Path(dir_okay=False, path_type=Path), help="TOML plan.  [default: the library's]"
+)
+
+
+@reference_command.command("build")
+@click.argument("names", nargs=-1)
+@plan_option
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for NAME.json.")
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes.")
+def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: int) -> None:
+    """Compute the references NAMES (all of the plan if none is named) and write them with their error bars."""
+    entries = choose(registered_plans() if file is None else load_plan(file), names)
+    out.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        waiting = {pool.submit(certify, entry): entry for entry in entries}
+        for done in as_completed(waiting):
+            entry, error = waiting[done], done.exception()
+            if error is not None:
+                failed += 1
+                click.echo(f"{entry.name}: {type(error).__name__}: {error}", err=True)
+                continue
+            certificate = done.result()
+            failed += not certificate.certified
+            write_certificate(certificate, out)
+            click.echo(_line(certificate))
+    click.echo(f"{len(entries) - failed} of {len(entries)} references certified; files in {out}")
+    sys.exit(1 if failed else 0)
+
+
+@reference_command.command("check")
+@click.argument("names", nargs=-1)
+@plan_option
+@click.option(
+    "--folder", type=click.Path(file_okay=False, path_type=Path), help="Stored references.  [default: the library's]"
+)
+@click.option("--sample", type=click.IntRange(min=1), default=SAMPLE, show_default=True, help="How many, if none is named.")
+def check_command(names: tuple[str, ...], file: Path | None, folder: Path | None, sample: int) -> None:
+    """Compute references again, by the solver that confirmed them, and compare with the stored ones."""
+    plan = registered_plans() if file is None else load_plan(file)
+    entries = choose(plan, names) if names else list(plan.values())[:sample]
+    evidence = Evidence(title="references", rows=tuple(row for entry in entries for row in _recomputed(entry, folder)))
+    click.echo(evidence.table())
+    click.echo(f"\n{evidence.summary}")
+    sys.exit(0 if evidence.passed else 1)
+
+
+@reference_command.command("show")
+@click.argument("name")
+@click.option(
+    "--folder", type=click.Path(file_okay=False, path_type=Path), help="Stored references.  [default: the library's]"
+)
+def show_command(name: str, folder: Path | None) -> None:
+    """Print what the reference NAME holds: digits, methods and error bars at the stated times."""
+    stored = read_certificate(_folder(folder) / f"{name}.json")
+    click.echo(f"{stored['spec']}: values of {stored['first']} at rtol {stored['rtol']:g}")
+    if stored["note"]:
+        click.echo(stored["note"])
+    heads = ["confirmed by", "form", "status", *(f"difference in {quantity}" for quantity in stored["values"])]
+    rows = [
+        [other["solver"], other["form"], other["status"], *(other["largest_difference"].get(q) for q in stored["values"])]
+        for other in stored["confirmed_by"]
+    ]
+    click.echo("\n" + tabulate(rows, headers=heads, floatfmt=".1e"))
+    stated = [int(np.argmin(np.abs(stored["t"] - t))) for t in stored["stated"]]
+    bars = [[stored["t"][i], *(stored["bars"][quantity][i] for quantity in stored["bars"])] for i in stated]
+    click.echo("\nscaled error bars at the stated times")
+    click.echo(tabulate(bars, headers=["t [s]", *stored["bars"]], floatfmt=["g", *[".1e"] * len(stored["bars"])]))
+
+
+def _recomputed(entry: Entry, folder: Path | None) -> list[Row]:
+    """One row a quantity: the new disagreement against the stored bar."""
+    stored = read_certificate(_folder(folder) / f"{entry.name}.json")
+    again = certify(entry)
+    rows = []
+    for name, values in stored["values"].items():
+        size = np.max(np.abs(again.values[name] - values) / stored["scales"][name], axis=1)
+        bar = stored["bars"][name] + again.bars[name]
+        worst = int(np.argmax(size / bar))
+        claim = f"{entry.name}: {name} computed again lies within the error bars"
+        text = f"{bar[worst]:.1e} at t = {again.t[worst]:g} s"
+        rows.append(
+            Row(id=f"{entry.name}/{name}", claim=claim, measured=size[worst], bound=text, passed=bool(np.all(size <= bar)))
+        )
+    return rows
+
+
+def _folder(folder: Path | None) -> Path:
+    if folder is not None and not folder.is_dir():
+        raise ProblemError(f"there is no folder {folder} with references; build some with `hhtbench reference build`.")
+    return registered_folder() if folder is None else folder
+
+
+def _line(certificate: Certificate) -> str:
+    digits: dict[str, Any] = {name: f"{certificate.digits(name):.1f}" for name in certificate.values}
+    text = ", ".join(f"{name} {count}" for name, count in digits.items())
+    ended = "; ".join(f"{other.solver} {other.status} in {other.seconds:.1f} s" for other in certificate.confirmations)
+    verdict = "" if certificate.certified else "NOT CERTIFIED: no independent solver confirms it. "
+    return f"{certificate.entry.name}: {verdict}digits: {text} ({ended})"

@@ -1,0 +1,143 @@
+"""The charts over time of one problem: drift at every level, energy, invariants and multipliers of the typical runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from hhtbench import analysis
+from hhtbench.analysis import DOUBTED, TYPICAL_ERROR, Point
+from hhtbench.analysis.drift import TimeSeries
+from hhtbench.report.colours import solver_order
+from hhtbench.report.frame import Chart, Trace
+from hhtbench.report.marks import described, mark_of, told
+from hhtbench.report.runs import typical_runs
+from hhtbench.report.words import listed
+from hhtbench.store.rows import RunRow
+
+LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
+MOST_POINTS = 120  # of a series over time
+LEVELS = ("position", "velocity", "acceleration")
+SYMBOLS = {"lam": "λ", "mu": "μ"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What one chart over time shows."""
+
+    id: str
+    title: str
+    y_label: str
+    remark: str = ""
+    logarithmic: bool = True
+
+
+def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
+    """All of them that have something to show; ``rows`` are those of one problem."""
+    chosen = typical_runs(rows)
+    own = [row for row in rows if row.key in chosen]
+    charts = [_chart(own, chosen, analysis.drift_series(own, level), _of_level(level)) for level in LEVELS]
+    charts.append(_chart(own, chosen, analysis.drift_series(own, "energy"), ENERGY))
+    for name in analysis.invariant_names(own):
+        subject = Subject(id=f"invariant-{name}", title=f"Change of {name} over time", y_label=f"relative change of {name}")
+        charts.append(_chart(own, chosen, analysis.invariant_series(own, name), subject))
+    for name in SYMBOLS:
+        series = analysis.multiplier_series([row for row in own if row.success], name)
+        charts.append(_chart(own, chosen, series, _of_multipliers(name, series)))
+    return [chart for chart in charts if chart is not None]
+
+
+ENERGY = Subject(id="drift-energy", title="Change of energy over time", y_label="scaled change of energy")
+
+
+def _of_level(level: str) -> Subject:
+    return (
+        Subject(id=f"drift-{level}", title=f"Drift of the {level} constraints over time", y_label=f"scaled {level} drift")
+        if level != "acceleration"
+        else Subject(
+            id="drift-acceleration",
+            title="Drift of the acceleration level over time",
+            y_label="scaled acceleration drift",
+            remark=" With the accelerations that follow from each solver's own multipliers, at output times.",
+        )
+    )
+
+
+def _of_multipliers(name: str, series: Sequence[TimeSeries]) -> Subject:
+    components = sorted({item.component for item in series if item.component is not None})
+    named = listed([f"{name}[{index}]" for index in components]) if components else name
+    return Subject(
+        id=f"series-{name}",
+        title=f"Multipliers {SYMBOLS[name]} over time",
+        y_label=SYMBOLS[name],
+        remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
+        logarithmic=False,
+    )
+
+
+def _chart(
+    rows: Sequence[RunRow], chosen: Mapping[str, Point], found: Sequence[TimeSeries], subject: Subject
+) -> Chart | None:
+    if not found:
+        return None
+    traces, marks = [], []
+    order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
+    for series in sorted(found, key=lambda series: order.index(series.point.entry)):
+        run = series.point
+        t, value = _thinned(series) if subject.logarithmic else _strided(series)
+        component = "" if series.component is None else f"component {series.component}<br>"
+        traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
+        if not run.success:
+            marks.append(mark_of(run, t[-1], value[-1] if run.status == DOUBTED else None))
+    zero = subject.logarithmic and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
+    floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
+    if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
+        floor = f" All keep it exactly.{floor}"
+    head = f"Each solver's run with an error nearest to {TYPICAL_ERROR:.0e}{_spread(chosen)}."
+    return Chart(
+        id=subject.id,
+        title=subject.title,
+        caption=f"{head}{subject.remark}{_absent(rows, traces, subject)}{floor}{told(marks)}",
+        x_label="time [s]",
+        y_label=subject.y_label,
+        traces=tuple(traces),
+        marks=tuple(marks),
+        logarithmic_x=False,
+        logarithmic_y=subject.logarithmic,
+    )
+
+
+def _absent(rows: Sequence[RunRow], traces: Sequence[Trace], subject: Subject) -> str:
+    """Who has no series, and why: the note of a level that was not measured, else the status."""
+    named = {trace.entry for trace in traces}
+    reasons: dict[str, list[str]] = {}
+    for line in analysis.drift(rows):
+        if line.point.entry not in named:
+            note = line.note if subject.id == "drift-acceleration" else ""
+            reasons.setdefault(note or line.point.status, []).append(line.point.entry)
+    parts = [f"{listed(entries)} ({reason})" for reason, entries in reasons.items()]
+    return f" No series: {'; '.join(parts)}." if parts else ""
+
+
+def _spread(chosen: Mapping[str, Point]) -> str:
+    """How far from equal accuracy the runs are that stand side by side."""
+    errors = [run.error for run in chosen.values() if run.error is not None]
+    return f" (they are from {min(errors):.1e} to {max(errors):.1e})" if errors else ", or a middle setting as none is known"
+
+
+def _thinned(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
+    """At most ``MOST_POINTS``, the largest of each stretch; zero at the least drift that is drawn."""
+    t, value = series.t, series.value
+    stretch = -(-len(t) // MOST_POINTS)
+    kept = []
+    for start in range(0, len(t), stretch):
+        part = range(start, min(start + stretch, len(t)))
+        kept.append(max(part, key=lambda index: value[index] if value[index] is not None else -1.0))  # type: ignore[arg-type,return-value]
+    values = (value[index] for index in kept)
+    return tuple(t[i] for i in kept), tuple(None if v is None else max(v, LEAST_DRIFT) for v in values)
+
+
+def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
+    """At most ``MOST_POINTS``, of values that may be negative: every second, third, ... one."""
+    stride = -(-len(series.t) // MOST_POINTS)
+    return series.t[::stride], series.value[::stride]

@@ -1,0 +1,86 @@
+"""The equations as callbacks that a foreign library cannot harm, and what went wrong in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.counting import Work
+from hhtbench.errors import NonFiniteValue, Stop
+from hhtbench.result import Status
+
+MOST_STRAYS = 100  # values that are not finite within one step: a library shrinks its step tenfold long before
+
+
+class Halt(Stop):
+    """The integration ends here; never seen by the caller of ``solve``."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        self.status = status
+        super().__init__(message)
+
+
+class Guard:
+    """Wraps callbacks of one solve.
+
+    A callback that has raised is not called again, and its exception is raised again after the library has returned,
+    whatever the library made of it.  Values that are not finite go to the library as they are, since most shrink
+    their step then; the function that gave them is named if the library fails.
+    """
+
+    def __init__(self, work: Work, t0: float) -> None:
+        self.work = work
+        self.t = t0  #: end of the last step [s]
+        self.cause: BaseException | None = None  #: what a callback has raised
+        self.stray: Any = None  #: first value of this step that is not finite: the error, or (t, y)
+        self._stray_before: Any = None  # the same of the step before: Radau fails one step late
+        self._strays = 0
+
+    def wrap(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
+        """``function(t, y, ...)`` counted, on private copies: libraries reuse and free what they pass."""
+        counted = self.work.counted(function, **points)
+
+        def call(t: float, y: Any, *more: Any) -> Any:
+            self.raise_cause()
+            y = np.array(y)
+            try:
+                try:
+                    value = np.array(counted(float(t), y, *(np.array(x) for x in more)))
+                except NonFiniteValue as error:
+                    value = np.full(shape, np.nan)
+                    self._note_stray(y, error)
+                else:
+                    if not np.isfinite(value).all():
+                        self._note_stray(y, (float(t), y))
+            except BaseException as error:
+                self.cause = error
+                raise
+            return value
+
+        return call
+
+    def raise_cause(self) -> None:
+        """Raise again what a callback has raised, where it was swallowed."""
+        if self.cause is not None:
+            raise self.cause
+
+    def step_taken(self, t: float) -> None:
+        """A step that ended at ``t`` was accepted: what was not finite on the way did no harm, unless the next one fails."""
+        self.t, self._strays = t, 0
+        self.stray, self._stray_before = None, self.stray
+
+    @property
+    def suspect(self) -> Any:
+        """The value to blame for a failure, or None."""
+        return self._stray_before if self.stray is None else self.stray
+
+    def _note_stray(self, y: Vector, where: Any) -> None:
+        self._strays += 1
+        if np.isfinite(y).all():  # else the library passes on what it was given before
+            self.work.add("nonfinite_evaluations")
+            self.stray = where if self.stray is None else self.stray
+        if self._strays >= MOST_STRAYS:
+            raise Halt(Status.nonfinite_callback, f"{MOST_STRAYS} values were not finite after t = {self.t:.17g}")

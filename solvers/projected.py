@@ -1,0 +1,105 @@
+"""``projected(method=DOP853|RK45|RK23)``: SciPy's explicit methods on the underlying ODE, projected after every step.
+
+The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
+by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
+Springer 1996, section VII.2, describes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import integrate, linalg
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering import compile_function
+from hhtbench.result import Status
+from solvers._adapter import choose
+from solvers._run import Halt, Run
+from solvers.scipy_ivp import SciPySolver, _step
+
+KNOWN = {"method": ("DOP853", "RK45", "RK23"), "form": ("ode",)}
+MOST_ITERATIONS = 5  # of the position level; a step leaves the constraints by its error, so two are enough
+ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
+
+
+class ProjectedSolver(SciPySolver):
+    """An explicit Runge-Kutta method whose states satisfy both levels of the constraints."""
+
+    library: ClassVar[str] = "scipy"
+
+    def drive(self, run: Run) -> None:
+        """One solver object, stepped to the end, its state replaced by the projected one."""
+        projection = Projection(run)
+        solver = self._stepper(run, run.t0, run.start.y, run.t1)
+        while run.unfinished():
+            _step(run, solver)
+            shorter = partial(self._shorter, run, solver.t_old, solver.y_old)
+            solver.y = projection.of(solver.t, solver.y)
+            solver.f = run.rhs(solver.t, solver.y)
+            run.accept(solver.t, solver.y, partial(projection.of_step, shorter))
+
+    def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
+        return getattr(integrate, self.method)(run.rhs, t0, y0, t1, rtol=max(run.rtol, 3e-14), atol=run.weights, **options)
+
+    def _shorter(self, run: Run, t0: float, y0: Any, time: float) -> Vector:
+        """y at ``time`` by a shorter step from the same start: the interpolant is less accurate than the step."""
+        shorter = self._stepper(run, t0, y0, time, first_step=abs(time - t0))
+        while shorter.status == "running":
+            _step(run, shorter)
+        return np.asarray(shorter.y)
+
+
+class Projection:
+    """Moves states onto both levels of the constraints."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.scales = run, run.problem.scales
+        self._mass = compile_function(mass_function, run.dynamics)
+
+    def of_step(self, step: Callable[[float], Vector], t: float) -> Vector:
+        """The nearest consistent state to what ``step`` leads to at ``t``."""
+        return self.of(t, step(t))
+
+    def of(self, t: float, y: Vector) -> Vector:
+        """The nearest consistent state, (2n,)."""
+        if not self.run.dynamics.structure.constrained:
+            return y
+        q, v = (part.copy() for part in self.run.form.state(y))
+        mass = np.asarray(self._mass(t, q))
+        for _ in range(MOST_ITERATIONS):
+            at = self.run.levels.at(t, q, v)
+            if not at.position.size or np.max(at.scaled_position(self.scales.q)) <= ROUNDOFF:
+                break
+            q = q - _smallest(mass, at.position_jacobian, at.position)
+        else:
+            at = self.run.levels.at(t, q, v)
+            if np.max(at.scaled_position(self.scales.q)) > 1e3 * ROUNDOFF:
+                raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
+        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
+        return np.concatenate([q, v - _smallest(mass, rows, at.velocity_drift)])
+
+
+def _smallest(mass: Matrix, rows: Matrix, violation: Vector) -> Vector:
+    """The change x with rows x = violation that is smallest in the metric of ``mass``; rows may depend on one another."""
+    n, m = mass.shape[0], rows.shape[0]
+    matrix = np.block([[mass, rows.T], [rows, np.zeros((m, m))]])
+    right = np.concatenate([np.zeros(n), violation])
+    size = 1 / np.sqrt(np.maximum(np.max(np.abs(matrix), axis=1), np.finfo(float).tiny))
+    scaled = matrix * np.outer(size, size)
+    solution, *_ = linalg.lstsq(scaled, right * size, cond=1e-12, check_finite=False)
+    return np.asarray((solution * size)[:n])
+
+
+def mass_function(dynamics: Any, t: Any, q: Any) -> Any:
+    """M (n, n)."""
+    return dynamics.mass(t, q)
+
+
+def solver(**options: Any) -> ProjectedSolver:
+    """A projected method; options ``method``: DOP853 (default), RK45 or RK23, ``form``: ode."""
+    chosen = choose("projected", options, KNOWN)
+    return ProjectedSolver(f"projected(method={chosen['method']})", chosen["form"], chosen["method"])

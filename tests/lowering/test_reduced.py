@@ -1,0 +1,120 @@
+"""Redundant rows are left out: same motion, multipliers of least norm, and a status where that is not possible."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench.api import solve
+from hhtbench.lowering import derive, padded, reduce_redundant, smallest, unreduced
+from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.result import Status
+
+Q0, V0 = np.array([1.0, 0.0]), np.array([0.0, 2.0])
+SOLVERS = [
+    ("hht", {"steps": 400}, 3e-4),
+    ("hht(alpha=-0.3)", {"steps": 400}, 1e-3),
+    ("ida(form=ggl)", {"rtol": 1e-8}, 1e-5),
+    ("ida(form=index1)", {"rtol": 1e-8}, 1e-5),
+    ("scipy(method=DOP853)", {"rtol": 1e-8}, 1e-5),
+    ("collocation(form=index2)", {"rtol": 1e-8}, 1e-7),
+    ("projected(method=DOP853)", {"rtol": 1e-8}, 1e-7),
+]
+
+
+class Once(System):
+    """A bead on a ring under gravity."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -1.0])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1) / 2])
+
+
+class Twice(Once):
+    """The same row three times, at three sizes."""
+
+    def constraint(self, t, q):
+        return jnp.array([1.0, 3.7, 1e-8]) * (q @ q - 1) / 2
+
+
+class Held(Twice):
+    """A velocity row that repeats the derivative of a position row."""
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1) / 2])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([q @ v])
+
+
+def numpy_twice():
+    return NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -1.0]),
+        constraint=lambda t, q: np.array([1.0, 2.0]) * (q @ q - 1) / 2,
+        constraint_jacobian=lambda t, q: np.array([q, 2 * q]),
+    )
+
+
+def bead(system):
+    return Problem(name="bead", system=system, t_span=(0.0, 2.0), q0=Q0, v0=V0)
+
+
+@pytest.mark.parametrize(("solver", "request_", "bound"), SOLVERS, ids=lambda x: x if isinstance(x, str) else "")
+def test_the_motion_is_that_of_one_row_and_multipliers_are_the_smallest(solver, request_, bound):
+    once = solve(bead(Once()), solver, t_eval=[0.7, 2.0], **request_)
+    with pytest.warns(UserWarning, match=r"redundant constraints: rank 1 of 3 rows"):
+        thrice = solve(bead(Twice()), solver, t_eval=[0.7, 2.0], **request_)
+    assert thrice.status is Status.success
+    np.testing.assert_allclose(thrice.q, once.q, atol=bound)
+    np.testing.assert_allclose(thrice.v, once.v, atol=3 * bound)
+    weights = np.array([1.0, 3.7, 1e-8])
+    expected = once.lam * weights / (weights @ weights)  # the pseudo-inverse of one row
+    np.testing.assert_allclose(thrice.lam, expected, atol=10 * bound)
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida(form=ggl)"])
+@pytest.mark.parametrize("make", [Held, numpy_twice], ids=["a velocity row", "plain callables"])
+def test_redundancy_is_found_in_velocity_rows_and_in_plain_callables(solver, make):
+    how = {"steps": 400} if solver == "hht" else {"rtol": 1e-8}
+    once = solve(bead(Once()), solver, t_eval=[2.0], **how)
+    with pytest.warns(UserWarning, match="redundant constraints"):
+        found = solve(bead(make()), solver, t_eval=[2.0], **how)
+    assert found.status is Status.success
+    np.testing.assert_allclose(found.q, once.q, atol=1e-4)
+    assert found.lam.shape[1] + found.mu.shape[1] == 2
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida(form=ggl)"])
+def test_contradictory_rows_are_an_inconsistent_start(solver):
+    class Contradiction(Once):
+        def constraint(self, t, q):
+            return jnp.array([1.0, 1.0]) * (q @ q - 1) / 2 + jnp.array([0.0, 0.1])
+
+    how = {"steps": 10} if solver == "hht" else {"rtol": 1e-6}
+    with pytest.warns(UserWarning, match="redundant"):
+        solution = solve(bead(Contradiction()), solver, **how)
+    assert solution.status is Status.inconsistent_initial
+    assert "g[1] = 0.1" in solution.message
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida(form=ggl)"])
+def test_a_declared_reaction_may_need_every_multiplier(solver):
+    class Own(Twice):
+        def reaction(self, t, q, lam):
+            return -q * (lam[0] + 3.7 * lam[1] + 1e-8 * lam[2])
+
+    how = {"steps": 10} if solver == "hht" else {"rtol": 1e-6}
+    assert solve(bead(Own()), solver, **how).status is Status.redundant_constraints
+
+
+def test_reduced_functions_are_rows_of_the_whole():
+    whole = derive(Held(), 0.0, Q0, V0)
+    assert reduce_redundant(derive(Twice(), 0.0, Q0, V0), (1, 2)).structure.m == 1
+    reduced = reduce_redundant(whole, (1,))
+    assert (reduced.structure.m, reduced.structure.p) == (1, 0)
+    assert unreduced(reduced) is whole
+    np.testing.assert_array_equal(reduced.constraint_jacobian(0.0, Q0), whole.constraint_jacobian(0.0, Q0))
+    lam, mu = padded(reduced, np.array([[2.0]]), np.zeros((1, 0)))
+    np.testing.assert_array_equal(np.concatenate([lam, mu], axis=1), [[2.0, 0.0]])
+    np.testing.assert_allclose(smallest(np.array([[1.0, 0.0], [2.0, 0.0]]), np.array([5.0, 0.0])), [1.0, 2.0])
