@@ -13,15 +13,19 @@ import click
 from hhtbench import plugins
 from hhtbench.api import solve
 from hhtbench.campaign.command import run_command
+from hhtbench.campaign.machine import usable_cores
 from hhtbench.check import check
 from hhtbench.describe import describe
+from hhtbench.drawing.command import show_command
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, read_evidence
+from hhtbench.library import check_all
 from hhtbench.reference.command import reference_command
 from hhtbench.registry import load_problem, load_verification
 from hhtbench.report import write_comparison, write_report
 from hhtbench.report.solution import end_state, errors_at_end, save_solution
 from hhtbench.store import load_rows
+from hhtbench.validation.command import validate_command
 
 WRONG_USE = 2
 FAILED = 1
@@ -74,11 +78,24 @@ def describe_command(problem: str) -> None:
 
 
 @main.command("check")
-@click.argument("problem")
+@click.argument("problem", required=False)
+@click.option("--all", "every", is_flag=True, help="Check every registered problem.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Worker processes with --all.  [default: one a core]")
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
-def check_command(problem: str, json_file: Path | None) -> None:
-    """Check that PROBLEM keeps its promises: shapes, derivatives, consistent start, rank."""
-    _conclude(check(load_problem(problem)), json_file)
+def check_command(problem: str | None, every: bool, jobs: int | None, json_file: Path | None) -> None:
+    """Check that PROBLEM keeps its promises: shapes, derivatives, consistent start, rank, energy."""
+    if every == (problem is not None):
+        raise click.UsageError("name one PROBLEM, or give --all.")
+    if problem is not None:
+        _conclude(check(load_problem(problem)), json_file)
+    _require_folder(json_file)
+    evidence = check_all(jobs or usable_cores(), click.echo)
+    if json_file is not None:
+        evidence.write_json(json_file)
+    wrong = [row for row in evidence.rows if row.passed is False]
+    click.echo("".join(f"\n{row.id}: {row.measured} (bound: {row.bound})" for row in wrong))
+    click.echo(f"{evidence.summary}; {evidence.seconds:.0f} s")
+    sys.exit(0 if evidence.passed else FAILED)
 
 
 @main.command("solve")
@@ -124,6 +141,8 @@ def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs:
 
 main.add_command(run_command)
 main.add_command(reference_command)
+main.add_command(show_command)
+main.add_command(validate_command)
 
 
 @main.command("report")

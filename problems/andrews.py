@@ -37,6 +37,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._sketch import pin_lines, spring_lines
 
 SOURCE = "Schiehlen (ed.), Multibody Systems Handbook, 1990; Test Set for IVP Solvers, Andrews' squeezing mechanism"
 
@@ -168,7 +169,7 @@ def published_mechanism() -> SqueezingMechanism:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Joints as ``points`` (9, 2), bars and the spring as ``lines`` (10, 2, 2) [m]."""
+    """Joints as ``points`` (9, 2), bars, the spring and the supports as ``lines`` (57, 2, 2) [m]."""
     s = published_mechanism()
     A, B, C = np.asarray(s.A), np.asarray(s.B), np.asarray(s.C)
     b, _, g, _, d, _, e = np.asarray(q)
@@ -178,8 +179,10 @@ def sketch(q: Vector) -> dict[str, Vector]:
     joint5 = A + float(s.zt) * np.array([np.cos(d), np.sin(d)])
     joint7 = A + float(s.u) * np.array([np.sin(e), -np.cos(e)])
     O = np.zeros(2)  # noqa: E741
-    bars = [(O, joint1), (joint1, P), (B, P), (B, D), (D, P), (A, joint5), (joint5, P), (A, joint7), (joint7, P), (C, D)]
-    return {"points": np.array([O, A, B, C, D, P, joint1, joint5, joint7]), "lines": np.array(bars)}
+    bars = [(O, joint1), (joint1, P), (B, P), (B, D), (D, P), (A, joint5), (joint5, P), (A, joint7), (joint7, P)]
+    ground = [pin_lines(fixed, 0.004) for fixed in (O, A, B, C)]
+    lines = np.concatenate([bars, spring_lines(C, D, 5, 0.006), *ground])
+    return {"points": np.array([O, A, B, C, D, P, joint1, joint5, joint7]), "lines": lines}
 
 
 def spring_length(t: float, q: Vector, v: Vector, lam: Vector) -> float:

@@ -31,6 +31,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._sketch import chain, pin_lines
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, second problem"
 REST_ANGLE = 1.5 * math.pi  # hanging [rad]
@@ -62,14 +63,18 @@ class Pendulum(System):
         y1, y2, y3 = q
         return jnp.stack([y1 - self.L * jnp.cos(y3), y2 - self.L * jnp.sin(y3)])
 
-
-class Undamped(Pendulum):
-    """The pendulum without damper: the energy is conserved."""
-
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy, gravity and spring [J]."""
         kinetic = jnp.sum(self.mass_matrix * v**2) / 2
         return kinetic + self.m * self.g * q[1] + self.k * (q[2] - REST_ANGLE) ** 2 / 2
+
+
+class Damped(Pendulum):
+    """The pendulum whose damper takes energy."""
+
+    def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
+        """Of the damper [W]."""
+        return -self.c * v[2] ** 2
 
 
 @functools.cache
@@ -131,9 +136,12 @@ def exact(parameters: tuple[float, ...], t_end: float, t: float) -> Motion:
 
 
 def sketch(L: float, q: Vector) -> dict[str, Vector]:
-    """Pivot and centre of mass as ``points`` (2, 2), the rod as ``lines`` (1, 2, 2) [m]."""
+    """Pivot and centre of mass as ``points`` (2, 2), rod, spring and support as ``lines`` (42, 2, 2) [m]."""
     end = 2 * L * np.array([np.cos(q[2]), np.sin(q[2])])
-    return {"points": np.array([[0.0, 0.0], q[:2]]), "lines": np.array([[[0.0, 0.0], end]])}
+    turn = np.linspace(np.pi, q[2] + 4 * np.pi, 33)  # from the support, twice round, to the rod
+    spiral = L * np.linspace(0.12, 0.3, 33)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    lines = np.concatenate([[[[0.0, 0.0], end]], chain(spiral), pin_lines((0.0, 0.0), 0.2 * L, 1.0)])
+    return {"points": np.array([[0.0, 0.0], q[:2]]), "lines": lines}
 
 
 def problem(
@@ -172,7 +180,7 @@ def problem(
     L = values["L"]
     return Problem(
         name="jay_negrut_pendulum",
-        system=(Pendulum if values["c"] > 0 else Undamped)(**values),
+        system=(Damped if values["c"] > 0 else Pendulum)(**values),
         t_span=(0.0, t_end),
         q0=np.array([0.0, -L, REST_ANGLE]),
         v0=np.array([L * z3, 0.0, z3]),

@@ -34,6 +34,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System
 from problems._common import checked, load_reference
+from problems._sketch import chain, circle_lines
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, first problem"
 
@@ -64,10 +65,10 @@ def exact(t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The point on its curve: ``points`` (1, 2), ``lines`` (l, 2, 2) chords of the curve."""
+    """The point on its curve: ``points`` (1, 2), ``lines`` (60, 2, 2) chords of the curve and a ring around the point."""
     y1 = np.linspace(0.8, 3.0, 45)
     curve = np.column_stack([y1, y1**-2])
-    return {"points": np.array([q]), "lines": np.stack([curve[:-1], curve[1:]], axis=1)}
+    return {"points": np.array([q]), "lines": np.concatenate([chain(curve), circle_lines(q, 0.05)])}
 
 
 def problem(*, t_end: float = 1.0) -> Problem:

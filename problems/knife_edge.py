@@ -28,6 +28,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._sketch import outline
 
 SOURCE = "Bloch, Nonholonomic Mechanics and Control, Springer 2003"
 
@@ -73,9 +74,13 @@ def exact(m: float, G: float, Om: float, t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The contact as ``points`` (1, 2), the blade as ``lines`` (1, 2, 2) [m]."""
-    half = 0.1 * np.array([np.cos(q[2]), np.sin(q[2])])
-    return {"points": np.array([q[:2]]), "lines": np.array([[q[:2] - half, q[:2] + half]])}
+    """The contact as ``points`` (1, 2), the skate as ``lines`` (5, 2, 2) [m]; down the slope is down on the paper."""
+    place = np.array([q[1], -q[0]])
+    ahead = np.array([np.sin(q[2]), -np.cos(q[2])])
+    side = np.array([-ahead[1], ahead[0]])
+    shape = np.array([[-0.14, -0.05], [0.1, -0.05], [0.18, 0.0], [0.1, 0.05], [-0.14, 0.05]])
+    corners = place + np.outer(shape[:, 0], ahead) + np.outer(shape[:, 1], side)
+    return {"points": np.array([place]), "lines": outline(corners)}
 
 
 def problem(

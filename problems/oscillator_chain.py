@@ -16,6 +16,7 @@ mode N the fastest, and the motion is the sum of these two alone:
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ from hhtbench.arguments import Vector, positive_integer
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked
+from problems._sketch import box_lines, ground_lines, spring_lines
 
 SOURCE = "linear chain, modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"
 LARGE = 100  # masses from which the tag "large" is set: dense linear algebra stops being the best choice about here
@@ -84,10 +86,15 @@ def exact(n: int, m: float, k: float, start: tuple[tuple[float, float], tuple[fl
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Masses at unit spacing as ``points`` (N, 2), the springs as ``lines`` (N + 1, 2, 2) [m]."""
+    """Masses at unit spacing as ``points`` (N, 2), springs, blocks and walls as ``lines`` (14 N + 22, 2, 2) [m]."""
     n = len(q)
     joints = np.column_stack([np.arange(n + 2) + np.pad(q, 1), np.zeros(n + 2)])
-    return {"points": joints[1:-1], "lines": np.stack([joints[:-1], joints[1:]], axis=1)}
+    gap, post = np.array([0.15, 0.0]), np.array([0.0, 0.3])
+    springs = [spring_lines(a + gap, b - gap, 4, 0.25) for a, b in itertools.pairwise(joints)]
+    blocks = [box_lines(joint, 0.3, 0.3) for joint in joints[1:-1]]
+    left, right = joints[0] + gap, joints[-1] - gap
+    walls = [ground_lines(left + post, left - post, 0.15), ground_lines(right - post, right + post, 0.15)]
+    return {"points": joints[1:-1], "lines": np.concatenate([*springs, *blocks, *walls])}
 
 
 def problem(

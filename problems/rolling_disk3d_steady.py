@@ -15,18 +15,10 @@ as in P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice H
 With ``a_z = p0^2 - p1^2 - p2^2 + p3^2`` and ``sin(theta) = sqrt(1 - a_z^2)`` the contact lies at
 ``rho = -R (e_z - a_z a) / sin(theta)`` from the centre.
 
-Mass and force.  With ``E(p) = [-e, p0 I - e x]`` (3 x 4, e the vector part) the body rate is ``w = 2 E(p) p'``, so
-``T = 2 (E p')^T J (E p')`` and ``dT/dp' = 4 E^T J E p'``.  Because E is linear in p and ``E(p) p' = -E(p') p``:
-
-    d/dt dT/dp' = 4 E^T J E p'' + 4 E(p')^T J E p'       (E(p') p' = 0)
-    dT/dp       = -4 E(p')^T J E p'
-    4 E^T J E p'' = F_p + ...,   F_p = -8 E(p')^T J E(p) p'.
-
-``4 E^T J E`` is singular along p.  Adding ``4 j0 p p^T`` makes M regular; on the constraint ``p.p'' = -p'.p'``, so the
-equations gain the radial term ``-4 j0 |p'|^2 p``, which only the multiplier of the norm can hold.  No term against it is
-put into F: the motion, lam[1] and mu do not depend on j0, and **lam[0] does**; it depends also on the scale of the
-norm constraint and on writing the height homogeneous in p.  The reference values belong to this choice and the default
-``j0 = (2 A + C) / 3``.  With j0 = 0 M is singular while the KKT matrix stays regular.
+Mass ``4 G^T J G + 4 j0 p p^T`` and force of the quaternion as derived in ``problems/_rigid_body.py``.  The motion, lam[1]
+and mu do not depend on j0, and **lam[0] does**; it depends also on the scale of the norm constraint and on writing the
+height homogeneous in p.  The reference values belong to this choice and the default ``j0 = (2 A + C) / 3``.  With
+j0 = 0 M is singular while the KKT matrix stays regular.
 
 Steady motion: precession ``Om`` about z and spin ``w3`` about the axis,
 
@@ -50,6 +42,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._rigid_body import body_rate, norm_rows, rotation, rotational_force, rotational_mass, space_rate
 
 SOURCE = "Routh, Advanced Rigid Dynamics, 1905; Nikravesh, Computer-Aided Analysis of Mechanical Systems, 1988"
 
@@ -68,55 +61,33 @@ class RollingDisk(System):
         return self.m * self.R**2 / 4 * jnp.array([1.0, 1.0, 2.0])
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(7, 7): ``m`` three times and ``4 E^T J E + 4 j0 p p^T``."""
-        p = q[3:]
-        E = rate_matrix(p)
-        rotation = 4 * E.T @ (self.inertia[:, None] * E) + 4 * self.j0 * jnp.outer(p, p)
-        return jnp.zeros((7, 7)).at[:3, :3].set(self.m * jnp.eye(3)).at[3:, 3:].set(rotation)
+        """(7, 7): ``m`` three times and the block of the quaternion."""
+        block = rotational_mass(q[3:], self.inertia, self.j0)
+        return jnp.zeros((7, 7)).at[:3, :3].set(self.m * jnp.eye(3)).at[3:, 3:].set(block)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
         """Weight and the terms quadratic in p', (7,)."""
-        rotation = -8 * rate_matrix(v[3:]).T @ (self.inertia * (rate_matrix(q[3:]) @ v[3:]))
-        return jnp.concatenate([jnp.stack([0.0, 0.0, -self.m * self.g]), rotation])
+        weight = jnp.zeros(3).at[2].set(-self.m * self.g)
+        return jnp.concatenate([weight, rotational_force(q[3:], v[3:], self.inertia)])
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Norm of the quaternion and height of the centre, (2,) [1, m]."""
-        p = q[3:]
-        return jnp.stack([p @ p - 1, q[2] - self.R * jnp.sqrt(1 - axis(p)[2] ** 2)])
+        return jnp.stack([norm_rows(q[3:]), q[2] - self.R * jnp.sqrt(1 - rotation(q[3:])[2, 2] ** 2)])
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
         """Horizontal velocity of the point of contact, (2,) [m/s]."""
-        p, a = q[3:], axis(q[3:])
-        omega = 2 * space_rate_matrix(p) @ v[3:]
+        a, omega = rotation(q[3:])[:, 2], space_rate(q[3:], v[3:])
         rho = -self.R * (jnp.array([0.0, 0.0, 1.0]) - a[2] * a) / jnp.sqrt(1 - a[2] ** 2)
         return (v[:3] + jnp.cross(omega, rho))[:2]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy and height [J]; j0 takes no part."""
-        w = 2 * rate_matrix(q[3:]) @ v[3:]
+        w = body_rate(q[3:], v[3:])
         return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
         """Axial rate w3 and inclination: constant in the steady motion."""
-        return {"axial_rate": 2 * (rate_matrix(q[3:]) @ v[3:])[2], "axis_height": axis(q[3:])[2]}
-
-
-def rate_matrix(p: Array) -> Array:
-    """E(p) (3, 4): body rate ``2 E(p) p'``."""
-    p0, p1, p2, p3 = p
-    return jnp.stack([jnp.stack([-p1, p0, p3, -p2]), jnp.stack([-p2, -p3, p0, p1]), jnp.stack([-p3, p2, -p1, p0])])
-
-
-def space_rate_matrix(p: Array) -> Array:
-    """(3, 4): rate in the frame of the table, ``2 space_rate_matrix(p) p'``."""
-    p0, p1, p2, p3 = p
-    return jnp.stack([jnp.stack([-p1, p0, -p3, p2]), jnp.stack([-p2, p3, p0, -p1]), jnp.stack([-p3, -p2, p1, p0])])
-
-
-def axis(p: Any) -> Array:
-    """Axis of the disk (3,), homogeneous of degree 2 in p."""
-    p0, p1, p2, p3 = p
-    return jnp.stack([2 * (p1 * p3 + p0 * p2), 2 * (p2 * p3 - p0 * p1), p0**2 - p1**2 - p2**2 + p3**2])
+        return {"axial_rate": body_rate(q[3:], v[3:])[2], "axis_height": rotation(q[3:])[2, 2]}
 
 
 @dataclass(frozen=True)
@@ -163,10 +134,8 @@ def exact(steady: Steady, t: float) -> Motion:
 
 def sketch(R: float, q: Vector) -> dict[str, Vector]:
     """Centre and tip of the axis as ``points`` (2, 3), axis and rim as ``lines`` (25, 2, 3) [m]."""
-    p0, p1, p2, p3 = np.asarray(q[3:])
-    first = np.array([p0**2 + p1**2 - p2**2 - p3**2, 2 * (p1 * p2 + p0 * p3), 2 * (p1 * p3 - p0 * p2)])
-    a = np.asarray(axis(q[3:]))
-    second, angles = np.cross(a, first), np.linspace(0.0, 2 * math.pi, 25)
+    first, second, a = np.asarray(rotation(q[3:])).T
+    angles = np.linspace(0.0, 2 * math.pi, 25)
     rim = q[:3] + R * (np.outer(np.cos(angles), first) + np.outer(np.sin(angles), second))
     tip = q[:3] + R * a
     lines = np.concatenate([[[q[:3], tip]], np.stack([rim[:-1], rim[1:]], axis=1)])
@@ -228,5 +197,7 @@ def problem(
         reference=load_reference("rolling_disk3d_steady", t_end) if published else None,
         sketch=functools.partial(sketch, values["R"]),
         tags=("mixed", "variable mass", "singular") if values["j0"] == 0 else ("mixed", "variable mass"),
+        good_for="Both kinds of constraints at once, with a unit quaternion, a closed solution, and on demand a singular "
+        "mass matrix in a regular KKT matrix.",
         source=SOURCE,
     )

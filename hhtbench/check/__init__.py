@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.check.conservation import conservation_rows
 from hhtbench.check.data import data_rows, measured_rows
 from hhtbench.check.derivatives import DERIVED, Sample, derivative_rows, given_derivatives
 from hhtbench.check.reference import References, State
@@ -69,7 +70,12 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
     trusted = derive(*place, ignored=wrong) if wrong else dynamics
     start = examine(trusted, problem, sizes) if finite.passed else _unknown(s, str(finite.measured))
     rows += mass_rows(trusted, states, start)
-    rows += [*consistency_rows(start, sizes), *guess_rows(start, problem, sizes), *regularity_rows(start)]
+    rows += [
+        *consistency_rows(start, sizes),
+        *guess_rows(start, problem, sizes),
+        *regularity_rows(start, "redundant" in problem.tags),
+    ]
+    rows += conservation_rows(trusted, problem, sizes, shapes.faults)
     return [*rows, scales, *data_rows(problem, s.m, s.p, sizes, start)]
 
 

@@ -35,9 +35,10 @@ def sizes_of(problem: Problem, m: int | None, p: int | None) -> tuple[Sizes, Row
             faults.append(outcome.fault)
         found[name] = np.ones(size or 0) if outcome.fault else outcome.value
     span = abs(problem.t_span[1] - problem.t_span[0])
+    change = float(np.min(found["q"] / found["v"], initial=1.0)) if found["q"].size == found["v"].size else 1.0
     claim = "scales are positive and fit the components"
     row = yes_or_fault("data/scales", claim, "; ".join(faults), "fit", "above 0; a number or one per component")
-    return Sizes(t=min(span, 1.0) or 1.0, **found), row
+    return Sizes(t=min(span, 1.0, change) or 1.0, **found), row
 
 
 def _spread(name: str, value: Any, size: int | None) -> Vector:

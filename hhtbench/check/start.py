@@ -35,6 +35,7 @@ class Start:
     found: Acceleration | None
     imbalance: Vector | None  #: (n + m + p,) of the acceleration level, relative to the size of each row's terms
     fault: str  #: why something is missing
+    regular: bool = False  #: the KKT matrix of the independent rows is regular
 
 
 def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
@@ -50,7 +51,22 @@ def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
     solved = attempt(lambda: _accelerations(AccelerationLevel(dynamics), sizes, t, q, v, *guesses))
     found, imbalance = solved.value or (None, None)
     fault = next(filter(None, (levels.fault, rank.fault, solved.fault)), "")
-    return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault)
+    regular = found is not None and not found.singular
+    if found is not None and not regular and rank.value is not None and rank.value.redundant:
+        regular = _regular_without(AccelerationLevel(dynamics).terms(t, q, v, _packed(found))[1], s.n, rank.value.redundant)
+    return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault, regular)
+
+
+def _packed(found: Acceleration) -> Vector:
+    return np.concatenate([found.vdot, found.lam, found.mu])
+
+
+def _regular_without(matrix: Matrix, n: int, rows: tuple[int, ...]) -> bool:
+    """Whether the KKT matrix is regular once the redundant rows of [g; k] are left out."""
+    kept = np.delete(np.arange(len(matrix)), [n + i for i in rows])
+    matrix = matrix[np.ix_(kept, kept)]
+    size = np.sqrt(np.maximum(np.abs(matrix).max(axis=1), np.finfo(float).tiny))
+    return bool(np.linalg.matrix_rank(matrix / np.outer(size, size), tol=DEPENDENT) == len(matrix))
 
 
 def _accelerations(
@@ -59,7 +75,7 @@ def _accelerations(
     """The acceleration level's solution, by least squares where its matrix is singular, and what is left over."""
     s = level.structure
     found = level.solve(t, q, v, lam, mu)
-    x = np.concatenate([found.vdot, found.lam, found.mu])
+    x = _packed(found)
     if found.singular:
         residual, matrix = level.terms(t, q, v, x)
         x = x - _least_squares(matrix, residual)
@@ -67,7 +83,8 @@ def _accelerations(
     residual, matrix = level.terms(t, q, v, x)
     at_rest, _ = level.terms(t, q, v, np.zeros_like(x))
     size = np.abs(matrix) @ np.abs(x) + np.abs(at_rest)
-    size[s.n :] += np.abs(matrix[s.n :, : s.n]) @ sizes.v / sizes.t  # a typical acceleration: nothing may move at all
+    typical = np.concatenate([sizes.v / sizes.t, sizes.lam, sizes.mu])
+    size += np.abs(matrix) @ typical  # a row may hold roundoff alone, where nothing moves or pulls
     return found, np.abs(residual) / np.where(size > 0, size, 1.0)
 
 
@@ -171,28 +188,30 @@ def guess_rows(start: Start, problem: Problem, sizes: Sizes) -> list[Row]:
     return rows
 
 
-def regularity_rows(start: Start) -> list[Row]:
-    """Rank of the constraints, regularity of the KKT matrix, index."""
+def regularity_rows(start: Start, redundant: bool) -> list[Row]:
+    """Rank of the constraints, regularity of the KKT matrix, index; ``redundant``: the problem says that rows depend."""
     rows = []
     if start.m + start.p:
         claim, bound = "the rows of the constraint Jacobian [g_q; k_v] are independent", f"rank {start.m + start.p}"
+        if redundant:
+            claim, bound = "rows of the constraint Jacobian depend on others, as the tag redundant says", "dependent rows"
         if start.rank is None:
             rows.append(not_measured("rank", claim, bound, start.fault))
         else:
             full = start.rank.rank == start.rank.rows
             measured = f"rank {start.rank.rank}" if full else f"{start.rank.text}: {_names(start)}"
-            rows.append(Row(id="rank", claim=claim, measured=measured, bound=bound, passed=full))
+            rows.append(Row(id="rank", claim=claim, measured=measured, bound=bound, passed=full != redundant))
         claim = "the KKT matrix [[M, C^T], [C, 0]] is regular"
     else:
         claim = "the mass matrix is regular"
     if start.found is None:
         rows.append(not_measured("kkt", claim, "regular", start.fault))
     else:
-        singular = start.found.singular
-        rows.append(
-            Row(id="kkt", claim=claim, measured="singular" if singular else "regular", bound="regular", passed=not singular)
-        )
-    return [*rows, _index_row(start)]
+        claim += ", its redundant rows left out" if redundant else ""
+        regular = start.regular if redundant else not start.found.singular
+        measured = "regular" if regular else "singular"
+        rows.append(Row(id="kkt", claim=claim, measured=measured, bound="regular", passed=regular))
+    return [*rows, _index_row(start, redundant)]
 
 
 def _names(start: Start) -> str:
@@ -200,12 +219,14 @@ def _names(start: Start) -> str:
     return ", ".join(f"g[{i}]" if i < start.m else f"k[{i - start.m}]" for i in start.rank.redundant)
 
 
-def _index_row(start: Start) -> Row:
+def _index_row(start: Start, redundant: bool) -> Row:
     claim = "the differential index is defined"
     if start.found is None or (start.rank is None and start.m + start.p):
         return not_measured("index", claim, "0, 2 or 3", start.fault)
     reason = ""
-    if start.rank is not None and start.rank.rank < start.rank.rows:
+    if redundant and start.regular:
+        pass
+    elif start.rank is not None and start.rank.rank < start.rank.rows:
         reason = f"redundant rows {_names(start)}"
     elif start.found.singular:
         reason = "the KKT matrix is singular" if start.m + start.p else "the mass matrix is singular"

@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.api import solve
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
+from hhtbench.protocol import Motion, Problem
 from hhtbench.reference.plan import Entry
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.result import Counters, Solution, Status
@@ -20,6 +20,7 @@ from hhtbench.result import Counters, Solution, Status
 QUANTITIES = ("q", "v", "lam", "mu")
 FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a stored double
 CLOSED = "closed solution"
+NOTHING = 1e-9  # an observable that stays below is zero but for errors
 SAME_TIME = 1e-12  # of the interval: a stated time and a point of the grid that differ by rounding
 
 
@@ -69,7 +70,7 @@ def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Ce
     """
     problem = load_problem(entry.spec)
     case = _Case(entry=entry, problem=problem, times=times_of(entry, problem), tell=tell)
-    first, _ = case.solved(problem, entry.first)
+    first, _ = case.solved(problem, entry.first, entry.rtol)
     if not first.success:
         raise ProblemError(f"{entry.name}: {entry.first} ended with {first.status.label}: {first.message}")
     values = values_of(problem, first)
@@ -109,7 +110,7 @@ def scales_of(problem: Problem, values: dict[str, Matrix]) -> dict[str, Vector]:
     for name, rows in values.items():
         own = getattr(problem.scales, name, None)
         size = np.max(np.abs(rows), axis=0) if own is None else np.asarray(own, dtype=np.float64)
-        scales[name] = np.broadcast_to(np.where(size > 0, size, 1.0), rows.shape[1:])
+        scales[name] = np.broadcast_to(np.where(size > NOTHING, size, 1.0), rows.shape[1:])
     return scales
 
 
@@ -122,16 +123,16 @@ class _Case:
     times: Vector
     tell: Callable[[str], None]
 
-    def solved(self, problem: Problem, solver: str) -> tuple[Solution, float]:
+    def solved(self, problem: Problem, solver: str, rtol: float) -> tuple[Solution, float]:
         """A solve with output at the times of the reference, and its seconds."""
         self.tell(f"{self.entry.name}: {solver}")
         started = time.perf_counter()
-        solution = solve(problem, solver, rtol=self.entry.rtol, t_eval=self.times)
+        solution = solve(problem, solver, rtol=rtol, t_eval=self.times)
         return solution, time.perf_counter() - started
 
     def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
         """Another solver beside the stored values."""
-        solution, seconds = self.solved(self.problem, solver)
+        solution, seconds = self.solved(self.problem, solver, self.entry.second_rtol)
         mine, other = load_solver(self.entry.first), load_solver(solver)
         forms = str(getattr(mine, "form", "")), str(getattr(other, "form", ""))
         return Confirmation(
@@ -147,16 +148,15 @@ class _Case:
         """The closed solution beside the stored values."""
         exact = self.problem.exact
         motions = [] if exact is None else [exact(float(t)) for t in self.times]
-        rows = {name: np.array([getattr(motion, name) for motion in motions]) for name in QUANTITIES}
-        solution = replace(self._empty, t=self.times, **rows)
+        solution = _as_solution(self.times, motions)
         difference = _differences(values_of(self.problem, solution), values, scales)
         return Confirmation(solver=CLOSED, form="", independent=True, status="success", difference=difference, seconds=0.0)
 
     def moved_start(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
         """The first solver again from a start whose entries are moved to a neighbouring double, up and down in turn."""
         sign = np.where(np.arange(self.problem.q0.size) % 2, -np.inf, np.inf)
-        start = {"q0": np.nextafter(self.problem.q0, sign), "v0": np.nextafter(self.problem.v0, -sign)}
-        solution, seconds = self.solved(replace(self.problem, **start), self.entry.first)
+        q0, v0 = _neighbour(self.problem.q0, sign), _neighbour(self.problem.v0, -sign)
+        solution, seconds = self.solved(replace(self.problem, q0=q0, v0=v0), self.entry.first, self.entry.rtol)
         return Confirmation(
             solver=f"{self.entry.first} from a start moved by its last bit",
             form=str(getattr(load_solver(self.entry.first), "form", "")),
@@ -166,12 +166,15 @@ class _Case:
             seconds=seconds,
         )
 
-    @property
-    def _empty(self) -> Solution:
-        none = np.zeros((0, 0))
-        return Solution(
-            t=np.zeros(0), q=none, v=none, lam=none, mu=none, status=Status.success, message="", counters=Counters()
-        )
+
+def _neighbour(x: Vector, direction: Vector) -> Vector:
+    """The next double towards ``direction``; zeros are exact and stay."""
+    return np.where(x == 0, x, np.nextafter(x, direction))
+
+
+def _as_solution(t: Vector, motions: list[Motion]) -> Solution:
+    q, v, lam, mu = (np.array(list(parts), dtype=np.float64) for parts in zip(*motions, strict=True))
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=Status.success, message=CLOSED, counters=Counters())
 
 
 def _differences(found: dict[str, Matrix], values: dict[str, Matrix], scales: dict[str, Vector]) -> dict[str, Vector]:

@@ -1,0 +1,43 @@
+"""Every registered problem, checked in worker processes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from multiprocessing import get_context
+
+from hhtbench.check import check
+from hhtbench.evidence import Evidence, Row
+from hhtbench.registry import list_problems, load_problem
+
+
+def check_all(jobs: int, tell: Callable[[str], None] = lambda text: None) -> Evidence:
+    """The rows of every problem's check, their ids preceded by the problem's name; ``tell`` gets a line a problem.
+
+    A problem that cannot even be made is one failing row.
+    """
+    began, found = time.perf_counter(), {}
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(_check_one, name): name for name in list_problems()}
+        for done in as_completed(waiting):
+            name = waiting[done]
+            found[name] = done.result()
+            wrong = [row.id for row in found[name].rows if row.passed is False]
+            tell(f"{found[name].summary} ({found[name].seconds:.1f} s)" + (f": {', '.join(wrong)}" if wrong else ""))
+    rows = [
+        replace(row, id=f"{name}/{row.id}", claim=f"{name}: {row.claim}")
+        for name, evidence in sorted(found.items())
+        for row in evidence.rows
+    ]
+    return Evidence(title="check of all problems", rows=tuple(rows), seconds=time.perf_counter() - began)
+
+
+def _check_one(name: str) -> Evidence:
+    try:
+        return check(load_problem(name))
+    except Exception as error:  # noqa: BLE001 - whatever one problem's file raises, the others are checked
+        text = f"{type(error).__name__}: {error}"
+        row = Row(id="made", claim="the problem can be made", measured=text, bound="made", passed=False)
+        return Evidence(title=f"check of {name}", rows=(row,), seconds=0.0)

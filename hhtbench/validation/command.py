@@ -1,0 +1,81 @@
+"""The command ``hhtbench validate``."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import click
+
+from hhtbench.campaign.campaign import run_campaign
+from hhtbench.campaign.command import terminal_progress
+from hhtbench.campaign.execute import Limits
+from hhtbench.campaign.machine import total_memory, usable_cores
+from hhtbench.evidence import Evidence
+from hhtbench.registry import list_problems, load_problem
+from hhtbench.specs import canonical
+from hhtbench.store import RunRow, Store
+from hhtbench.validation.plan import MAX_SECONDS, validation_campaign
+from hhtbench.validation.table import solvability
+from hhtbench.validation.verdict import evidence_rows, judge
+
+MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
+HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated in the problem's own page
+    "redundant": "its constraints are redundant",
+    "singular": "it passes through positions where its constraints lose rank",
+}
+
+
+@click.command("validate")
+@click.argument("problems", nargs=-1)
+@click.option("--all", "every", is_flag=True, help="Validate every registered problem.")
+@click.option(
+    "--store", "file", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; resumed.  [default: none]"
+)
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables to this Markdown file.")
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
+@click.option("--max-seconds", type=float, default=MAX_SECONDS, show_default=True, help="Most time of one solve [s].")
+def validate_command(
+    problems: tuple[str, ...],
+    every: bool,
+    file: Path | None,
+    out: Path | None,
+    json_file: Path | None,
+    jobs: int | None,
+    max_seconds: float,
+) -> None:
+    """Solve PROBLEMS by every admissible pair of solver and form; exit 1 where one disagrees with the reference."""
+    if every == bool(problems):
+        raise click.UsageError("name PROBLEMS, or give --all.")
+    specs = tuple(list_problems()) if every else problems
+    reasons = {canonical(spec): reason for spec in specs if (reason := _reason(spec))}
+    with tempfile.TemporaryDirectory() as folder:
+        rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs or usable_cores(), max_seconds)
+    verdicts = judge(rows)
+    command = "hhtbench validate " + ("--all" if every else " ".join(f'"{spec}"' for spec in problems))
+    text = solvability(verdicts, command)
+    click.echo(text)
+    if out is not None:
+        out.write_text(text, encoding="utf-8")
+    evidence = Evidence(title="validation", rows=tuple(evidence_rows(verdicts, reasons)))
+    if json_file is not None:
+        evidence.write_json(json_file)
+    for row in evidence.rows:
+        if row.passed is False:
+            click.echo(f"{row.claim}: {row.measured}")
+    click.echo(evidence.summary)
+    sys.exit(0 if evidence.passed else 1)
+
+
+def _run(specs: tuple[str, ...], file: Path, jobs: int, max_seconds: float) -> tuple[RunRow, ...]:
+    limits = Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
+    with Store(file) as store:
+        campaign = validation_campaign(specs, max_seconds)
+        return run_campaign(campaign, store, limits=limits, timing=False, progress=terminal_progress()).rows
+
+
+def _reason(spec: str) -> str:
+    tags = load_problem(spec).tags
+    return " and ".join(reason for tag, reason in HARD.items() if tag in tags)

@@ -1,0 +1,87 @@
+"""The solvability matrix as Markdown: who solves what, how accurately, with how many evaluations, and who fails how."""
+
+from __future__ import annotations
+
+from math import log10
+
+from tabulate import tabulate
+
+from hhtbench.specs import parse_spec
+from hhtbench.validation.plan import STEPS
+from hhtbench.validation.verdict import AGREEMENT, AGREEMENT_OF_STEPS, Kind, Verdict
+
+MOST_REASONS = 60  # distinct messages listed under the tables
+
+
+def solvability(verdicts: list[Verdict], command: str) -> str:
+    """Both matrices and the reasons of what did not work."""
+    problems = list(dict.fromkeys(verdict.problem for verdict in verdicts))
+    solvers = list(dict.fromkeys(verdict.solver for verdict in verdicts))
+    by_pair = {(verdict.problem, verdict.solver): verdict for verdict in verdicts}
+    accuracy = [[p, *(_accuracy(by_pair.get((p, s))) for s in solvers)] for p in problems]
+    work = [[p, *(_work(by_pair.get((p, s))) for s in solvers)] for p in problems]
+    heads = ["problem", *(short(solver) for solver in solvers)]
+    return "\n".join(
+        [
+            "# Who solves what",
+            "",
+            f"Made by `{command}`. Every solver and form at relative tolerances 1e-8 and 1e-10",
+            f"(HHT: {_numbers(STEPS)} steps), against certified references or closed solutions; the better counts.",
+            "",
+            "**Digits**: -log10 of the largest scaled error of q and v along the trajectory. Plain: agrees to",
+            f"{AGREEMENT:g} ({AGREEMENT_OF_STEPS:g} for HHT). In parentheses: above that, but falling with the tolerance.",
+            "`!`: disagrees. Words: the status in which every run ended; `-`: declined, with the reason below.",
+            "",
+            tabulate(accuracy, headers=heads, tablefmt="github", disable_numparse=True),
+            "",
+            "**Residual evaluations** of the run that counts (`?`: not reported).",
+            "",
+            tabulate(work, headers=heads, tablefmt="github", disable_numparse=True),
+            "",
+            "## What did not work, in the solvers' words",
+            "",
+            *_reasons(verdicts),
+            "",
+        ]
+    )
+
+
+def short(solver: str) -> str:
+    """A column's head: ``ida ggl``."""
+    spec = parse_spec(solver)
+    words = [str(value) for name, value in spec.arguments.items() if not (name == "form" and value == "ode")]
+    return " ".join([spec.name, *words])
+
+
+def _accuracy(verdict: Verdict | None) -> str:
+    if verdict is None:
+        return ""
+    if verdict.kind in (Kind.failed, Kind.declined, Kind.unknown):
+        return {Kind.failed: verdict.status, Kind.declined: "-", Kind.unknown: "solved"}[verdict.kind]
+    text = digits(verdict.error or 0.0)
+    return {Kind.agrees: text, Kind.converges: f"({text})", Kind.disagrees: f"! {text}"}[verdict.kind]
+
+
+def digits(error: float) -> str:
+    """-log10 of ``error`` with one decimal."""
+    return f"{-log10(max(error, 1e-16)):.1f}"
+
+
+def _work(verdict: Verdict | None) -> str:
+    if verdict is None or verdict.kind in (Kind.failed, Kind.declined):
+        return ""
+    return "?" if verdict.evaluations is None else f"{verdict.evaluations:,}"
+
+
+def _reasons(verdicts: list[Verdict]) -> list[str]:
+    found: dict[str, list[str]] = {}
+    for verdict in verdicts:
+        if verdict.kind in (Kind.failed, Kind.declined):
+            text = f"{verdict.status}: {verdict.message}".split("; library")[0]
+            found.setdefault(f"{short(verdict.solver)}, {text[:300]}", []).append(verdict.problem)
+    lines = [f"- {text}: {', '.join(dict.fromkeys(problems))}" for text, problems in found.items()]
+    return lines[:MOST_REASONS] + ([f"- and {len(lines) - MOST_REASONS} more"] if len(lines) > MOST_REASONS else [])
+
+
+def _numbers(values: tuple[int, ...]) -> str:
+    return ", ".join(f"{value:,}" for value in values)

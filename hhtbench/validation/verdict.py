@@ -1,0 +1,125 @@
+"""From rows to verdicts: who agrees with the reference, who converges towards it, who disagrees, who fails and how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from hhtbench.evidence import Row
+from hhtbench.store import RunRow
+from hhtbench.validation.plan import stepped
+
+AGREEMENT = 1e-6  # largest scaled error of q and v along the trajectory
+AGREEMENT_OF_STEPS = 1e-4  # the same at constant steps of a second-order method
+CONVERGING = 0.5  # of the error at the looser tolerance: a solver on its way to the reference
+ENOUGH = 6  # pairs that must agree
+LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
+
+
+class Kind(Enum):
+    """How a pair of problem and solver ended."""
+
+    agrees = "agrees"
+    converges = "converges"  # its error falls with the tolerance, but stays above the bound
+    disagrees = "disagrees"
+    unknown = "no value to compare with"
+    failed = "failed"
+    declined = "declined"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """One solver on one problem."""
+
+    problem: str
+    solver: str
+    kind: Kind
+    error: float | None  #: largest scaled error of q and v
+    evaluations: int | None
+    status: str  #: of the judged run
+    message: str
+
+
+def judge(rows: Iterable[RunRow]) -> list[Verdict]:
+    """A verdict for every pair that ``rows`` hold, in their order."""
+    groups: dict[tuple[str, str], list[RunRow]] = {}
+    for row in rows:
+        groups.setdefault((row.problem, row.solver), []).append(row)
+    return [_verdict(*pair, group) for pair, group in groups.items()]
+
+
+def error_of(row: RunRow) -> float | None:
+    """Largest scaled error of q and v over the compared times, or None."""
+    errors = row.metrics.get("errors", {})
+    values = [errors[name]["max_scaled"] for name in ("q", "v") if name in errors]
+    return max(values) if values and None not in values else None
+
+
+def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
+    solved = [row for row in rows if row.success]
+    known = [(error, row) for row in solved if (error := error_of(row)) is not None]
+    if not solved:
+        row = rows[-1]
+        kind = Kind.declined if row.status == "declined" else Kind.failed
+        return _made(problem, solver, kind, None, row)
+    if not known:
+        return _made(problem, solver, Kind.unknown, None, solved[-1])
+    error, best = min(known, key=lambda pair: pair[0])
+    bound = AGREEMENT_OF_STEPS if stepped(solver) else AGREEMENT
+    if error <= max(bound, LIMIT * _bar(best)):
+        return _made(problem, solver, Kind.agrees, error, best)
+    converging = len(known) > 1 and error <= CONVERGING * max(other for other, _ in known)
+    return _made(problem, solver, Kind.converges if converging else Kind.disagrees, error, best)
+
+
+def _bar(row: RunRow) -> float:
+    digits = row.metrics.get("errors", {}).get("digits")
+    return 0.0 if digits is None else 10.0**-digits
+
+
+def _made(problem: str, solver: str, kind: Kind, error: float | None, row: RunRow) -> Verdict:
+    evaluations = row.counters.get("residual_evaluations")
+    return Verdict(
+        problem=problem,
+        solver=solver,
+        kind=kind,
+        error=error,
+        evaluations=evaluations,
+        status=row.status,
+        message=row.message,
+    )
+
+
+def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str]) -> list[Row]:
+    """Per problem: nobody disagrees, and enough agree or there is a reason (``reasons``: problem -> why fewer)."""
+    rows = []
+    for problem in dict.fromkeys(verdict.problem for verdict in verdicts):
+        own = [verdict for verdict in verdicts if verdict.problem == problem]
+        agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees and not stepped(verdict.solver)]
+        wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
+        claim = f"{problem}: no pair disagrees with the reference"
+        rows.append(
+            Row(id=f"{problem}/agree", claim=claim, measured="; ".join(wrong) or "none", bound="none", passed=not wrong)
+        )
+        few, reason = len(agree) < ENOUGH, reasons.get(problem, "")
+        measured = f"{len(agree)}" + (f": {reason}" if few and reason else "")
+        claim = f"{problem}: at least {ENOUGH} pairs agree to {AGREEMENT:g}, or a reason is known"
+        rows.append(
+            Row(id=f"{problem}/pairs", claim=claim, measured=measured, bound=str(ENOUGH), passed=not few or bool(reason))
+        )
+        steps = [verdict for verdict in own if stepped(verdict.solver)]
+        good = any(verdict.kind is Kind.agrees for verdict in steps)
+        shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.status for v in steps)
+        claim = f"{problem}: HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}, or a reason is known"
+        measured = shown + (f" ({reason})" if reason and not good else "")
+        rows.append(
+            Row(
+                id=f"{problem}/hht",
+                claim=claim,
+                measured=measured,
+                bound=f"{AGREEMENT_OF_STEPS:g}",
+                passed=good or bool(reason),
+            )
+        )
+    return rows

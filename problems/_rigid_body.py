@@ -1,0 +1,160 @@
+r"""What the spatial problems share: unit quaternions, their inertia and the rows of joints, for one body or k at once.
+
+Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice Hall 1988, chapters 6 and 7.
+
+A quaternion ``p = (e0, e)`` has its scalar first.  All functions take ``p`` as (..., 4); leading axes count bodies, so
+that any number of bodies compiles like one.  With ``G = [-e, e0 I - e x]`` and ``E = [-e, e0 I + e x]`` (3 x 4):
+
+    R = E G^T,   w = 2 G p'  (rate in the body's frame),   2 E p' = R w  (in space)
+
+R is homogeneous of degree 2 in p, and is a rotation where ``p.p = 1``.  Kinetic energy ``T = 2 (G p')^T J (G p')``.
+Because G is linear in p, ``G(p') p = -G(p) p'`` and ``G(p') p' = 0``, Lagrange's equations are
+
+    4 G^T J G p'' = F_p + ...,   F_p = -8 G(p')^T J G(p) p'.
+
+``4 G^T J G`` is singular along p.  Adding ``4 j0 p p^T`` makes it regular; on the constraint ``p.p'' = -p'.p'``, so the
+equations gain the radial term ``-4 j0 |p'|^2 p``, which only the multiplier of the norm can hold.  No term against it is
+put into the force: the motion and the other multipliers do not depend on j0.
+
+Coordinates of k bodies: ``(x1, p1, x2, p2, ...)``, 7 each, x the centre of mass.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+
+def rate_tensor(side: float) -> Any:
+    """(3, 4, 4): ``[-e, e0 I + side e x]`` as ``tensor @ p``; side -1 gives G, +1 gives E."""
+    tensor = np.zeros((3, 4, 4))
+    i = np.arange(3)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    tensor[i, 0, i + 1] = -1.0
+    tensor[i, i + 1, 0] = 1.0
+    tensor[i, k + 1, j + 1] = side  # (e x u)_i = e_j u_k - e_k u_j
+    tensor[i, j + 1, k + 1] = -side
+    return tensor
+
+
+BODY, SPACE = rate_tensor(-1.0), rate_tensor(1.0)
+
+
+def body_rate_matrix(p: Any) -> Array:
+    """G (..., 3, 4)."""
+    return jnp.einsum("ijk,...k->...ij", BODY, p)
+
+
+def space_rate_matrix(p: Any) -> Array:
+    """E (..., 3, 4)."""
+    return jnp.einsum("ijk,...k->...ij", SPACE, p)
+
+
+def rotation(p: Any) -> Array:
+    """R (..., 3, 3): components in the body's frame to components in space."""
+    return jnp.einsum("...ij,...kj->...ik", space_rate_matrix(p), body_rate_matrix(p))
+
+
+def body_rate(p: Any, pdot: Any) -> Array:
+    """w (..., 3) in the body's frame [rad/s]."""
+    return 2 * jnp.einsum("...ij,...j->...i", body_rate_matrix(p), pdot)
+
+
+def space_rate(p: Any, pdot: Any) -> Array:
+    """R w (..., 3) [rad/s]."""
+    return 2 * jnp.einsum("...ij,...j->...i", space_rate_matrix(p), pdot)
+
+
+def quaternion_rate(p: Any, rate: Any) -> Array:
+    """p' (..., 4) [1/s] of the rate (..., 3) in space [rad/s]."""
+    return jnp.einsum("...ij,...i->...j", space_rate_matrix(p), jnp.asarray(rate)) / 2
+
+
+def rotational_mass(p: Array, J: Array, j0: Array) -> Array:
+    """``4 G^T J G + 4 j0 p p^T``, (..., 4, 4) [kg m^2]; ``J`` (..., 3) principal moments, ``j0`` (...)."""
+    G = body_rate_matrix(p)
+    along = jnp.asarray(j0)[..., None, None] * p[..., :, None] * p[..., None, :]
+    return 4 * jnp.einsum("...ij,...i,...ik->...jk", G, J, G) + 4 * along
+
+
+def rotational_force(p: Array, pdot: Array, J: Array) -> Array:
+    """``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]."""
+    return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), J * body_rate(p, pdot))
+
+
+def split(q: Any) -> tuple[Array, Array]:
+    """Centres (k, 3) and quaternions (k, 4) of ``q`` (7 k,); velocities split alike."""
+    bodies = q.reshape(-1, 7)
+    return bodies[:, :3], bodies[:, 3:]
+
+
+def mass_of_bodies(q: Array, m: Array, J: Array, j0: Array) -> Array:
+    """(7 k, 7 k), one block a body; masses ``m`` and ``j0`` (k,), moments ``J`` (k, 3)."""
+    bodies = jnp.arange(m.size)
+    blocks = jnp.zeros((m.size, 7, 7))
+    blocks = blocks.at[:, :3, :3].set(m[:, None, None] * jnp.eye(3)).at[:, 3:, 3:].set(rotational_mass(split(q)[1], J, j0))
+    return jnp.zeros((m.size, 7, m.size, 7)).at[bodies, :, bodies, :].set(blocks).reshape(q.size, q.size)
+
+
+def force_on_bodies(q: Array, v: Array, m: Array, J: Array, gravity: Array) -> Array:
+    """Weight and terms quadratic in p', (7 k,); ``gravity`` (3,) [m/s^2]."""
+    rotational = rotational_force(split(q)[1], split(v)[1], J)
+    return jnp.concatenate([m[:, None] * gravity, rotational], axis=1).ravel()
+
+
+def energy_of_bodies(q: Array, v: Array, m: Array, J: Array, gravity: Array) -> Array:
+    """Kinetic energy and height [J]; j0 takes no part."""
+    (x, p), (xdot, pdot) = split(q), split(v)
+    w = body_rate(p, pdot)
+    return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(J * w**2) / 2 - m @ x @ gravity
+
+
+def moment_of_momentum(q: Array, v: Array, m: Array, J: Array) -> Array:
+    """About the origin, (3,) [kg m^2/s]."""
+    (x, p), (xdot, pdot) = split(q), split(v)
+    spin = jnp.einsum("kij,kj->i", rotation(p), J * body_rate(p, pdot))
+    return spin + m @ jnp.cross(x, xdot)
+
+
+def norm_rows(p: Array) -> Array:
+    """``p.p - 1``, (...)."""
+    return jnp.sum(p**2, axis=-1) - 1
+
+
+class Placement(NamedTuple):
+    """Where bodies are: ``x`` (k + 1, 3) centres [m] and ``R`` (k + 1, 3, 3); the last one is the ground."""
+
+    x: Array
+    R: Array
+
+
+def placed_with_ground(q: Array) -> Placement:
+    """k bodies of ``q`` (7 k,) and the ground as number k (or -1), its frame that of space."""
+    x, p = split(q)
+    return Placement(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([rotation(p), jnp.eye(3)[None]]))
+
+
+def points_on(at: Placement, body: Any, local: Any) -> Array:
+    """Points (j, 3) [m]; ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,)."""
+    return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], local)
+
+
+def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
+    """Points ``a`` of bodies ``first`` less points ``b`` of bodies ``second``, (3 j,) [m]."""
+    return (points_on(at, first, a) - points_on(at, second, b)).ravel()
+
+
+def perpendicular_rows(at: Placement, first: Any, second: Any, across: Any, axis: Any) -> Array:
+    """Two directions ``across`` (j, 2, 3) of ``first`` times ``axis`` (j, 3) of ``second``, (2 j,)."""
+    turned = jnp.einsum("jcb,jab->jca", across, at.R[first])
+    return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], axis).ravel()
+
+
+def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, across: Any, axis: Any) -> Array:
+    """A common point and a common axis, (5 j,): ``axis`` belongs to ``second``, ``across`` spans the plane across it in
+    ``first``.
+    """
+    return jnp.concatenate([spherical_rows(at, first, second, a, b), perpendicular_rows(at, first, second, across, axis)])
