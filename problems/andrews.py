@@ -225,5 +225,6 @@ def problem(*, mom: float = 0.033, c0: float = 4530.0, l0: float = 0.07785, t_en
         reference=load_reference("andrews", t_end) if published else None,
         sketch=sketch,
         tags=("holonomic", "variable mass"),
+        good_for="fast turning mechanism with a mass matrix that moves; work against precision",
         source=SOURCE,
     )

@@ -87,7 +87,7 @@ def tip_force(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(l: float, q: Vector) -> dict[str, Vector]:  # noqa: E741
-    """Tip and centre as ``points`` (2, 3); axis, rim and three sides of a cone, a post under the tip as ``lines`` (29, 2, 3) [m]."""
+    """Tip and centre as ``points`` (2, 3); axis, rim, three sides of a cone, a post below as ``lines`` (29, 2, 3) [m]."""
     first, axis, third = np.asarray(rotation(q[3:])).T
     angles = np.linspace(0.0, 2 * math.pi, 25)
     rim = q[:3] + l * 0.4 * (np.outer(np.cos(angles), first) + np.outer(np.sin(angles), third))

@@ -189,5 +189,6 @@ def problem(
         reference=load_reference("jay_negrut_pendulum", t_end) if published else None,
         sketch=functools.partial(sketch, L),
         tags=("holonomic",),
+        good_for="the paper's own curves: orders, damping, multipliers with a stiff spring and damper",
         source=SOURCE,
     )

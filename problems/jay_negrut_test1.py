@@ -87,5 +87,7 @@ def problem(*, t_end: float = 1.0) -> Problem:
         reference=load_reference("jay_negrut_test1", t_end),
         sketch=sketch,
         tags=("holonomic", "nonlinear reaction"),
+        good_for="orders of convergence where the reaction is nonlinear in its multiplier and not `-G^T lam`; the "
+        "multiplier has a second root",
         source=SOURCE,
     )

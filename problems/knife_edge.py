@@ -126,5 +126,6 @@ def problem(
         reference=load_reference("knife_edge", t_end) if published else None,
         sketch=sketch,
         tags=("velocity-level",),
+        good_for="the smallest nonholonomic system: velocity constraint alone",
         source=SOURCE,
     )

@@ -142,5 +142,6 @@ def problem(
         exact=motion,
         sketch=sketch,
         tags=("unconstrained", "stiff", "large") if n >= LARGE else ("unconstrained", "stiff"),
+        good_for="damping of fast vibrations, cost of an ODE without constraints, size",
         source=SOURCE,
     )

@@ -26,7 +26,7 @@ NEWTON_SHRINK = 0.5  # where Newton's iteration fails
 PATIENCE = 20  # steps without growth after a refusal
 KEEP = 1.3  # a step that could grow by less keeps its length, and with it the factorised matrix
 FIRST = 1e-4  # of the interval: the first step that is tried
-BETTER = 0.6  # the last Legendre coefficient may be rtol**BETTER: the error at the end of a step is nearly its square
+BETTER = 0.75  # the last Legendre coefficient may be rtol**BETTER: the end of a step is better by more than that
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from hhtbench.registry import load_problem, load_solver
 from hhtbench.result import Counters, Solution, Status
 
 QUANTITIES = ("q", "v", "lam", "mu")
+SAFETY = 2.0  # two results may lie on one side of the truth
 FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a stored double
 CLOSED = "closed solution"
 NOTHING = 1e-9  # an observable that stays below is zero but for errors
@@ -191,9 +192,14 @@ def _family(solver: Any) -> str:
 
 
 def _bar(name: str, others: list[Confirmation], moved: Confirmation, count: int) -> Vector:
-    """The closest independent disagreement at every time and before it; infinite where nobody confirms."""
-    found = [other.difference[name] for other in others if other.independent and other.difference]
+    """Error bar at every time, not smaller than before it; infinite where nobody confirms.
+
+    The distance to the closed solution where there is one, since that is the error; else SAFETY times the closest
+    independent disagreement; and what the last bit of the start does.
+    """
+    closed = [other for other in others if other.solver == CLOSED]
+    found = [other.difference[name] for other in closed or others if other.independent and other.difference]
     if not found or not moved.difference:
         return np.full(count, np.inf)
     closest = min(found, key=lambda difference: float(np.max(difference)))
-    return np.maximum(np.maximum.accumulate(np.maximum(closest, moved.difference[name])), FLOOR)
+    return np.maximum(SAFETY * np.maximum.accumulate(np.maximum(closest, moved.difference[name])), FLOOR)

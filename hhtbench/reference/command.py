@@ -101,6 +101,8 @@ def _recomputed(entry: Entry, folder: Path | None) -> list[Row]:
     """One row a quantity: the new disagreement against the stored bar."""
     stored = read_certificate(_folder(folder) / f"{entry.name}.json")
     again = certify(entry)
+    if not np.array_equal(stored["t"], again.t):
+        raise ProblemError(f"{entry.name}: the stored times are not those of the plan; build it again.")
     rows = []
     for name, values in stored["values"].items():
         size = np.max(np.abs(again.values[name] - values) / stored["scales"][name], axis=1)
@@ -109,7 +111,13 @@ def _recomputed(entry: Entry, folder: Path | None) -> list[Row]:
         claim = f"{entry.name}: {name} computed again lies within the error bars"
         text = f"{bar[worst]:.1e} at t = {again.t[worst]:g} s"
         rows.append(
-            Row(id=f"{entry.name}/{name}", claim=claim, measured=size[worst], bound=text, passed=bool(np.all(size <= bar)))
+            Row(
+                id=f"{entry.name}/{name}",
+                claim=claim,
+                measured=size[worst],
+                bound=text,
+                passed=bool(np.all(size <= bar) and np.all(np.isfinite(bar))),
+            )
         )
     return rows
 

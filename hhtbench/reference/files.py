@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ def write_certificate(certificate: Certificate, folder: Path) -> Path:
         "t": certificate.t.tolist(),
         "values": {name: rows.tolist() for name, rows in certificate.values.items()},
         "scales": {name: size.tolist() for name, size in certificate.scales.items()},
-        "bars": {name: [float(f"{bar:.1e}") for bar in bars] for name, bars in certificate.bars.items()},
+        "bars": {name: [_rounded_up(bar) for bar in bars] for name, bars in certificate.bars.items()},
         "first": entry.first,
         "rtol": entry.rtol,
         "confirmed_by": [
@@ -50,6 +52,14 @@ def write_certificate(certificate: Certificate, folder: Path) -> Path:
     return file
 
 
+def _rounded_up(bar: float) -> float:
+    """Two significant digits, not below ``bar``."""
+    if not math.isfinite(bar) or bar <= 0:
+        return bar
+    unit = 10.0 ** (math.floor(math.log10(bar)) - 1)
+    return float(f"{math.ceil(bar / unit * (1 - 1e-12)) * unit:.1e}")
+
+
 def read_certificate(file: Path) -> dict[str, Any]:
     """The stored file, its numbers as arrays.
 
@@ -61,7 +71,9 @@ def read_certificate(file: Path) -> dict[str, Any]:
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
-        raise ProblemError(f"the reference {file.name} cannot be read: {error}.") from error
+        close = get_close_matches(file.stem, [other.stem for other in file.parent.glob("*.json")], n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise ProblemError(f"the reference {file.name} cannot be read: {error}.{hint}") from error
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise ProblemError(f"{file.name} is not a reference file ({SCHEMA}); build it with `hhtbench reference build`.")
     for key in ("values", "scales", "bars"):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.protocol import Motion, NumpySystem, Problem, System, parameter
-from solvers import cvode, diffrax_ode, ida, scipy_ivp
+from solvers import cvode, diffrax_ode, ida, projected, scipy_ivp
 
 OMEGA = 1.5  # angular velocity of the scenes on a circle [rad/s]
 GROWTH = 0.3  # of the rheonomic circle's radius [m/s]
@@ -12,6 +12,7 @@ ALL = [
     *(ida.solver(form=form) for form in ("ggl", "index1", "integrated", "index2")),
     *(cvode.solver(method=method) for method in ("bdf", "adams")),
     *(scipy_ivp.solver(method=method) for method in ("Radau", "BDF", "LSODA", "DOP853")),
+    projected.solver(),
     *(diffrax_ode.solver(method=method) for method in ("Tsit5", "Dopri8", "Kvaerno5")),
 ]
 HOST = [solver for solver in ALL if solver.library != "diffrax"]  # the loop is in Python and callbacks are plain calls

@@ -49,6 +49,10 @@ def test_pendulum_series_agrees_with_a_runge_kutta_solution_when_it_turns_over()
     np.testing.assert_allclose([[exact(t).q[2], exact(t).v[2]] for t in times], found, rtol=1e-10, atol=1e-10)
 
 
-def test_pendulum_declares_its_energy_only_without_damper(make):
-    assert hasattr(make("jay_negrut_pendulum", c=0.0).system, "energy")
-    assert not hasattr(make("jay_negrut_pendulum").system, "energy")
+def test_pendulum_loses_energy_only_to_its_damper(make):
+    """Energy and power are compared with the motion in test_forces.py and test_closed_solutions.py."""
+    assert not hasattr(make("jay_negrut_pendulum", c=0.0).system, "power")
+    damped = make("jay_negrut_pendulum")
+    assert (
+        float(damped.system.power(0.0, damped.q0, damped.v0, None, None)) == -float(damped.system.c) * damped.v0[2] ** 2 < 0
+    )

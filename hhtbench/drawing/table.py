@@ -1,0 +1,95 @@
+"""The table of all registered problems in a Markdown file, renewed between two marks."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhtbench import plugins
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem, declared
+from hhtbench.reference.plan import Entry, registered_plans
+from hhtbench.registry import list_problems, load_problem
+
+BEGIN, END = "<!-- table: hhtbench show --table -->", "<!-- end of table -->"
+HEADS = ("", "name and parameters", "n/m/p", "tags", "values to compare with", "source", "good for")
+THUMBNAILS = "thumbnails"  # folder beside the file
+WIDE = 120  # pixels of a thumbnail in the table
+
+
+def update_table(file: Path) -> None:
+    """Write the present table between the marks of ``file``.
+
+    Raises
+    ------
+    ProblemError
+        The file cannot be read or has not both marks.
+    """
+    before, _, after = split_text(file)
+    file.write_text(f"{before}{BEGIN}\n{problem_table()}{END}{after}", encoding="utf-8")
+
+
+def split_text(file: Path) -> tuple[str, str, str]:
+    """The text before, between and after the marks."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ProblemError(f"{file.name} cannot be read: {error}.") from error
+    before, begun, rest = text.partition(BEGIN)
+    table, ended, after = rest.partition(END)
+    if not begun or not ended:
+        raise ProblemError(f"{file.name} must hold the lines {BEGIN} and {END}, the table goes between them.")
+    return before, table, after
+
+
+def problem_table() -> str:
+    """One row a registered problem, in the order of their names."""
+    plan = registered_plans()
+    rows = [HEADS, ("---",) * len(HEADS), *(_row(name, plan) for name in list_problems())]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _row(name: str, plan: dict[str, Entry]) -> tuple[str, ...]:
+    problem = load_problem(name)
+    picture = f'<img src="{THUMBNAILS}/{name}.png" width="{WIDE}" alt="{name}">' if problem.sketch else "no sketch"
+    cells = (
+        picture,
+        f"`{name}({_parameters(name)})`",
+        "/".join(map(str, _sizes(problem))),
+        ", ".join(problem.tags),
+        _values(name, problem, plan),
+        problem.source,
+        problem.good_for.rstrip("."),
+    )
+    return tuple(cell.replace("|", "\\|") for cell in cells)
+
+
+def _parameters(name: str) -> str:
+    """Names and default values; a long number is cut to four digits."""
+    found = inspect.signature(plugins.load("problem", name)).parameters.values()
+    return ", ".join(f"{p.name}={_short(p.default)}" for p in found)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _sizes(problem: Problem) -> tuple[int, int, int]:
+    """n, m, p."""
+    t, q, v = problem.t_span[0], problem.q0, problem.v0
+    g, k = (declared(problem.system, name) for name in ("constraint", "velocity_constraint"))
+    return q.size, np.size(g(t, q)) if g else 0, np.size(k(t, q, v)) if k else 0
+
+
+def _values(name: str, problem: Problem, plan: dict[str, Entry]) -> str:
+    """The closed solution and the certified references."""
+    texts = ["closed solution"] if problem.exact is not None else []
+    entries = [entry for entry in plan.values() if entry.spec.partition("(")[0] == name]
+    if entries:
+        times = sorted({t for entry in entries for t in entry.times})
+        many = f"{len(entries)} certified references" if len(entries) > 1 else "certified reference"
+        texts.append(f"{many}, t = {', '.join(f'{t:g}' for t in times)}")
+    return "; ".join(texts) or "none"

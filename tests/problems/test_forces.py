@@ -1,0 +1,131 @@
+"""Force, mass, energy and power of one problem belong together."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.problems.cases import CHANGED
+from tests.problems.mechanics import compiled
+
+LAGRANGE = [  # undamped; quaternions without norm inertia, which the energy does not see
+    ("jay_negrut_pendulum", {"c": 0.0}),
+    ("andrews", {}),
+    ("rolling_disk3d_steady", {"j0": 0.0}),
+    ("oscillator_chain", {}),
+    ("car_axis", {}),
+    ("slider_crank_flexible", {}),
+    ("fekete", {"n_points": 5, "damping": 0.0}),
+    ("sundials_slider_crank", {"c": 0.0}),
+    ("clamped_bar_impact", {}),
+    ("hf_linear_constrained", {}),
+    ("fput_chain", {}),
+    ("heavy_top", {"j0": 0.0}),
+    ("bricard", {}),
+    ("flyball_governor", {"C": 0.0}),
+    ("planar_chain", {"n_links": 4, "m": 2.0, "L": 3.0, "g": 5.0}),
+    ("bead_chain", {"n_beads": 3, "m": 2.0, "L": 1.5, "g": 4.0, "w": -0.7}),
+    ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"]),
+    ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
+    ("slider_crank_equal_lengths", CHANGED["slider_crank_equal_lengths"]),
+    ("four_bars", {"n_windows": 3, "m": 2.0, "l": 0.5, "g": 4.0, "speed": 0.8}),
+    *(
+        (name, parameters)
+        for name in (
+            "chaplygin_sleigh",
+            "rolling_disk_incline",
+            "nonholonomic_particle",
+            "bead_on_rotating_rod",
+            "pendulum_period2",
+            "simple_pendulum",
+            "redundant_pendulum",
+            "driven_coordinate",
+            "kapitza_pendulum",
+        )
+        for parameters in ({}, CHANGED[name])
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "parameters"), LAGRANGE)
+def test_force_is_what_lagrange_derives_from_mass_and_energy(make, name, parameters):
+    """F = dT/dq - d(M v)/dq v - dV/dq with T = v M v / 2 and V the energy at rest, at a state off the constraints."""
+    problem, t = make(name, **parameters), 0.37
+    system, random = problem.system, np.random.default_rng(3)
+    if getattr(system, "j0", None) is not None:
+        system = dataclasses.replace(system, j0=0 * system.j0)
+    mass = getattr(system, "mass_matrix", 1.0)
+    q = problem.q0 + 0.1 * random.standard_normal(problem.q0.size)
+    v = random.standard_normal(q.size)
+
+    def momentum(q, v):
+        M = jnp.asarray(mass(t, q) if callable(mass) else mass)
+        return M @ v if M.ndim == 2 else M * v
+
+    @jax.jit
+    def compare(q, v):
+        inertial = jax.grad(lambda x: v @ momentum(x, v) / 2)(q) - jax.jvp(lambda x: momentum(x, v), (q,), (v,))[1]
+        expected = inertial - jax.grad(lambda x: system.energy(t, x, 0 * v))(q)
+        energy = system.energy(t, q, v)
+        return system.force(t, q, v), expected, energy - system.energy(t, q, 0 * v), v @ momentum(q, v) / 2, energy
+
+    force, expected, kinetic, quadratic, energy = compare(q, v)
+    np.testing.assert_allclose(force, expected, rtol=1e-11, atol=1e-13 * np.abs(expected).max())
+    np.testing.assert_allclose(kinetic, quadratic, rtol=1e-11, atol=1e-13 * abs(energy))
+
+
+POWER = [
+    *((name, {}) for name in ("chaplygin_sleigh", "rolling_disk_incline", "nonholonomic_particle", "arevalo_circle")),
+    *((name, {}) for name in ("bead_on_rotating_rod", "pendulum_period2", "simple_pendulum", "driven_coordinate")),
+    ("kapitza_pendulum", {}),
+    *(case for case in CHANGED.items() if case[0] in ("chaplygin_sleigh", "rolling_disk_incline", "nonholonomic_particle")),
+    *(case for case in CHANGED.items() if case[0] in ("bead_on_rotating_rod", "pendulum_period2", "simple_pendulum")),
+    *(case for case in CHANGED.items() if case[0] in ("driven_coordinate", "kapitza_pendulum", "sundials_slider_crank")),
+    *(case for case in CHANGED.items() if case[0] in ("car_axis", "slider_crank_flexible", "clamped_bar_impact")),
+    *(case for case in CHANGED.items() if case[0] in ("hf_linear_constrained", "fput_chain", "andrews", "oscillator_chain")),
+    *(case for case in CHANGED.items() if case[0] in ("jay_negrut_pendulum", "knife_edge")),
+    ("arevalo_circle", {"c": 0.6, "t_start": 0.0, "t_end": 4.0}),
+    ("fekete", {"n_points": 5, "damping": 0.1}),
+]
+
+
+def consistent_state(system, problem, seed):
+    """Random time, place near the start on the constraints and velocity that they admit."""
+    random = np.random.default_rng(seed)
+    t = random.uniform(*problem.t_span)
+    q = problem.q0 + problem.scales.q * 0.05 * random.standard_normal(problem.q0.size)
+    for _ in range(9):  # Gauss-Newton onto the position constraints
+        g = np.asarray(system.g(t, q)).reshape(-1)
+        if np.abs(g).max(initial=0.0) < 1e-15:
+            break
+        q = q - np.linalg.pinv(system.position_rows(t, q)) @ g
+    v = problem.scales.v * random.standard_normal(q.size)
+    rows = np.vstack([system.position_rows(t, q), system.velocity_rows(t, q, v)])
+    drift = np.concatenate([system.position_rate(t, q, v).ravel(), np.asarray(system.k(t, q, v)).ravel()])
+    return t, q, v - np.linalg.pinv(rows) @ drift  # the constraints are linear in v
+
+
+@pytest.mark.parametrize(("name", "parameters"), POWER)
+def test_energy_changes_by_the_declared_power_and_invariants_not_at_all(make, mechanics, name, parameters):
+    """At random consistent states, with the accelerations and multipliers of the acceleration level."""
+    problem = make(name, **parameters)
+    physics = compiled(problem.system)
+    system, fed = mechanics(physics), []
+    for seed in range(2):
+        t, q, v = consistent_state(system, problem, seed)
+        np.testing.assert_allclose(system.position_rate(t, q, v), 0.0, atol=1e-12 * np.max(problem.scales.v))
+        vdot, lam, mu = system.accelerations(t, q, v)
+        along = (np.float64(1.0), v, vdot)
+        rate = jax.jvp(physics.energy, (t, q, v), along)[1]
+        size = np.abs(v * np.asarray(physics.force(t, q, v))).sum() + np.abs(v * (system.mass(t, q) @ vdot)).sum() + 1e-300
+        expected = float(physics.power(t, q, v, lam, mu)) if hasattr(physics, "power") else 0.0
+        fed.append(abs(expected) > 1e-6 * size)
+        np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-11 * size)
+        if hasattr(physics, "invariants"):
+            changes = jax.jvp(physics.invariants, (t, q, v), along)[1]
+            scale = 1 + np.abs(vdot).max() * max(1.0, np.abs(q).max(), np.abs(v).max())
+            assert all(abs(x) < 1e-12 * scale for x in changes.values()), changes
+    assert any(fed) == hasattr(physics, "power")
