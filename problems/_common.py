@@ -56,6 +56,8 @@ def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
     values |= {key: np.zeros((int(rows.sum()), 0)) for key in ("lam", "mu") if key not in values}
     bars = {key: np.array(part, dtype=np.float64)[rows] for key, part in stored["bars"].items()}
     worst = max(bars[key].max() for key in ("q", "v"))
+    if not np.isfinite(worst):
+        return None  # nobody has confirmed it
     others = stored["confirmed_by"]
     confirmed = [other["solver"] for other in others if other["independent"] and other["status"] == "success"]
     source = f"{stored['first']}, confirmed by {' and '.join(confirmed)}"

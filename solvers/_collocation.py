@@ -21,6 +21,7 @@ MOST_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to f
 SLOW, TOO_SLOW = 0.1, 0.5  # contraction from which the matrix is made anew, and from which the step is too long
 UNJUDGED = 3  # first increments that say nothing of the contraction: they mend the guess of the multipliers
 ROUNDOFF = 1e-15  # increments below this, relative to the sizes, change nothing
+BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
 STAGNATION = 1e-13  # increments below this that no longer shrink are roundoff in the defect
 
 
@@ -91,7 +92,7 @@ class Collocation:
         """Simplified Newton iteration until the increments are roundoff; None where they shrink by less than ``slow``."""
         residual, form = self.run.residual, self.run.form
         counted = ~form.multipliers  # those follow
-        times, last = t + self.nodes.c * h, np.inf
+        times, last, sizes = t + self.nodes.c * h, np.inf, self._sizes(y)
         for iteration in range(MOST_ITERATIONS):
             stages = zip(times, z, self.nodes.slope @ z / h, strict=True)
             defect = np.concatenate([residual(time, y + change, rate) for time, change, rate in stages])
@@ -100,7 +101,7 @@ class Collocation:
             increment = linalg.lu_solve(self.factor, defect, check_finite=False).reshape(z.shape)
             self.tally.update(newton_iterations=1, linear_solves=1)
             z = z - increment
-            size = float(np.max((np.abs(increment) / (self.scales + np.abs(y)))[:, counted]))
+            size = float(np.max((np.abs(increment) / sizes)[:, counted]))
             judged = iteration >= UNJUDGED
             if size <= ROUNDOFF or (judged and size <= STAGNATION and size > TOO_SLOW * last):
                 return z
@@ -108,6 +109,13 @@ class Collocation:
                 return None
             last = size
         return None
+
+    def _sizes(self, y: Vector) -> Vector:
+        """What increments are measured by, (size,): small coordinates carry the roundoff of the largest one beside them."""
+        sizes, n = self.scales + np.abs(y), self.run.form.blocks["q"].stop
+        for block in (slice(0, n), slice(n, 2 * n)):
+            sizes[block] = np.maximum(sizes[block], BESIDE * np.max(sizes[block]))
+        return sizes
 
     def _factorise(self, t: float, y: Vector, h: float, guess: Matrix) -> None:
         """The matrix of the whole step, its derivatives from the middle: blocks delta_ij dF/dy + slope_ij / h dF/dy'."""

@@ -47,7 +47,7 @@ def tampered(file, change):
 def test_build_writes_a_file_for_every_name_and_tells_its_digits(run, plan, tmp_path):
     built = run("build", "good", "--plan", plan, "--out", tmp_path / "new" / "folder")
     assert built.exit_code == 0, built.output
-    assert "good: digits: q 12.3, v 14.8" in built.output
+    assert "good: digits: q 12.0, v 14.8" in built.output
     assert "1 of 1 references certified" in built.output
     assert [file.name for file in (tmp_path / "new" / "folder").iterdir()] == ["good.json"]
     new, kept = (json.loads((tmp_path / f / "good.json").read_text()) for f in ("new/folder", "kept"))
