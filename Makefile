@@ -1,5 +1,6 @@
 # make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
+# make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make clean    remove what these made
 #
@@ -19,7 +20,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench test picture clean
+.PHONY: bench test validate picture clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -33,6 +34,10 @@ test: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
+
+validate: $(STAMP)
+	@mkdir -p reports/latest
+	$(BIN)/hhtbench validate --all --jobs $(JOBS) --store reports/latest/validation.sqlite --out reports/published/solvability.md
 
 picture: bench
 	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \
