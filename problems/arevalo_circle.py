@@ -72,6 +72,11 @@ def sketch(q: Vector) -> dict[str, Vector]:
     return {"points": np.array([q]), "lines": np.concatenate([np.stack([circle[:-1], circle[1:]], axis=1), spoke])}
 
 
+def speed(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Speed of the mass [m/s]."""
+    return float(np.hypot(*v))
+
+
 def problem(*, c: float = 2.0, t_start: float = 1.0, t_end: float = 5.0) -> Problem:
     """The point over [``t_start``, ``t_end``], turning at the rate ``c t``.
 
@@ -94,6 +99,7 @@ def problem(*, c: float = 2.0, t_start: float = 1.0, t_end: float = 5.0) -> Prob
         q0=start.q,
         v0=start.v,
         scales=Scales(q=1.0, v=rate, lam=rate**2),
+        observables={"speed": speed},
         exact=functools.partial(exact, c),
         reference=load_reference("arevalo_circle", t_end) if (c, t_start) == (2.0, 1.0) else None,
         sketch=sketch,

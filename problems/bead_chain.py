@@ -30,7 +30,7 @@ from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._sketch import chain, outline
 
-SOURCE = "textbook mechanics, points on rigid links; reference values by DOP853 at two tolerances"
+SOURCE = "textbook mechanics, points on rigid links"
 LARGE = 100  # beads from which the tag "large" is set: dense linear algebra stops being the best choice about here
 
 

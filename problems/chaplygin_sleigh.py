@@ -138,6 +138,11 @@ def sketch(a: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([centre, skate]), "lines": np.concatenate([outline, blade])}
 
 
+def forward_speed(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Speed along the blade [m/s]."""
+    return float(v[0] * np.cos(q[2]) + v[1] * np.sin(q[2]))
+
+
 def problem(
     *,
     m: float = 1.0,
@@ -182,6 +187,7 @@ def problem(
             v=np.array([run.V, run.V, rate]),
             mu=I / run.A * run.V * rate,
         ),
+        observables={"forward_speed": forward_speed},
         exact=functools.partial(exact, run),
         reference=load_reference("chaplygin_sleigh", t_end) if published else None,
         sketch=functools.partial(sketch, a),

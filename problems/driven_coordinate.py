@@ -77,6 +77,11 @@ def sketch(A: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([[x, 0.0]]), "lines": np.concatenate([block, rail, arm, ground])}
 
 
+def pull(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Force that drives the coordinate [N]."""
+    return float(lam[0])
+
+
 def problem(*, m: float = 1.0, A: float = 1.0, w: float = 1.0, t_end: float = 5.0) -> Problem:
     """The driven slider over [0, ``t_end``] [s].
 
@@ -97,6 +102,7 @@ def problem(*, m: float = 1.0, A: float = 1.0, w: float = 1.0, t_end: float = 5.
         q0=np.zeros(1),
         v0=np.array([A * w]),
         scales=Scales(q=A, v=A * w, lam=m * A * w**2),
+        observables={"pull": pull},
         exact=functools.partial(exact, m, A, w),
         reference=load_reference("driven_coordinate", t_end) if (m, A, w) == (1.0, 1.0, 1.0) else None,
         sketch=functools.partial(sketch, A),

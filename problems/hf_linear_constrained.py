@@ -94,6 +94,11 @@ def sketch(q: Vector) -> dict[str, Any]:
     return {"points": points, "lines": np.concatenate([*squares, *springs, rod, ground]), "note": note}
 
 
+def spring_stretch(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Of the stiff spring [m]."""
+    return float(q[0] - q[1])
+
+
 def problem(*, stiffness: float = 1e4, stretch: float = 1e-3, t_end: float = 10.0) -> Problem:
     """The masses from rest at (1 + stretch, 1, 1) over [0, ``t_end``] [s].
 
@@ -116,6 +121,7 @@ def problem(*, stiffness: float = 1e4, stretch: float = 1e-3, t_end: float = 10.
         q0=np.array([1 + stretch, 1.0, 1.0]),
         v0=np.zeros(3),
         scales=Scales(q=1.0, v=fastest, lam=(stiffness * abs(stretch) + 1) / 2),
+        observables={"stretch": spring_stretch},
         exact=functools.partial(exact, found),
         reference=load_reference(stored, t_end) if stored else None,
         sketch=sketch,

@@ -144,6 +144,11 @@ def sketch(L: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([[0.0, 0.0], q[:2]]), "lines": lines}
 
 
+def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Of the rod [rad]."""
+    return float(q[2])
+
+
 def problem(
     *,
     m: float = 5.0,
@@ -185,6 +190,7 @@ def problem(
         q0=np.array([0.0, -L, REST_ANGLE]),
         v0=np.array([L * z3, 0.0, z3]),
         scales=Scales(q=np.array([L, L, 1.0]), v=np.array([10 * L, 10 * L, 10.0]), lam=values["m"] * 100 * L),
+        observables={"angle": angle},
         exact=functools.partial(exact, parameters, t_end),
         reference=load_reference("jay_negrut_pendulum", t_end) if published else None,
         sketch=functools.partial(sketch, L),

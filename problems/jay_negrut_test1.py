@@ -71,6 +71,11 @@ def sketch(q: Vector) -> dict[str, Vector]:
     return {"points": np.array([q]), "lines": np.concatenate([chain(curve), circle_lines(q, 0.05)])}
 
 
+def multiplier(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """lam, nonlinear in the reaction."""
+    return float(lam[0])
+
+
 def problem(*, t_end: float = 1.0) -> Problem:
     """The problem over [0, ``t_end``] [s]; the paper measures errors at 1."""
     t_end = checked("t_end", t_end, above=0.0, unit="s")
@@ -83,6 +88,7 @@ def problem(*, t_end: float = 1.0) -> Problem:
         v0=start.v,
         lam_guess=np.array([1.0]),
         scales=Scales(q=1.0, v=1.0, lam=1.0),
+        observables={"multiplier": multiplier},
         exact=exact,
         reference=load_reference("jay_negrut_test1", t_end),
         sketch=sketch,

@@ -83,6 +83,11 @@ def sketch(q: Vector) -> dict[str, Vector]:
     return {"points": np.array([place]), "lines": outline(corners)}
 
 
+def contact(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
+    """Contact point on the slope, (2,) [m]."""
+    return np.array(q[:2])
+
+
 def problem(
     *,
     m: float = 1.25,
@@ -122,6 +127,7 @@ def problem(
         q0=np.zeros(3),
         v0=np.array([0.0, 0.0, Om]),
         scales=Scales(q=1.0, v=np.array([speed, speed, Om]), mu=max(2 * values["m"] * abs(G), 1.0)),
+        observables={"contact": contact},
         exact=functools.partial(exact, values["m"], G, Om),
         reference=load_reference("knife_edge", t_end) if published else None,
         sketch=sketch,

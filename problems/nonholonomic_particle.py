@@ -78,6 +78,11 @@ def sketch(size: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([q]), "lines": np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)}
 
 
+def height(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """z [m]."""
+    return float(q[2])
+
+
 def problem(*, m: float = 1.0, y0: float = 1.0, vx: float = 1.0, vy: float = 0.5, t_end: float = 10.0) -> Problem:
     """The particle from (0, ``y0``, 0) over [0, ``t_end``] [s].
 
@@ -101,6 +106,7 @@ def problem(*, m: float = 1.0, y0: float = 1.0, vx: float = 1.0, vy: float = 0.5
         q0=np.array([0.0, y0, 0.0]),
         v0=np.array([vx, vy, y0 * vx]),
         scales=Scales(q=max(speed * t_end, abs(y0)), v=speed, mu=m * speed * vy),
+        observables={"height": height},
         exact=functools.partial(exact, m, y0, vx, vy),
         reference=load_reference("nonholonomic_particle", t_end) if (m, y0, vx, vy) == (1.0, 1.0, 1.0, 0.5) else None,
         sketch=functools.partial(sketch, 0.06 * speed * t_end),

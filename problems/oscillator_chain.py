@@ -97,6 +97,11 @@ def sketch(q: Vector) -> dict[str, Vector]:
     return {"points": joints[1:-1], "lines": np.concatenate([*springs, *blocks, *walls])}
 
 
+def middle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Displacement of the middle mass [m]."""
+    return float(q[q.size // 2])
+
+
 def problem(
     *,
     n_masses: int = 8,
@@ -139,6 +144,7 @@ def problem(
         q0=first.q,
         v0=first.v,
         scales=Scales(q=1.0, v=max(frequency(n, 1, m, k), 1e-3)),
+        observables={"middle": middle},
         exact=motion,
         sketch=sketch,
         tags=("unconstrained", "stiff", "large") if n >= LARGE else ("unconstrained", "stiff"),

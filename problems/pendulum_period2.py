@@ -70,6 +70,11 @@ def sketch(q: Vector) -> dict[str, Vector]:
     return {"points": np.array([np.zeros(2), bob]), "lines": lines}
 
 
+def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """From the downward vertical [rad]."""
+    return float(np.arctan2(q[0], -q[1]))
+
+
 def problem(*, m: float = 1.0, L: float = 1.0, t_end: float = 30.0) -> Problem:
     """The pendulum let go level with its pivot, over [0, ``t_end``] [s].
 
@@ -90,6 +95,7 @@ def problem(*, m: float = 1.0, L: float = 1.0, t_end: float = 30.0) -> Problem:
         q0=np.array([L, 0.0]),
         v0=np.zeros(2),
         scales=Scales(q=L, v=math.sqrt(2 * g * L), lam=m * g / L),
+        observables={"angle": angle},
         exact=functools.partial(exact, m, L),
         reference=load_reference("pendulum_period2", t_end) if (m, L) == (1.0, 1.0) else None,
         sketch=sketch,

@@ -32,7 +32,7 @@ from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._sketch import pin_lines
 
-SOURCE = "textbook mechanics, N-link pendulum in absolute coordinates; reference values from minimal coordinates"
+SOURCE = "textbook mechanics, N-link pendulum in absolute coordinates"
 LARGE = 100  # rods from which the tag "large" is set: dense linear algebra stops being the best choice about here
 
 

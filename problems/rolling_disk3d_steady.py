@@ -142,6 +142,11 @@ def sketch(R: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([q[:3], tip]), "lines": lines}
 
 
+def centre(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
+    """Centre of the disk, (3,) [m]."""
+    return np.array(q[:3])
+
+
 def problem(
     *,
     m: float = 1.0,
@@ -193,6 +198,7 @@ def problem(
             lam=np.maximum(np.abs(start.lam), 1e-3),
             mu=max(float(np.abs(start.mu).max()), 1e-3),
         ),
+        observables={"centre": centre},
         exact=motion,
         reference=load_reference("rolling_disk3d_steady", t_end) if published else None,
         sketch=functools.partial(sketch, values["R"]),

@@ -96,6 +96,11 @@ def sketch(R: float, q: Vector) -> dict[str, Vector]:
     return {"points": np.array([contact, centre]), "lines": np.concatenate([np.stack([rim[:-1], rim[1:]], axis=1), spokes])}
 
 
+def contact(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
+    """Contact point on the plane, (2,) [m]."""
+    return np.array(q[:2])
+
+
 def problem(
     *,
     m: float = 2.0,
@@ -146,6 +151,7 @@ def problem(
             v=np.array([R * rate, R * rate, Om, rate]),
             mu=m * (abs(gs) + R * rate * Om),
         ),
+        observables={"contact": contact},
         exact=functools.partial(exact, m, R, gs, k, Om, spin),
         reference=load_reference("rolling_disk_incline", t_end) if published else None,
         sketch=functools.partial(sketch, R),

@@ -38,7 +38,7 @@ from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._sketch import pin_lines
 
-SOURCE = "textbook mechanics, slider-crank of equal lengths; reference values from its one-degree reduction"
+SOURCE = "textbook mechanics, slider-crank of equal lengths"
 
 
 class SliderCrank(System):

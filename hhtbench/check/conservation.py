@@ -12,7 +12,7 @@ from hhtbench.arguments import Vector
 from hhtbench.check.rows import attempt, not_measured
 from hhtbench.check.scales import Sizes
 from hhtbench.evidence import Row
-from hhtbench.lowering import AccelerationLevel, compile_function
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, constraint_rank, reduce_redundant
 from hhtbench.lowering.differences import derivative_along
 from hhtbench.protocol import Problem, declared
 
@@ -106,15 +106,28 @@ def _imbalances(dynamics: Any, problem: Problem, motion: list[Point], time: floa
 
     Near rest the terms are roundoff; the largest kinetic energy per typical ``time`` [s] is the least size.
     """
+    dynamics = _independent(dynamics, motion[0])
     level, terms = AccelerationLevel(dynamics), compile_function(energy_terms, dynamics)
     found = []
     for t, q, v in motion:
         at = level.solve(t, q, v, problem.lam_guess, problem.mu_guess)
         if not at.singular and not at.residual > 0:  # else there are no accelerations: the rows on the KKT matrix say so
             found.append(np.asarray(terms(t, q, v, at.vdot, at.lam, at.mu)))
+    if not found:
+        raise ValueError("the accelerations are determined at no point of the known motion")
     rates = np.array(found).reshape(-1, 6)
     size = np.maximum(np.max(np.abs(rates[:, :5]), axis=1), np.max(np.abs(rates[:, 5]), initial=0.0) / time)
-    return [float(x) for x in np.abs(rates[:, 0] - rates[:, 1]) / np.maximum(size, np.finfo(float).tiny)] or [0.0]
+    return [float(x) for x in np.abs(rates[:, 0] - rates[:, 1]) / np.maximum(size, np.finfo(float).tiny)]
+
+
+def _independent(dynamics: Any, place: Point) -> Any:
+    """The dynamics without redundant rows, whose multipliers no power can depend on; itself where there are none."""
+    if not dynamics.structure.constrained:
+        return dynamics
+    at = ConstraintLevels(dynamics).at(*place)
+    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
+    reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
+    return dynamics if reduced is None else reduced
 
 
 def energy_terms(dynamics: Any, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:

@@ -18,7 +18,7 @@ from hhtbench.reference.certify import Certificate, certify
 from hhtbench.reference.files import read_certificate, write_certificate
 from hhtbench.reference.plan import Entry, choose, load_plan, registered_folder, registered_plans
 
-SAMPLE = 3  # references that ``check`` computes again unless told otherwise: the quickest, so that it takes seconds
+SAMPLE = 3  # references that ``check`` computes again unless told otherwise: the first of the plan, which are quick
 
 
 @click.group("reference")
@@ -65,7 +65,7 @@ def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: in
 )
 @click.option("--sample", type=click.IntRange(min=1), default=SAMPLE, show_default=True, help="How many, if none is named.")
 def check_command(names: tuple[str, ...], file: Path | None, folder: Path | None, sample: int) -> None:
-    """Compute references again, by the solver that confirmed them, and compare with the stored ones."""
+    """Compute references again, their confirmation included, and compare with the stored ones."""
     plan = registered_plans() if file is None else load_plan(file)
     entries = choose(plan, names) if names else list(plan.values())[:sample]
     evidence = Evidence(title="references", rows=tuple(row for entry in entries for row in _recomputed(entry, folder)))

@@ -1,4 +1,4 @@
-"""Cross-solver validation: every admissible pair of solver and form at tight tolerance, against the reference."""
+"""Cross-solver validation: the pairs of solver and form at tight tolerance, against the reference."""
 
 from hhtbench.validation.plan import validation_campaign
 from hhtbench.validation.verdict import Verdict, judge

@@ -12,7 +12,9 @@ from hhtbench.validation.plan import stepped
 
 AGREEMENT = 1e-6  # largest scaled error of q and v along the trajectory
 AGREEMENT_OF_STEPS = 1e-4  # the same at constant steps of a second-order method
-CONVERGING = 0.5  # of the error at the looser tolerance: a solver on its way to the reference
+CONVERGING = 0.2  # of the error at the next looser request: a solver on its way to the reference
+NEAR = 1e-3  # error beyond which nothing counts as on its way
+MULTIPLIER = 1e-2  # of the errors of lam and mu, which follow from q and v with the stiffness as a factor
 ENOUGH = 6  # pairs that must agree
 LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
 
@@ -50,10 +52,16 @@ def judge(rows: Iterable[RunRow]) -> list[Verdict]:
 
 
 def error_of(row: RunRow) -> float | None:
-    """Largest scaled error of q and v over the compared times, or None."""
+    """Largest scaled error of q and v over the compared times, or None; of lam and mu too where it is not small.
+
+    Multipliers follow from q and v with the stiffness as a factor, so they count MULTIPLIER times less.
+    """
     errors = row.metrics.get("errors", {})
-    values = [errors[name]["max_scaled"] for name in ("q", "v") if name in errors]
-    return max(values) if values and None not in values else None
+    weights = {"q": 1.0, "v": 1.0, "lam": MULTIPLIER, "mu": MULTIPLIER}
+    values = [errors[name]["max_scaled"] for name in weights if name in errors]
+    if not values or None in values:
+        return None
+    return max(weights[name] * errors[name]["max_scaled"] for name in weights if name in errors)
 
 
 def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
@@ -65,12 +73,19 @@ def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
         return _made(problem, solver, kind, None, row)
     if not known:
         return _made(problem, solver, Kind.unknown, None, solved[-1])
-    error, best = min(known, key=lambda pair: pair[0])
+    known.sort(key=lambda pair: _effort(pair[1]))
+    error, best = known[-1]  # the tightest
     bound = AGREEMENT_OF_STEPS if stepped(solver) else AGREEMENT
     if error <= max(bound, LIMIT * _bar(best)):
         return _made(problem, solver, Kind.agrees, error, best)
-    converging = len(known) > 1 and error <= CONVERGING * max(other for other, _ in known)
-    return _made(problem, solver, Kind.converges if converging else Kind.disagrees, error, best)
+    falling = len(known) > 1 and error <= CONVERGING * known[-2][0] and error <= NEAR
+    return _made(problem, solver, Kind.converges if falling else Kind.disagrees, error, best)
+
+
+def _effort(row: RunRow) -> float:
+    """Grows with the tightness of what was asked."""
+    asked = row.request
+    return float(asked["steps"]) if asked["steps"] is not None else -float(asked["rtol"] or 0.0)
 
 
 def _bar(row: RunRow) -> float:
@@ -91,12 +106,16 @@ def _made(problem: str, solver: str, kind: Kind, error: float | None, row: RunRo
     )
 
 
-def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str]) -> list[Row]:
-    """Per problem: nobody disagrees, and enough agree or there is a reason (``reasons``: problem -> why fewer)."""
+def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: frozenset[str] = frozenset()) -> list[Row]:
+    """Per problem: nobody disagrees, and enough agree or there is a reason (``reasons``: problem -> why fewer).
+
+    ``makers`` (canonical specs) made the references and do not count among those that agree.
+    """
     rows = []
     for problem in dict.fromkeys(verdict.problem for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.problem == problem]
-        agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees and not stepped(verdict.solver)]
+        agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees]
+        agree = [solver for solver in agree if not stepped(solver) and solver not in makers]
         wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
         claim = f"{problem}: no pair disagrees with the reference"
         rows.append(

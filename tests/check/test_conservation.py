@@ -99,3 +99,17 @@ def test_the_reference_may_change_energy_by_its_error_bars():
     for error, passed in ((1e-9, True), (1e-3, False)):
         problem = slide(Slide(c=0.0), exact=None, reference=reference(error))
         assert verdict(problem, "energy/conserved") is passed
+
+
+def test_a_wrong_energy_is_found_where_constraints_are_redundant_too():
+    class Twice(Slide):
+        def constraint(self, t, q):
+            return jnp.stack([q[1], 2 * q[1]])
+
+    class Wrong(Twice):
+        def energy(self, t, q, v):
+            return 17 * v @ v + 3 * q[0]
+
+    both = {"tags": ("redundant",), "exact": None, "v0": np.array([1.0, 0.0])}
+    assert verdict(slide(Twice(c=0.0), **both), "energy/balance") is True
+    assert verdict(slide(Wrong(c=0.0), **both), "energy/balance") is False

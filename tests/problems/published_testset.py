@@ -35,8 +35,8 @@ PUBLISHED = {
         left_out={"invariant": "a sentence; the closed multipliers are claimed in test_testset.py"},
     ),
     "sundials_slider_crank": Published(spec="sundials_slider_crank", values=STATE),
-    "clamped_bar_impact_N10": Published(spec="clamped_bar_impact(n_elements=10)", values=BAR),
-    "clamped_bar_impact_N100": Published(spec="clamped_bar_impact(n_elements=100)", values=BAR),
+    "clamped_bar_impact_N10": Published(spec="clamped_bar_impact(n_elements=10)", values=BAR, digits=10),
+    "clamped_bar_impact_N100": Published(spec="clamped_bar_impact(n_elements=100)", values=BAR, digits=10),
     "hf_linear_constrained_K1e4": Published(spec="hf_linear_constrained(stiffness=1e4)", values=STATE),
     "hf_linear_constrained_K1e8": Published(spec="hf_linear_constrained(stiffness=1e8)", values=STATE),
 }

@@ -38,6 +38,7 @@ def test_problem_is_described(name):
     assert problem.tags
     assert len(set(problem.tags)) == len(problem.tags)
     assert set(problem.tags) <= set(TAGS)
+    assert problem.observables, "what is there to look at?"
     assert re.fullmatch(r"[^\n]{20,}", problem.good_for), "good_for must be one sentence"
     assert not re.search(r"[.!?] [A-Z]", problem.good_for), "more than one sentence"
 

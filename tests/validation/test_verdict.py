@@ -71,12 +71,12 @@ def test_the_table_shows_digits_statuses_and_reasons():
     rows = [
         row(error=3e-9),
         row("cvode(method='bdf', form='ode')", None, "deadline"),
-        row("hht", 2e-3),
-        row("hht", 1e-3, rtol=1.0),
+        row("hht", 1.6e-4),
+        row("hht", 9e-4, rtol=1.0),
     ]
     text = solvability(judge(rows), "hhtbench validate p")
     assert short("cvode(method='bdf', form='ode')") == "cvode bdf"
-    for part in ("| p ", "8.5", "deadline", "(3.0)", "1,234", "cvode bdf, deadline: why: p"):
+    for part in ("| p ", "8.5", "deadline", "(3.8)", "1,234", "cvode bdf, deadline: why: p"):
         assert part in text, part
 
 
@@ -102,4 +102,29 @@ def test_the_command_leaves_with_one_where_a_solver_disagrees(tmp_path, monkeypa
     monkeypatch.setattr("hhtbench.validation.plan.STEPS", (2000,))
     result = CliRunner().invoke(main, ["validate", f"spring.py:problem(wrong={wrong})", "--jobs", "1", "--out", "table.md"])
     assert result.exit_code == code, result.output
-    assert "projected" not in (tmp_path / "table.md").read_text()
+    assert "projected DOP853" not in (tmp_path / "table.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("loose", "tight", "kind"),
+    [
+        (1e-5, 1e-1, Kind.disagrees),  # it grew
+        (10.0, 4.0, Kind.disagrees),  # far from everything
+        (1e-9, 0.5, Kind.disagrees),  # the tighter run is what counts
+        (1e-3, 5e-4, Kind.disagrees),  # hardly falls
+    ],
+)
+def test_a_result_that_gets_worse_or_hardly_better_with_the_tolerance_disagrees(loose, tight, kind):
+    for rows in ([row(error=loose), row(error=tight, rtol=1e-10)], [row(error=tight, rtol=1e-10), row(error=loose)]):
+        assert judge(rows)[0].kind is kind
+
+
+def test_who_made_the_reference_does_not_count_among_those_that_agree():
+    makers = frozenset({"scipy(method='m0')"})
+    assert {r.id: r.passed for r in evidence_rows(judge(pairs(6)), {}, makers)}["p/pairs"] is False
+
+
+def test_wrong_multipliers_disagree():
+    wrong = row()
+    wrong.metrics["errors"]["lam"] = {"max_scaled": 1.0}
+    assert judge([wrong])[0].kind is Kind.disagrees
