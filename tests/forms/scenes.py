@@ -4,7 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, derive
+from hhtbench.lowering import (
+    AccelerationLevel,
+    ConstraintLevels,
+    compile_function,
+    constraint_rank,
+    derive,
+    reduce_redundant,
+)
 from hhtbench.protocol import NumpySystem, System, parameter
 from solvers.forms import FORMS, make_form, refusal
 from solvers.forms.layout import Layout, jacobian_function, residual_function
@@ -72,7 +79,11 @@ class Moment:
 
 def moment_of(problem, seed=1):
     """A consistent random state near a problem's start, at a time inside its interval."""
-    dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
+    place = problem.t_span[0], problem.q0, problem.v0
+    dynamics = derive(problem.system, *place)
+    if "redundant" in problem.tags:  # as solvers do
+        at = ConstraintLevels(dynamics).at(*place)
+        dynamics = reduce_redundant(dynamics, constraint_rank(at.position_jacobian, at.velocity_jacobian).redundant)
     t = problem.t_span[0] + 0.3 * (problem.t_span[1] - problem.t_span[0])
     guesses = problem.lam_guess, problem.mu_guess
     return Moment(dynamics, t, problem.q0, problem.v0, *guesses, seed=seed, s_q=problem.scales.q, s_v=problem.scales.v)
