@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import solvers.hht.weights
+from hhtbench import load_problem
+from hhtbench.errors import ProblemError
 from solvers.hht.verify import constraints, figures, local, orders
-from solvers.hht.verify.measure import integrate, make_case, scaled_drift, slope
+from solvers.hht.verify.measure import integrate, known_at, make_case, scaled_drift, slope
 
 LEVELS = orders.Levels(constant=(50, 100, 200), periods=(20, 40), lost=(320, 640), b=0.3)
 ALL_METHODS = list(orders.methods())
@@ -144,3 +146,13 @@ def test_a_wrong_weight_is_seen_as_a_lost_order(test1, monkeypatch, factor):
 def test_slope_reads_a_power_law():
     steps = [0.1, 0.05, 0.025]
     assert slope(steps, [3 * h**2 for h in steps]) == pytest.approx(2.0)
+
+
+def test_values_known_at_a_time_are_found_by_that_time():
+    """References hold a grid beside the stated times: the first row is the start."""
+    andrews = load_problem("andrews")
+    row = list(andrews.reference["t"]).index(0.03)
+    assert row > 0
+    np.testing.assert_array_equal(known_at(andrews, "v", 0.03), andrews.reference["v"][row])
+    with pytest.raises(ProblemError, match="no row at t = 0.017 s"):
+        known_at(andrews, "v", 0.017)

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench import load_problem
 from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
 from hhtbench.evidence import Row
 from hhtbench.lowering import ConstraintLevels, compile_function, derive
 from hhtbench.protocol import Motion, Problem
@@ -30,6 +31,21 @@ class Case:
     times: int  #: number of common times, equally spaced, the end included
     exact: Callable[[float], Motion]
     force: Callable[[float], Vector]  #: f = M^-1 F along the exact motion, (n,)
+
+
+def known_at(problem: Problem, name: str, t: float) -> Vector:
+    """Row ``t`` [s] of the problem's reference: ``name`` is q, v, lam or mu.
+
+    Raises
+    ------
+    ProblemError
+        The reference has no such time.
+    """
+    reference = problem.reference or {"t": []}
+    rows = np.flatnonzero(np.asarray(reference["t"]) == t)
+    if rows.size != 1:
+        raise ProblemError(f"{problem.name}: its reference has no row at t = {t:g} s; build it again with that time.")
+    return np.asarray(reference[name][rows[0]], dtype=np.float64)
 
 
 def make_case(name: str, t_end: float, times: int) -> Case:

@@ -13,7 +13,7 @@ from hhtbench.evidence import Evidence, Plot, Row
 from solvers.hht.verify.constraints import andrews, drift, kinds, multipliers, unconstrained
 from solvers.hht.verify.figures import extrapolated, pendulum_figures, test1_figures
 from solvers.hht.verify.local import amplification, local_errors, multiplier_guess
-from solvers.hht.verify.measure import Case, Progress, make_case
+from solvers.hht.verify.measure import Case, Progress, known_at, make_case
 from solvers.hht.verify.orders import Levels, constant_steps, variable_steps
 
 TEST1 = Levels(constant=(100, 200, 400, 800, 1600, 3200), periods=(20, 40, 80, 160), lost=(320, 640, 1280), b=0.3)
@@ -79,8 +79,8 @@ def _figures_of_test1(tell: Progress) -> Part:
 def _figures_of_the_pendulum(tell: Progress) -> Part:
     case = _pendulum()
     rows, plots = pendulum_figures(case, make_case("jay_negrut_pendulum", 4.0, 25), tell)
-    reference = case.problem.reference
-    rows.append(extrapolated(case, (reference["q"][0][2], reference["v"][0][2]), tell))  # type: ignore[index]
+    known = (float(known_at(case.problem, name, 2.0)[2]) for name in ("q", "v"))
+    rows.append(extrapolated(case, (next(known), next(known)), tell))
     return Part(tuple(rows), tuple(plots))
 
 
