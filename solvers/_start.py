@@ -169,10 +169,11 @@ def all_multipliers(dynamics: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix,
         return lam, mu
     lam, mu = padded(dynamics, lam, mu)
     levels, m = ConstraintLevels(whole), whole.structure.m
+    rank = dynamics.structure.m + dynamics.structure.p
     for i in range(len(lam)):
         at = levels.at(float(t[i]), q[i], v[i])
         rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]])), [m])
+        lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
     return lam, mu
 
 

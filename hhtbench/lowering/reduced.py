@@ -17,8 +17,6 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import declared
 
-RANK_TOLERANCE = 1e-10  # of the largest singular value: a dependent row has no more than roundoff left
-
 
 class ReducedDynamics(eqx.Module):
     """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only; the rest is passed through."""
@@ -130,10 +128,14 @@ def padded(dynamics: Any, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
     return full
 
 
-def smallest(rows: Matrix, multipliers: Vector) -> Vector:
-    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v]."""
-    found, *_ = np.linalg.lstsq(rows.T, rows.T @ multipliers, rcond=RANK_TOLERANCE)
-    return np.asarray(found, dtype=np.float64)
+def smallest(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
+    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
+
+    ``rank`` is that of the consistent configuration: off the constraints by an error, the rows are independent by as little,
+    and a rank found by a tolerance would jump there.
+    """
+    left, size, right = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(left[:, :rank] @ ((right[:rank] @ (rows.T @ multipliers)) / size[:rank]), dtype=np.float64)
 
 
 def _reduction(dynamics: Any) -> ReducedDynamics | None:
