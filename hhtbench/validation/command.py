@@ -13,6 +13,7 @@ from hhtbench.campaign.command import terminal_progress
 from hhtbench.campaign.execute import Limits
 from hhtbench.campaign.machine import total_memory, usable_cores
 from hhtbench.evidence import Evidence
+from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem
 from hhtbench.specs import canonical
 from hhtbench.store import RunRow, Store
@@ -28,7 +29,7 @@ HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated 
 
 @click.command("validate")
 @click.argument("problems", nargs=-1)
-@click.option("--all", "every", is_flag=True, help="Validate every registered problem.")
+@click.option("--all", "every", is_flag=True, help="Validate every registered problem, on the span that its reference plan names.")
 @click.option(
     "--store", "file", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; resumed.  [default: none]"
 )
@@ -48,7 +49,8 @@ def validate_command(
     """Solve PROBLEMS by 15 pairs of solver and form and by HHT; exit 1 where one disagrees with the reference."""
     if every == bool(problems):
         raise click.UsageError("name PROBLEMS, or give --all.")
-    specs = tuple(list_problems()) if every else problems
+    plan = registered_plans() if every else {}
+    specs = tuple(validated_spec(name, plan) for name in list_problems()) if every else problems
     reasons = {canonical(spec): reason for spec in specs if (reason := _reason(spec))}
     with tempfile.TemporaryDirectory() as folder:
         rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs or usable_cores(), max_seconds)

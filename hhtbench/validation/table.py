@@ -33,7 +33,7 @@ def solvability(verdicts: list[Verdict], command: str) -> str:
             "**Digits**: -log10 of the largest scaled error of q and v (or a hundredth of that of lam and mu) over time.",
             "Plain: agrees to",
             f"{AGREEMENT:g} ({AGREEMENT_OF_STEPS:g} for HHT). In parentheses: above that, but falling with the tolerance.",
-            "`!`: disagrees. Words: the status in which every run ended; `-`: declined, with the reason below.",
+            "`(...)...`: one run above that, and the tighter ones ran out of time. `!`: disagrees. Words: the status in which every run ended; `-`: declined, with the reason below.",
             "",
             tabulate(accuracy, headers=heads, tablefmt="github", disable_numparse=True),
             "",
@@ -62,7 +62,8 @@ def _accuracy(verdict: Verdict | None) -> str:
     if verdict.kind in (Kind.failed, Kind.declined, Kind.unknown):
         return {Kind.failed: verdict.status, Kind.declined: "-", Kind.unknown: "solved"}[verdict.kind]
     text = digits(verdict.error or 0.0)
-    return {Kind.agrees: text, Kind.converges: f"({text})", Kind.disagrees: f"! {text}"}[verdict.kind]
+    shown = {Kind.agrees: text, Kind.converges: f"({text})", Kind.unfinished: f"({text})...", Kind.disagrees: f"! {text}"}
+    return shown[verdict.kind]
 
 
 def digits(error: float) -> str:

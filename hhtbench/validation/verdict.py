@@ -16,6 +16,7 @@ CONVERGING = 0.2  # of the error at the next looser request: a solver on its way
 NEAR = 1e-3  # error beyond which nothing counts as on its way
 MULTIPLIER = 1e-2  # of the errors of lam and mu, which follow from q and v with the stiffness as a factor
 ENOUGH = 6  # pairs that must agree
+BUDGETS = ("deadline", "max_steps", "evaluation_budget")  # statuses that say nothing about the solver's answer
 LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
 
 
@@ -24,6 +25,7 @@ class Kind(Enum):
 
     agrees = "agrees"
     converges = "converges"  # its error falls with the tolerance, but stays above the bound
+    unfinished = "unfinished"  # above the bound, and the tighter runs that would tell ran out of budget
     disagrees = "disagrees"
     unknown = "no value to compare with"
     failed = "failed"
@@ -79,7 +81,11 @@ def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
     if error <= max(bound, LIMIT * _bar(best)):
         return _made(problem, solver, Kind.agrees, error, best)
     falling = len(known) > 1 and error <= CONVERGING * known[-2][0] and error <= NEAR
-    return _made(problem, solver, Kind.converges if falling else Kind.disagrees, error, best)
+    if falling:
+        return _made(problem, solver, Kind.converges, error, best)
+    cut = [row for row in rows if row.status in BUDGETS and _effort(row) > _effort(best)]
+    alone = cut and len(known) == 1 and error <= NEAR  # nothing tells whether it would fall
+    return _made(problem, solver, Kind.unfinished if alone else Kind.disagrees, error, best)
 
 
 def _effort(row: RunRow) -> float:

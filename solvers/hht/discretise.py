@@ -21,6 +21,8 @@ class Stages(NamedTuple):
     q1: Any  #: (n,)
     v1: Any  #: (n,)
     end: Any  #: (n,) place of the end reaction, or None without position constraints
+    start_reaction: Any  #: (n,) R0, or None
+    end_reaction: Any  #: (n,) R1, or None
 
 
 def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Mapping[str, Any]) -> Stages:
@@ -28,7 +30,7 @@ def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Map
     h, s = known["h"], layout.structure
     q1 = known["q_known"] + known["q_a"] * unknown["a"]  # (H4)
     v1 = known["v_known"] + known["v_a"] * unknown["a"]  # (H5)
-    end = None
+    end = start_reaction = end_reaction = None
     if s.p:
         q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
         v1 = v1 + h * unknown["Rk"]  # (H10)
@@ -37,16 +39,18 @@ def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Map
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
         if layout.end_unknown:
-            q1 = q1 + known["q_R1"] * unknown["R1"]
-            v1 = v1 + known["v_R1"] * unknown["R1"]
+            end_reaction = unknown["R1"]
+            q1 = q1 + known["q_R1"] * end_reaction
+            v1 = v1 + known["v_R1"] * end_reaction
         elif not layout.moving:
             end_reaction = _explicit_end_reaction(dynamics, layout, known["q_stage"], unknown["lam1"], known)
             q1 = q1 + known["q_R1"] * end_reaction
             v1 = v1 + known["v_R1"] * end_reaction
         end = known["q_stage"] + known["theta"] * q1 if layout.moving else known["q_stage"]  # (H8)
         if layout.moving and not layout.end_unknown:
-            v1 = v1 + known["v_R1"] * _explicit_end_reaction(dynamics, layout, end, unknown["lam1"], known)
-    return Stages(q1, v1, end)
+            end_reaction = _explicit_end_reaction(dynamics, layout, end, unknown["lam1"], known)
+            v1 = v1 + known["v_R1"] * end_reaction
+    return Stages(q1, v1, end, start_reaction, end_reaction)
 
 
 def step_residual(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
@@ -105,9 +109,10 @@ def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
 
 
 def step_end(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
-    """q1 and v1 of the converged unknowns, one vector (2n,)."""
+    """q1 and v1 of the converged unknowns, with position constraints also R0 and R1: one vector (2n,) or (4n,)."""
     place = stages(dynamics, layout, layout.split(x), layout.known(packed))
-    return dynamics.xp.concatenate([place.q1, place.v1])
+    parts = [place.q1, place.v1]
+    return dynamics.xp.concatenate(parts + [place.start_reaction, place.end_reaction] if layout.structure.m else parts)
 
 
 def _matrix_rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any) -> list[Any]:

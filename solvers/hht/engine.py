@@ -177,7 +177,7 @@ class HostEngine:
         if x is None:
             return outcome
         end = self._end(x, packed)
-        q1, v1 = np.array(end[: s.n]), np.array(end[s.n :])
+        q1, v1 = np.array(end[: s.n]), np.array(end[s.n : 2 * s.n])
         unknown = self.layout.split(np.asarray(x))
         nothing = np.zeros(0)
         a, lam0, lam1 = unknown["a"], unknown.get("lam0", nothing), unknown.get("lam1", nothing)
@@ -202,7 +202,10 @@ class HostEngine:
             size_q=max(state.size_q, largest(q1)),
             size_v=max(state.size_v, largest(v1)),
         )
-        return Step(state=new, lam_start=lam0, lam_end=lam1, mu_half=mu)
+        reactions = (np.array(end[2 * s.n : 3 * s.n]), np.array(end[3 * s.n :])) if s.m else None
+        return Step(
+            state=new, lam_start=lam0, lam_end=lam1, mu_half=mu, reactions=reactions, velocity_reaction=unknown.get("Rk")
+        )
 
     def _moves_nothing(self, state: State, h: float) -> bool:
         """Whether h moves q by less than its roundoff, as far as v and the acceleration tell, (H21)."""
@@ -250,7 +253,7 @@ class HostEngine:
             return outcome.cause
         try:
             end = np.asarray(self._end(outcome.at, self._packed(state, h, t1)))
-            q1, v1 = np.split(end, 2) if np.isfinite(end).all() else (state.q, state.v)
+            q1, v1 = np.split(end[: 2 * self.structure.n], 2) if np.isfinite(end).all() else (state.q, state.v)
             explain_nonfinite(self.dynamics, t1, q1, v1)
         except NonFiniteValue as error:
             return error

@@ -24,6 +24,10 @@ class Factor:
         """The matrix' inverse times ``right`` (size,)."""
         return lapack.dgetrs(self.lu, self.pivots, right)[0]
 
+    def change(self, increment: Vector) -> Vector:
+        """What an ``increment`` (size,) of the unknowns changes in q1 and v1, one vector (2n,)."""
+        return self.maps @ increment
+
 
 def factorise(matrix: Matrix, maps: Matrix, h: float) -> Factor | None:
     """LU with partial pivoting; None when a pivot is exactly zero or not a number."""

@@ -150,14 +150,14 @@ class Iteration:
 
     def _typical(self, factor: Factor, increment: Vector) -> tuple[float, float]:
         """The typical sizes, at least the first change of q1 and v1: a system starting from nothing has no other."""
-        change = np.abs(factor.maps @ increment)
+        change = np.abs(factor.change(increment))
         n = self.layout.structure.n
         first = float(change[:n].max()), float(change[n:].max())
         return (max(self.sizes[0], first[0]), max(self.sizes[1], first[1])) if math.isfinite(sum(first)) else self.sizes
 
     def _size(self, factor: Factor, increment: Vector, sizes: tuple[float, float]) -> float:
         """Largest change of q1 and v1 over typical sizes, (H15)."""
-        change = np.abs(factor.maps @ increment)
+        change = np.abs(factor.change(increment))
         n = self.layout.structure.n
         return max(float(change[:n].max()) / sizes[0], float(change[n:].max()) / sizes[1])
 

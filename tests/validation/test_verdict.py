@@ -4,6 +4,8 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.cli import main
+from hhtbench.reference.plan import load_plan, registered_folder, validated_spec
+from hhtbench.registry import load_problem
 from hhtbench.store import RunRow
 from hhtbench.validation.table import short, solvability
 from hhtbench.validation.verdict import Kind, evidence_rows, judge
@@ -38,6 +40,10 @@ def row(solver="ida(form='ggl')", error=1e-9, status="success", rtol=1e-8, digit
         ([row(error=None)], Kind.unknown),
         ([row(error=None, status="deadline"), row(error=None, status="newton_failed")], Kind.failed),
         ([row(error=None, status="declined")], Kind.declined),
+        ([row(error=1e-4), row(error=None, status="deadline", rtol=1e-10)], Kind.unfinished),
+        ([row(error=1e-2), row(error=None, status="deadline", rtol=1e-10)], Kind.disagrees),  # too far to be excused
+        ([row(error=1e-4), row(error=None, status="newton_failed", rtol=1e-10)], Kind.disagrees),  # not a matter of time
+        ([row(error=None, status="deadline"), row(error=1e-4, rtol=1e-10)], Kind.disagrees),  # the tightest did finish
         ([row("hht", 5e-5)], Kind.agrees),
         ([row("hht", 5e-4)], Kind.disagrees),
     ],
@@ -128,3 +134,14 @@ def test_wrong_multipliers_disagree():
     wrong = row()
     wrong.metrics["errors"]["lam"] = {"max_scaled": 1.0}
     assert judge([wrong])[0].kind is Kind.disagrees
+
+
+def test_all_takes_the_span_that_the_reference_plan_names():
+    plan = load_plan(registered_folder() / "plan.toml")
+    assert validated_spec("four_bars", plan) == "four_bars(n_windows=1, t_end=0.5)"
+    assert validated_spec("andrews", plan) == "andrews"
+    for entry in plan.values():
+        if entry.validate:
+            problem = load_problem(entry.validate)
+            assert problem.reference is not None, entry.validate
+            assert problem.reference["t"][-1] == problem.t_span[1], entry.validate
