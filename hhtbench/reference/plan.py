@@ -30,7 +30,7 @@ class Entry:
     rtol: float = RTOL  #: relative tolerance of the first
     second_rtol: float = SECOND_RTOL  #: and of the others
     note: str = ""  #: why fewer digits are certified than elsewhere
-    validate: str = ""  #: spec that ``validate --all`` takes instead of the problem's default: where that is singular or long
+    validate: str = ""  #: what ``validate --all`` takes for the default: where that is singular or long
 
 
 def load_plan(file: Path) -> dict[str, Entry]:

@@ -29,7 +29,7 @@ HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated 
 
 @click.command("validate")
 @click.argument("problems", nargs=-1)
-@click.option("--all", "every", is_flag=True, help="Validate every registered problem, on the span that its reference plan names.")
+@click.option("--all", "every", is_flag=True, help="Validate every problem, on the span its plan names.")
 @click.option(
     "--store", "file", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; resumed.  [default: none]"
 )

@@ -37,5 +37,5 @@ class Step:
     lam_start: Vector  #: (m,)
     lam_end: Vector  #: (m,)
     mu_half: Vector  #: (p,)
-    reactions: tuple[Vector, Vector] | None = None  #: R0 and R1 (n,) of (H8), accelerations; None without position constraints
+    reactions: tuple[Vector, Vector] | None = None  #: R0, R1 (n,) of (H8), accelerations
     velocity_reaction: Vector | None = None  #: R_k (n,) of (H10), None without velocity constraints
