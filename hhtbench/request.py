@@ -26,7 +26,7 @@ class Request:
     exclude one another.  Budgets count over the whole span.
     """
 
-    rtol: float | None = None  #: relative tolerance
+    rtol: Any = None  #: relative tolerance: a number, or one per component for solvers that take it so
     atol: Any = None  #: absolute tolerance: a number or one per component
     step: float | None = None  #: constant step [s], positive; its sign follows from the interval
     steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
@@ -124,18 +124,22 @@ def check_output_times(t_eval: Vector, t0: float, t1: float) -> None:
         raise ProblemError(f"t_eval must lie within [{low:.17g}, {high:.17g}] s; got {outside[0]:.17g}.")
 
 
-def _rtol(value: Any) -> float | None:
+def _rtol(value: Any) -> Any:
     if value is None:
         return None
-    number = real_number("rtol", value)
-    if number < 0:
-        raise ProblemError(f"rtol must not be negative; got {number}.")
-    if 0 < number < RTOL_FLOOR:
-        warnings.warn(f"rtol={number:g} is below roundoff; {RTOL_FLOOR:.2g} is used.", UserWarning, stacklevel=4)
-        return RTOL_FLOOR
-    if number > RTOL_CEILING:
-        warnings.warn(f"rtol={number:g} is larger than {RTOL_CEILING}: no digit will be right.", UserWarning, stacklevel=4)
-    return number
+    array = real_array("rtol", value)
+    if array.ndim > 1:
+        raise ProblemError(f"rtol must be a number or one number per component (n,); got shape {array.shape}.")
+    if np.any(array < 0):
+        raise ProblemError(f"rtol must not be negative; got {array.min():g}.")
+    if np.any((array > 0) & (array < RTOL_FLOOR)):
+        small = array[(array > 0) & (array < RTOL_FLOOR)].max()
+        warnings.warn(f"rtol={small:g} is below roundoff; {RTOL_FLOOR:.2g} is used.", UserWarning, stacklevel=4)
+        array = np.where(array > 0, np.maximum(array, RTOL_FLOOR), array)
+    if np.any(array > RTOL_CEILING):
+        text = f"rtol={array.max():g} is larger than {RTOL_CEILING}: no digit will be right."
+        warnings.warn(text, UserWarning, stacklevel=4)
+    return float(array) if array.ndim == 0 else array
 
 
 def _atol(value: Any, rtol: Any) -> Any:
@@ -146,7 +150,7 @@ def _atol(value: Any, rtol: Any) -> Any:
         raise ProblemError(f"atol must be a number or one number per component (n,); got shape {array.shape}.")
     if np.any(array < 0):
         raise ProblemError(f"atol must not be negative; got {array.min()}.")
-    if rtol == 0 and np.any(array == 0):
+    if rtol is not None and np.any(np.asarray(rtol) == 0) and np.any(array == 0):
         raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
     return float(array) if array.ndim == 0 else array
 

@@ -132,7 +132,9 @@ class Solution:
     counters: Counters = field(default_factory=Counters)
     steps_data: StepsData | None = None  #: HHT only
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
-    t_events: tuple[Vector, ...] = ()
+    t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
+    q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
+    v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
     interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
 
     @property
@@ -149,6 +151,8 @@ class Solution:
     def __repr__(self) -> str:
         rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
         rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]
+        if self.t_events:
+            rows.append(("t_events", f"{', '.join(str(np.size(t)) for t in self.t_events)} events"))
         counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
         rows += [(name, "not reported" if value is None else str(value)) for name, value in counted]
         width = max(len(name) for name, _ in rows)

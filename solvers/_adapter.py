@@ -14,6 +14,8 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Any, ClassVar
 
+import numpy as np
+
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
@@ -84,6 +86,8 @@ class Adapter:
             return f"{self.name} chooses its own steps: give rtol (and atol), not step or steps"
         if request.rtol is None:
             return f"{self.name} controls its error: give rtol (and atol)"
+        if np.ndim(request.rtol) > 0:
+            return f"{self.name} takes one relative tolerance for all components; give a number"
         if request.rtol == 0 and request.atol is None:
             return "rtol = 0 leaves no tolerance; give atol too"
         structure = _structure(problem)

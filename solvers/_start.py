@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import issparse
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
@@ -28,6 +29,7 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.kkt import Acceleration
+from hhtbench.lowering.matrix_free import large
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
@@ -59,6 +61,8 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
     replaced, with a warning.
     """
     dynamics = derive(system, place.t, place.q, place.v)
+    if large(dynamics) is not None:  # its Jacobians are never full: none that is declared is called
+        return dynamics
     check_sparsity(dynamics, place.t, place.q, place.v)
     wrong = wrong_derivatives(system, dynamics, place.t, place.q, place.v)
     if wrong:
@@ -129,6 +133,8 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     if text:
         message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
         return Failure(Status.inconsistent_initial, message)
+    if issparse(at.position_jacobian):  # a pivoted QR would be dense; dependent rows make the KKT matrix singular
+        return None
     rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
     if rank.redundant and not reduced:
         return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {rank.text}")
@@ -260,7 +266,7 @@ def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
 
 def expect_finite(function: str, value: Any, t: float) -> None:
     """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
-    array = np.asarray(value)
+    array = value.data if issparse(value) else np.asarray(value)
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise NonFiniteValue(function, where, float(array[where]), t)
@@ -271,24 +277,29 @@ def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step
 
     Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
     """
+    products = large(d)
+    d, full = (d, True) if products is None else (products, False)
     s = d.structure
     t, q, v = as_arguments(d, t, q, v)
     suspects = {"force": lambda: d.force(t, q, v)}
-    if s.mass != "identity":
+    if s.mass != "identity" and full:
         suspects["mass_matrix"] = lambda: d.mass(t, q)
         suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
     if s.m:
         suspects["constraint"] = lambda: d.constraint(t, q)
-        suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
+        if full:
+            suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
         suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
         suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
         suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
     if s.p:
         suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
-        suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
+        if full:
+            suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
         suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
-    zero = np.zeros((s.n, s.n))
-    suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
+    if full:
+        zero = np.zeros((s.n, s.n))
+        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
     for name, function in suspects.items():
         expect_finite(name, function(), float(t))
     raise NonFiniteValue(otherwise, (), float("nan"), float(t))

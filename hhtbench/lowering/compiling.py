@@ -22,6 +22,10 @@ from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.reduced import ReducedDynamics
 
+# Every call here waits for its result; handing it to a thread of its own costs 10 us, and far more on a busy machine.
+# Takes effect unless JAX has been used before.
+jax.config.update("jax_cpu_enable_async_dispatch", False)
+
 KEPT = 64  # dynamics whose flattened parameters are remembered
 
 _compiled: dict[Any, Any] = {}
@@ -85,12 +89,30 @@ def _share(function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...])
         key = (function, static, parts.key)
         if key not in _compiled:
             _use_disk_cache()
-
-            def flat_function(flat: Any, *arguments: Any) -> Any:
-                return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
-
-            _compiled[key] = jax.jit(flat_function)
+            _compiled[key] = jax.jit(_of_parameters(function, parts, static))
         return parts.flat, _compiled[key]
+
+
+def _of_parameters(function: Callable[..., Any], parts: _Flattened, static: tuple[Any, ...]) -> Callable[..., Any]:
+    def flat_function(flat: Any, *arguments: Any) -> Any:
+        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
+
+    return flat_function
+
+
+class Flat(NamedTuple):
+    """A function of a JAX dynamics with the dynamics' parameters as its first argument, uncompiled."""
+
+    function: Callable[..., Any]  #: (parameters, *arrays) -> array
+    parameters: Any  #: (k,)
+    key: Any  #: equal for functions that differ in parameter values only
+
+
+def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
+    """``function(dynamics, *static, *arrays)`` taken apart, for readers of computations."""
+    with _lock:
+        parts = _flatten(dynamics)
+    return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
 
 
 def _signature(tree: Any) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values
 from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
@@ -125,8 +126,8 @@ def _constant_mass(system: System, t: Any, q: Any) -> Any:
 
 def _inverse(mass: Any, xp: Any) -> Any:
     """The inverse of a constant mass, or None where it is singular (solvers then augment it)."""
-    if mass is None:
-        return None
+    if mass is None or isinstance(mass, Diagonal):
+        return None if mass is None else mass.inverse()
     values = np.asarray(mass)
     scale = np.sqrt(np.abs(np.diag(values)))
     if np.any(scale == 0) or np.linalg.cond(values / np.outer(scale, scale)) > 1e14:  # no digit is right

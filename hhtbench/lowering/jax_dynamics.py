@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import System, declared
 
@@ -22,8 +23,8 @@ class JaxDynamics(eqx.Module):
     system: System
     structure: Structure = eqx.field(static=True)
     ignored: tuple[str, ...] = eqx.field(static=True, default=())  #: declared derivatives that are not to be trusted
-    constant_mass: Any = None  #: (n, n) when the mass is a constant
-    inverse_mass: Any = None  #: (n, n) its inverse
+    constant_mass: Any = None  #: (n, n) when the mass is a constant, a large diagonal as such
+    inverse_mass: Any = None  #: (n, n) its inverse, likewise
 
     @property
     def xp(self) -> Any:
@@ -41,7 +42,7 @@ class JaxDynamics(eqx.Module):
         """M (n, n)."""
         if self.structure.mass == "variable":
             return self.system.mass_matrix(t, q)  # type: ignore[attr-defined]
-        return jnp.eye(self.structure.n) if self.constant_mass is None else self.constant_mass
+        return jnp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, jnp)
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
         """Derivative of ``M(t, q) x`` by q, (n, n)."""

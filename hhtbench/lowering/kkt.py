@@ -16,6 +16,8 @@ from scipy.linalg import lapack, qr
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.kkt_sparse import SparseKkt, solve_scaled_sparse
+from hhtbench.lowering.matrix_free import large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -75,14 +77,18 @@ def kkt_terms(dynamics: Any, t: Any, q: Any, v: Any, x: Any) -> Any:
 
 
 class AccelerationLevel:
-    """Solves (H16) at any point; one compiled function for residual and matrix."""
+    """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
 
     def __init__(self, dynamics: Any) -> None:
         self.structure = dynamics.structure
+        products = large(dynamics)
+        self._sparse = None if products is None else SparseKkt(products)
         self._terms = compile_function(kkt_terms, dynamics)
 
-    def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Matrix]:
+    def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any]:
         """Residual (N,) and matrix (N, N) at ``x = [vdot, lam, mu]``, N = n + m + p."""
+        if self._sparse is not None:
+            return self._sparse.terms(t, q, v, x)
         packed = self._terms(t, q, v, x)
         size = x.size
         return packed[:size], packed[size:].reshape(size, size)
@@ -98,7 +104,7 @@ class AccelerationLevel:
         last = np.inf
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
-            increment = _solve_scaled(matrix, residual)
+            increment = (_solve_scaled if self._sparse is None else solve_scaled_sparse)(matrix, residual)
             if increment is None:
                 return self._result(x, np.inf, singular=True)
             x = x - increment

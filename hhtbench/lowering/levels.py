@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
+from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.matrix_free import MatrixFree, large
 
 
 @dataclass(frozen=True)
@@ -17,10 +20,16 @@ class Levels:
 
     position: Vector  #: (m,) g
     time_derivative: Vector  #: (m,) g_t
-    position_jacobian: Matrix  #: (m, n) g_q
+    position_jacobian: Any  #: (m, n) g_q, sparse for large systems
     velocity: Vector  #: (p,) k
-    velocity_jacobian: Matrix  #: (p, n) k_v
+    velocity_jacobian: Any  #: (p, n) k_v, likewise
     velocity_drift: Vector  #: (m + p,) g_t + g_q v, then k
+
+    @property
+    def rows(self) -> Any:
+        """[g_q; k_v] (m + p, n)."""
+        blocks = [self.position_jacobian, self.velocity_jacobian]
+        return sp.vstack(blocks, format="csr") if sp.issparse(blocks[0]) else np.concatenate(blocks, axis=0)
 
     def scaled_position(self, s_q: Any) -> Vector:
         """|g_i| / sum_j |g_q,ij| s_q,j, (m,): the distance from the constraint in units of the typical size."""
@@ -30,7 +39,7 @@ class Levels:
 
     def scaled_velocity(self, s_v: Any) -> Vector:
         """The velocity level, |g_t + g_q v| and |k|, each over its row's size; (m + p,)."""
-        rows = np.concatenate([self.position_jacobian, self.velocity_jacobian], axis=0)
+        rows = self.rows
         size = np.abs(rows) @ np.broadcast_to(s_v, rows.shape[1])
         size[: self.time_derivative.size] += np.abs(self.time_derivative)
         return _relative(self.velocity_drift, size)
@@ -41,6 +50,8 @@ class ConstraintLevels:
 
     def __init__(self, dynamics: Any) -> None:
         self.structure = dynamics.structure
+        products = large(dynamics) if self.structure.constrained else None
+        self._sparse = None if products is None else SparseLevels(products)
         self._terms = compile_function(level_terms, dynamics) if self.structure.constrained else None
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
@@ -49,6 +60,8 @@ class ConstraintLevels:
         if self._terms is None:
             nothing = np.zeros(0)
             return Levels(nothing, nothing, np.zeros((0, n)), nothing, np.zeros((0, n)), nothing)
+        if self._sparse is not None:
+            return self._sparse.at(t, q, v)
         parts = np.split(np.asarray(self._terms(t, q, v)), np.cumsum([m, m, m * n, p, p * n]))
         return Levels(parts[0], parts[1], parts[2].reshape(m, n), parts[3], parts[4].reshape(p, n), parts[5])
 
@@ -68,6 +81,36 @@ def level_terms(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
         second = [k, dynamics.velocity_constraint_jacobian(t, q, v).ravel()]
         drift.append(k)
     return xp.concatenate([*first, *second, *drift])
+
+
+def stacked_levels(dynamics: Any, y: Any, t: Any, q: Any) -> Any:
+    """g at ``y[:n]`` and k at (q, ``y[n:]``), (m + p,): its derivative by y is [g_q 0; 0 k_v]."""
+    s = dynamics.structure
+    parts = [dynamics.constraint(t, y[: s.n])] if s.m else []
+    return dynamics.xp.concatenate([*parts, dynamics.velocity_constraint(t, q, y[s.n :])] if s.p else parts)
+
+
+def level_rates(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+    """g_t and g_t + g_q v, packed into one vector (2 m,)."""
+    return dynamics.xp.concatenate([dynamics.constraint_time_derivative(t, q), dynamics.constraint_velocity(t, q, v)])
+
+
+class SparseLevels:
+    """:class:`Levels` of a large system with sparse Jacobians."""
+
+    def __init__(self, dynamics: MatrixFree) -> None:
+        n = dynamics.structure.n
+        self.structure = dynamics.structure
+        self._stacked = Coloured(stacked_levels, dynamics, example=(np.zeros(2 * n), 0.0, np.zeros(n)))
+        self._rates = compile_function(level_rates, dynamics)
+
+    def at(self, t: float, q: Vector, v: Vector) -> Levels:
+        """The levels at (t, q, v)."""
+        n, m = self.structure.n, self.structure.m
+        values, matrix = self._stacked(np.concatenate([q, v]), t, q)
+        rates = self._rates(t, q, v) if m else np.zeros(0)
+        drift = np.concatenate([rates[m:], values[m:]])
+        return Levels(values[:m], rates[:m], matrix[:m, :n], values[m:], matrix[m:, n:], drift)
 
 
 def _relative(value: Vector, size: Vector) -> Vector:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.differences import NESTED, derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.shapes import checked_result
 from hhtbench.lowering.structure import Structure
@@ -77,7 +78,7 @@ class NumpyDynamics:
         n = self.structure.n
         if self.structure.mass == "variable":
             return self._call("mass_matrix", (n, n), t, q)
-        return np.eye(n) if self.constant_mass is None else self.constant_mass
+        return np.eye(n) if self.constant_mass is None else full(self.constant_mass, np)
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
         """Derivative of ``M(t, q) x`` by q, (n, n)."""

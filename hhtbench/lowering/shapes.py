@@ -10,7 +10,10 @@ import numpy as np
 
 from hhtbench.arguments import real_values
 from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.protocol import System
+
+FULL_MASS = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
 
 ROWS = {
     "force": "one entry per coordinate",
@@ -72,8 +75,10 @@ def checked_result(function: str, value: Any, expected: tuple[int, ...] | None, 
 
 
 def mass_as_matrix(mass: Any, n: int, xp: Any = jnp) -> Any:
-    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``."""
+    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
     mass = xp.asarray(mass)
+    if n > FULL_MASS and mass.shape in ((), (n,)):
+        return Diagonal(xp.broadcast_to(mass, (n,)))
     if mass.ndim == 0:
         return mass * xp.eye(n)
     if mass.shape == (n,):

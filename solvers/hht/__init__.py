@@ -1,5 +1,7 @@
 """The extended HHT-alpha method; THEORY.md beside this file numbers every formula."""
 
-from solvers.hht.solver import HHT, solver
+from solvers.hht.adapter import solver
+from solvers.hht.events import Event
+from solvers.hht.solver import HHT
 
-__all__ = ["HHT", "solver"]
+__all__ = ["HHT", "Event", "solver"]

@@ -11,8 +11,10 @@ from hhtbench.errors import ProblemError
 
 REACTIONS = ("implicit", "predictor", "midpoint", "midpoint_predictor")
 STARTS = ("f0", "shifted", "trapezoidal")
+ALPHA = -0.05  # the default: rho_inf = 0.905
 ALPHA_MIN = -1.0 / 3.0
-ALPHA_ROUNDING = 1e-12  # -0.3333333333333 means -1/3
+RHO_INF_MIN = 0.5  # of ALPHA_MIN
+ROUNDING = 1e-12  # -0.3333333333333 means -1/3
 NEAR_HALF = 0.1  # |b - 1/2| below it: errors are five times larger than at b = 0 and grow like 1/(1 - 2b)
 
 
@@ -53,20 +55,54 @@ class Method:
     start: str = "f0"  #: a0 of the first step, (H12)
 
 
-def make_method(*, alpha: Any, b: Any, reaction: str, rescale_a: bool, start: str) -> Method:
-    """A validated :class:`Method`.
+def alpha_of(alpha: Any, rho_inf: Any) -> float:
+    """The damping parameter from whichever of the two the caller gave, (H18) solved for alpha; neither: the default.
 
     Raises
     ------
     ProblemError
-        ``alpha`` outside [-1/3, 0], ``b`` = 1/2, an unknown reaction or start, a midpoint reaction with b != 0.
+        Both are given, ``alpha`` is outside [-1/3, 0] or ``rho_inf`` outside [1/2, 1].
     """
-    alpha, b = real_number("alpha", alpha), real_number("b", b)
-    if not ALPHA_MIN - ALPHA_ROUNDING <= alpha <= 0.0:
+    if alpha is not None and rho_inf is not None:
         raise ProblemError(
-            f"alpha must lie in [-1/3, 0]; got {alpha:g}. Above 0 every frequency is amplified, below -1/3 the damping at "
+            f"alpha and rho_inf are two names of one damping, rho_inf = (1 + alpha)/(1 - alpha); got alpha = {alpha!r} and "
+            f"rho_inf = {rho_inf!r}. Give one of them."
+        )
+    if rho_inf is not None:
+        rho = real_number("rho_inf", rho_inf)
+        if not RHO_INF_MIN - ROUNDING <= rho <= 1.0:
+            raise ProblemError(
+                f"rho_inf must lie in [1/2, 1]; got {rho:g}. It is the factor by which a step multiplies vibrations of "
+                "infinite frequency: 1 keeps them (alpha = 0), 1/2 is the least this method reaches (alpha = -1/3)."
+            )
+        return max((rho - 1.0) / (rho + 1.0), ALPHA_MIN)  # (H18)
+    number = ALPHA if alpha is None else real_number("alpha", alpha)
+    if not ALPHA_MIN - ROUNDING <= number <= 0.0:
+        raise ProblemError(
+            f"alpha must lie in [-1/3, 0]; got {number:g}. Above 0 every frequency is amplified, below -1/3 the damping at "
             "infinite frequency gets weaker again and order two buys nothing for it. It is not clamped."
         )
+    return max(number, ALPHA_MIN)
+
+
+def make_method(
+    *,
+    alpha: Any = None,
+    rho_inf: Any = None,
+    b: Any = 0.0,
+    reaction: str = "implicit",
+    rescale_a: bool = True,
+    start: str = "f0",
+) -> Method:
+    """A validated :class:`Method`; the defaults are those of :class:`~solvers.hht.solver.HHT`.
+
+    Raises
+    ------
+    ProblemError
+        ``alpha`` outside [-1/3, 0] or ``rho_inf`` outside [1/2, 1], or both given; ``b`` = 1/2; an unknown reaction or
+        start; a midpoint reaction with b != 0.
+    """
+    damping, b = alpha_of(alpha, rho_inf), real_number("b", b)
     if b == 0.5:
         raise ProblemError(
             "b must not be 1/2: there the position and the velocity constraint act on the same combination of the two "
@@ -86,5 +122,5 @@ def make_method(*, alpha: Any, b: Any, reaction: str, rescale_a: bool, start: st
             UserWarning,
             stacklevel=3,
         )
-    coefficients = Coefficients(alpha=max(alpha, ALPHA_MIN), b=b)
+    coefficients = Coefficients(alpha=damping, b=b)
     return Method(coefficients=coefficients, reaction=reaction, rescale_a=rescale_a, start=start)

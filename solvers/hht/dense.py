@@ -14,7 +14,11 @@ from hhtbench.result import DenseOutput
 
 @dataclass(frozen=True)
 class HermiteOutput:
-    """q is the cubic through q and v at both ends of a step, error O(h^4); v its derivative, error O(h^3)."""
+    """q is the cubic through q and v at both ends of a step, error O(h^4); v its derivative, error O(h^3).
+
+    A time that stands twice is an event that changed the state: before it the output belongs to the first of the
+    two rows, at it and after it to the second.
+    """
 
     t: Vector  #: (k,) step ends, monotone
     q: Matrix  #: (k, n)
@@ -29,11 +33,22 @@ class HermiteOutput:
         q, v = self._evaluate(times)
         return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
 
-    def _evaluate(self, times: Vector) -> tuple[Matrix, Matrix]:
-        if self.t.size == 1:
-            return np.repeat(self.q, times.size, axis=0), np.repeat(self.v, times.size, axis=0)
+    def rows_before(self, times: Vector) -> Vector:
+        """The last row at or before each of ``times`` (j,), in the direction of time: (j,) indices."""
         direction = -1.0 if self.t[-1] < self.t[0] else 1.0
-        i = np.clip(np.searchsorted(direction * self.t, direction * times, side="left") - 1, 0, self.t.size - 2)
+        return np.maximum(np.searchsorted(direction * self.t, direction * times, side="right") - 1, 0)
+
+    def _evaluate(self, times: Vector) -> tuple[Matrix, Matrix]:
+        row = self.rows_before(times)
+        at_row = self.t[row] == times  # step ends are returned as they are, not as the polynomial rounds them
+        q, v = self.q[row], self.v[row]
+        between = ~at_row
+        if between.any():
+            q[between], v[between] = self._between(row[between], times[between])
+        return q, v
+
+    def _between(self, i: Vector, times: Vector) -> tuple[Matrix, Matrix]:
+        """Inside the steps that begin at rows ``i``."""
         h = (self.t[i + 1] - self.t[i])[:, None]
         s = (times - self.t[i])[:, None] / h
         rise = self.q[i + 1] - self.q[i]
@@ -41,6 +56,4 @@ class HermiteOutput:
         # (H17)
         q = self.q[i] + s * (h * v0 + s * (3 * rise - h * (2 * v0 + v1) + s * (h * (v0 + v1) - 2 * rise)))
         v = v0 + s * (2 * (3 * rise / h - 2 * v0 - v1) + 3 * s * (v0 + v1 - 2 * rise / h))
-        at_end = s[:, 0] == 1.0  # step ends are returned as they are, not as the polynomial rounds them
-        q[at_end], v[at_end] = self.q[i + 1][at_end], self.v[i + 1][at_end]
         return q, v

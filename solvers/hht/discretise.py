@@ -102,6 +102,13 @@ def step_residual_and_matrix(dynamics: Any, layout: Layout, x: Any, packed: Any)
     return xp.concatenate([residual, matrix.ravel(), q_x.ravel(), v_x.ravel()])
 
 
+def step_residual_and_ends(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    unknown, known = layout.split(x), layout.known(packed)
+    place = stages(dynamics, layout, unknown, known)
+    return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
+
+
 def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
     """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`step_residual_and_matrix`."""
     size = layout.size

@@ -13,9 +13,11 @@ from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function
+from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
 from solvers._start import Failure, explain_nonfinite, inverse_mass_at, points_of
+from solvers.hht.choose import choose
 from solvers.hht.coefficients import NEAR_HALF, Method
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
 from solvers.hht.layout import Layout
@@ -24,6 +26,12 @@ from solvers.hht.state import State, Step
 from solvers.hht.weights import known_values
 
 EPS = float(np.finfo(np.float64).eps)
+EXTRAPOLATION = (  # weights of this and of k earlier steps: polynomials of degree k
+    np.ones(1),
+    np.array([2.0, -1.0]),
+    np.array([3.0, -3.0, 1.0]),
+    np.array([4.0, -6.0, 4.0, -1.0]),
+)
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -43,7 +51,7 @@ def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
 class HostEngine:
     """Steps of one method for one system.  Stateless between calls: state in, step or failure out."""
 
-    def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None) -> None:
+    def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, linsolver: str = "auto") -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure = dynamics.structure
         moving = method.reaction in ("implicit", "midpoint")
@@ -51,19 +59,26 @@ class HostEngine:
         unknown = moving and (acts_on_position or self.structure.mass == "variable")
         self.layout = Layout(self.structure, moving, unknown)
         self.points = points_of(dynamics)  # a NumPy system's callbacks are counted one by one
+        self.choice = choose(dynamics, self.layout, linsolver)
         self.functions = self._functions(dynamics)
-        self._end = compile_function(step_end, dynamics, self.layout)
+        self._end = compile_function(step_end, self.choice.products or dynamics, self.layout)
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
         self.inverse_mass = compile_function(inverse_mass_at, dynamics)
         self.acceleration = AccelerationLevel(dynamics)
-        self._fallback = fallback  # () -> dynamics with every declared derivative derived afresh, or None
+        self._fallback = (
+            fallback if self.choice.coloured is None else None
+        )  # () -> dynamics with every declared derivative derived afresh, or None
         self.distrusts = False  #: whether the declared derivatives were given up
 
     def _functions(self, dynamics: Any) -> Functions:
-        count, points = self.work.counted, self.points
+        count, points, choice = self.work.counted, self.points, self.choice
+        full = compile_function(step_residual_and_matrix, dynamics, self.layout)
+        entries = full if choice.coloured is None else choice.coloured.packed
         return Functions(
-            residual=count(compile_function(step_residual, dynamics, self.layout), residuals=points),
-            matrix=count(compile_function(step_residual_and_matrix, dynamics, self.layout), residuals=points, jacobians=1),
+            residual=count(compile_function(step_residual, choice.products or dynamics, self.layout), residuals=points),
+            matrix=count(entries, residuals=points, jacobians=1),
+            linear=choice.linear,
+            disturb=None if choice.coloured is None else self.layout.disturbed,
         )
 
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
@@ -82,6 +97,8 @@ class HostEngine:
             inverse = packed[n:].reshape(n, n)
             return inverse @ packed[:n], inverse
         inverse = self.dynamics.inverse_mass
+        if isinstance(inverse, Diagonal):
+            return np.asarray(inverse.values) * packed, None
         return (packed if inverse is None else np.asarray(inverse) @ packed), None
 
     def step(self, state: State, h: float, t1: float) -> Step | Failure:
@@ -156,15 +173,27 @@ class HostEngine:
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
         accelerated = abs(h) * max(largest(state.vdot), largest(state.f), largest(state.a))
         sizes = max(state.size_q, abs(h) * state.size_v, TINY), max(state.size_v, accelerated, TINY)
-        return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add, exact=self._fallback is None)
+        return Iteration(
+            self.functions, self.layout, packed, h, sizes, self.work.add, self._fallback is None, self.choice.newton
+        )
 
     def _guess(self, state: State, h: float) -> Vector:
         """Unknowns extrapolated from the last two steps of this length, else those of the last."""
         if state.unknowns is None:
             return self._plain_guess(state)
-        if state.earlier is not None and state.h == h:
+        if state.earlier is None or state.h != h:
+            return state.unknowns
+        if state.earlier.ndim == 1:
             return 2.0 * state.unknowns - state.earlier
-        return state.unknowns
+        weights = EXTRAPOLATION[len(state.earlier)]
+        return weights[0] * state.unknowns + weights[1:] @ state.earlier
+
+    def _earlier(self, state: State, h: float) -> Any:
+        """What :meth:`_guess` will need of the steps before: of a large system three of them, newest first, (k, size)."""
+        if state.h != h or state.unknowns is None or self.choice.coloured is None:
+            return state.unknowns if state.h == h else None
+        last = state.unknowns[None, :]
+        return last if state.earlier is None else np.concatenate([last, state.earlier[: len(EXTRAPOLATION) - 2]])
 
     def _plain_guess(self, state: State) -> Vector:
         """Unknowns from the state alone: its accelerations and multipliers."""
@@ -197,7 +226,7 @@ class HostEngine:
             vdot=(v1 - state.v) / h,
             inverse_mass=inverse,
             unknowns=x,
-            earlier=state.unknowns if state.h == h else None,
+            earlier=self._earlier(state, h),
             factor=outcome.factor,
             size_q=max(state.size_q, largest(q1)),
             size_v=max(state.size_v, largest(v1)),
@@ -230,8 +259,7 @@ class HostEngine:
         levels = ConstraintLevels(self.dynamics)
         before, after = levels.at(state.t, state.q, state.v), levels.at(t1, q1, v1)
         room = 8 * EPS * np.abs(after.position_jacobian).sum(axis=1) * state.size_q
-        rows = np.concatenate([after.position_jacobian, after.velocity_jacobian], axis=0)
-        velocity_room = 8 * EPS * np.abs(rows).sum(axis=1) * max(state.size_v, largest(v1))
+        velocity_room = 8 * EPS * np.abs(after.rows).sum(axis=1) * max(state.size_v, largest(v1))
         return bool(
             np.all(np.abs(after.position) <= np.abs(before.position) + room)
             and np.all(np.abs(after.velocity_drift) <= np.abs(before.velocity_drift) + velocity_room)

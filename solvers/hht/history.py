@@ -1,35 +1,50 @@
-"""The accepted steps, kept in arrays that grow by doubling."""
+"""The accepted steps, kept in arrays that grow by doubling, and the events on the way."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
-from hhtbench.result import StepsData
+from hhtbench.result import DenseOutput, StepsData
 from solvers.hht.dense import HermiteOutput
+from solvers.hht.events import Occurrence
 from solvers.hht.state import State, Step
 
 
 class History:
-    """Start and accepted steps of one integration, one packed row each."""
+    """Start, accepted steps and changes of state of one integration, one packed row each.
 
-    def __init__(self, structure: Structure, start: State) -> None:
+    An event that changes the state has two rows with one time: the end of the step, then the state after the change.
+    """
+
+    def __init__(self, structure: Structure, start: State, events: int = 0) -> None:
         n, m, p = structure.n, structure.m, structure.p
         self._cuts = np.cumsum([1, 1, n, n, n, m, m])
         self._rows = np.zeros((64, 2 + 3 * n + 2 * m + p))
         self._count = 0
-        self._sizes = (m, p)
-        self._append(start, start.lam, start.lam, start.mu)
+        self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
+        self.restart(start)
+
+    def restart(self, state: State) -> None:
+        """Append a state that no step has led to: the start, or what an event made of the last."""
+        self._append(state, 0.0, state.lam, state.lam, state.mu)
 
     def add(self, step: Step) -> None:
         """Append an accepted step."""
-        self._append(step.state, step.lam_start, step.lam_end, step.mu_half)
+        self._append(step.state, step.state.h or 0.0, step.lam_start, step.lam_end, step.mu_half)
 
-    def _append(self, state: State, lam_start: Vector, lam_end: Vector, mu_half: Vector) -> None:
+    def note(self, occurrences: Sequence[Occurrence]) -> None:
+        """Append events."""
+        for occurrence in occurrences:
+            self._occurrences[occurrence.index].append(occurrence)
+
+    def _append(self, state: State, h: float, lam_start: Vector, lam_end: Vector, mu_half: Vector) -> None:
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        h = 0.0 if state.h is None else state.h
         self._rows[self._count] = np.concatenate([[state.t, h], state.q, state.v, state.a, lam_start, lam_end, mu_half])
         self._count += 1
 
@@ -38,7 +53,8 @@ class History:
 
     def steps_data(self) -> StepsData:
         """Stage values, one row per accepted step."""
-        t, h, _, _, a, lam_start, lam_end, mu_half = (column[1:].copy() for column in self._columns())
+        made = self._rows[: self._count, 1] != 0.0
+        t, h, _, _, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns())
         return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
 
     def dense_output(self) -> HermiteOutput:
@@ -46,10 +62,26 @@ class History:
         t, _, q, v = (column.copy() for column in self._columns()[:4])
         return HermiteOutput(t[:, 0], q, v)
 
-    def multiplier_guess(self, times: Vector) -> tuple[Matrix, Matrix]:
-        """Stage multipliers at the step ends next to ``times``: (k, m) and (k, p), first order."""
+    def rows(self) -> DenseOutput:
+        """q and v of all rows."""
+        _, _, q, v = (column.copy() for column in self._columns()[:4])
+        return DenseOutput(q, v)
+
+    def multiplier_guess(self, times: Vector | None) -> tuple[Matrix, Matrix]:
+        """Stage multipliers at the step ends next to ``times``: (k, m) and (k, p), first order; None: of all rows."""
         columns = self._columns()
+        if times is None:
+            return columns[6].copy(), columns[7].copy()
         t = columns[0][:, 0]
-        direction = -1.0 if t[-1] < t[0] else 1.0
-        index = np.clip(np.searchsorted(direction * t, direction * times), 0, t.size - 1)
+        row = HermiteOutput(t, columns[2], columns[3]).rows_before(times)
+        index = np.minimum(row + (t[row] != times), t.size - 1)
         return columns[6][index], columns[7][index]
+
+    def events(self) -> dict[str, Any]:
+        """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
+        n = int(self._cuts[2] - self._cuts[1])
+        return {
+            "t_events": tuple(np.array([o.t for o in found]) for found in self._occurrences),
+            "q_events": tuple(np.array([o.q for o in found]).reshape(-1, n) for found in self._occurrences),
+            "v_events": tuple(np.array([o.v for o in found]).reshape(-1, n) for found in self._occurrences),
+        }

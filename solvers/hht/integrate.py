@@ -1,4 +1,4 @@
-"""The loop over prescribed steps, and what it hands over: rows at output times with recovered multipliers."""
+"""The loop over steps, and what it hands over: rows at output times with recovered multipliers."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import padded
-from hhtbench.request import StepPlan
 from hhtbench.result import Solution, Status
-from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
+from solvers._start import Failure, acceleration_at, all_multipliers
 from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.state import State
+from solvers.hht.watch import Course, Watch
 
 
 @dataclass(frozen=True)
@@ -28,26 +28,30 @@ class End:
     state: State
 
 
-def integrate(engine: HostEngine, state: State, plan: StepPlan, history: History, max_num_steps: int | None) -> End:
-    """Take the steps of ``plan`` until the end, a failure or a budget; every accepted step is in ``history``."""
-    for index in range(plan.count):
-        if max_num_steps is not None and index >= max_num_steps:
-            message = f"{index} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
+def integrate(course: Course, state: State, stop: float, history: History, max_num_steps: int | None) -> End:
+    """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``."""
+    watch, taken = Watch(counts=(0,) * len(course.events)), 0
+    while state.t != stop:
+        if max_num_steps is not None and taken >= max_num_steps:
+            message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return End(Status.max_steps, message, state)
-        h, t1 = plan.length(index), plan.end(index)
-        if state.t + h == state.t or t1 == state.t:
-            message = f"t = {state.t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
-            return End(Status.time_resolution, message, state)
-        try:
-            engine.work.check_time()
-            step = engine.step(state, h, t1)
-        except BudgetSpent as spent:
-            step = budget_failure(spent, state.t)
-        if isinstance(step, Failure):
-            return End(step.status, step.message, state)
-        history.add(step)
-        engine.work.add("steps_accepted")
-        state = step.state
+        passage = course.next(state, watch, stop)
+        if isinstance(passage, Failure):
+            return End(passage.status, passage.message, state)
+        history.add(passage.step)
+        course.engine.work.add("steps_accepted")
+        state, watch, taken = passage.step.state, passage.watch, taken + 1
+        if passage.occurrences:
+            history.note(passage.occurrences)
+            changed = course.changed(passage)
+            if isinstance(changed, Failure):
+                return End(changed.status, changed.message, state)
+            if changed is not state:
+                history.restart(changed)
+                state, watch = changed, replace(watch, values=None)
+            last_words = course.terminal(passage)
+            if last_words is not None:
+                return End(Status.event, last_words, state)
     return End(Status.success, Status.success.text, state)
 
 
@@ -62,10 +66,11 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     """The Solution: rows at ``t_eval`` (None: at every step) that were reached, multipliers by (H16)."""
     output = history.dense_output()
     times = reached(output, t_eval)
-    rows = output(times)
+    rows = history.rows() if t_eval is None else output(times)
     engine.work.lift_budgets()
     before = engine.work.counters()
-    found = recover_multipliers(engine, history, times, rows.q, rows.v)
+    guess = history.multiplier_guess(None if t_eval is None else times)
+    found = recover_multipliers(engine, guess, times, rows.q, rows.v)
     kept = len(found.lam)
     lam, mu = all_multipliers(engine.dynamics, times[:kept], rows.q[:kept], rows.v[:kept], found.lam, found.mu)
     after = engine.work.counters()
@@ -83,16 +88,19 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
         message=f"{message} {note}".strip(),
         counters=replace(after, residual_evaluations=before.residual_evaluations, output_evaluations=spent),
         steps_data=history.steps_data(),
-        carried=None if t_eval is not None else stage_values(engine, history, times[:kept]),
+        carried=None if t_eval is not None else stage_values(engine, history, kept),
         interpolant=output,
+        **history.events(),
     )
 
 
-def stage_values(engine: HostEngine, history: History, ends: Vector) -> Mapping[str, Matrix] | None:
-    """Lam1 (k, m) and mu of the midpoint (k, p) of the steps that end at ``ends``; None without constraints."""
+def stage_values(engine: HostEngine, history: History, count: int) -> Mapping[str, Matrix] | None:
+    """Lam1 (k, m) and mu of the midpoint (k, p) at the first ``count`` rows; None without constraints."""
     if not engine.structure.constrained:
         return None
-    return dict(zip(("lam", "mu"), padded(engine.dynamics, *history.multiplier_guess(ends)), strict=True))
+    return dict(
+        zip(("lam", "mu"), padded(engine.dynamics, *(x[:count] for x in history.multiplier_guess(None))), strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -104,15 +112,17 @@ class Multipliers:
     note: str
 
 
-def recover_multipliers(engine: HostEngine, history: History, times: Vector, q: Matrix, v: Matrix) -> Multipliers:
-    """The multipliers from the acceleration level, (H16).
+def recover_multipliers(
+    engine: HostEngine, guess: tuple[Matrix, Matrix], times: Vector, q: Matrix, v: Matrix
+) -> Multipliers:
+    """The multipliers from the acceleration level, (H16), looked for near ``guess``: (k, m) and (k, p).
 
     Where that level is singular the stage values stay, with a note; rows end before a time where it is not finite.
     """
     s = engine.structure
     if not s.constrained:
         return Multipliers(np.zeros((times.size, 0)), np.zeros((times.size, 0)), "")
-    lam, mu = history.multiplier_guess(times)
+    lam, mu = guess
     undetermined = []
     for i, t in enumerate(times):
         try:
@@ -136,8 +146,8 @@ def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, mes
     """What was accepted before an exception; multipliers are the stage values, since no callback may be called any more."""
     output = history.dense_output()
     times = reached(output, t_eval)
-    rows = output(times)
-    lam, mu = padded(engine.dynamics, *history.multiplier_guess(times))
+    rows = history.rows() if t_eval is None else output(times)
+    lam, mu = padded(engine.dynamics, *history.multiplier_guess(None if t_eval is None else times))
     return Solution(
         t=times,
         q=rows.q,
@@ -149,4 +159,5 @@ def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, mes
         counters=engine.work.counters(),
         steps_data=history.steps_data(),
         interpolant=output,
+        **history.events(),
     )

@@ -11,6 +11,8 @@ import numpy as np
 
 from hhtbench.lowering import Structure
 
+ROUNDOFF = float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -27,6 +29,7 @@ class Layout:
     scalars: tuple[str, ...] = field(init=False, compare=False)  #: known numbers, in order
     arrays: dict[str, tuple[int, ...]] = field(init=False, compare=False)  #: known arrays and their shapes, in order
     size: int = field(init=False, compare=False)  #: number of unknowns
+    packed_size: int = field(init=False, compare=False)  #: length of the packed known values
 
     def __post_init__(self) -> None:
         unknowns = _unknowns(self.structure, self.end_unknown)
@@ -36,12 +39,23 @@ class Layout:
             "scalars": scalars,
             "arrays": arrays,
             "size": sum(unknowns.values()),
+            "packed_size": len(scalars) + sum(math.prod(shape) for shape in arrays.values()),
         }.items():
             object.__setattr__(self, name, value)
 
     def pack(self, values: Mapping[str, Any]) -> np.ndarray:
         """The known values as one vector."""
         return np.concatenate([[values[name] for name in self.scalars], *[values[name].ravel() for name in self.arrays]])
+
+    def disturbed(self, vector: np.ndarray) -> np.ndarray:
+        """The packed known values with array entries moved by one roundoff or not, by a fixed drawing of lots.
+
+        All away from zero: the roundoff of regular values is not of both signs alike (of a chain at rest it was ten times
+        what signs drawn by lot made of it).
+        """
+        lots = np.random.default_rng(0).choice([0.0, ROUNDOFF], vector.size)
+        lots[: len(self.scalars)] = 0.0
+        return vector * (1.0 + lots)
 
     def known(self, vector: Any) -> dict[str, Any]:
         """The inverse of :meth:`pack`."""

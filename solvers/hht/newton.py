@@ -15,9 +15,10 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
-from solvers.hht.discretise import unpack_matrix
 from solvers.hht.layout import Layout
-from solvers.hht.linear import Factor, factorise
+from solvers.hht.linear import Analysis, Factor
+
+NOTHING = 1e-300  # sizes up to it are those of a system at rest in the origin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,9 @@ class NewtonOptions:
     other_step: float = 0.01  #: relative change of h from which a kept matrix is not used: its maps misjudge every increment
     refresh_rate: float = 0.02  #: contraction above which a new matrix costs less than the iterations it saves
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
+    noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
+    matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
+    least_rate: float = 1e-3  #: a first increment far too long makes the next look like contraction: no ratio counts as less
     max_iterations: int = 15  #: with a kept matrix; a fresh one needs 2 to 4
     max_damped: int = 40  #: for the damped restart after a failure
     max_halvings: int = 12  #: of one damped increment: 2^-12 of a step that fails is no progress
@@ -41,7 +45,11 @@ class Functions:
     """The compiled functions of a step, counted."""
 
     residual: Callable[..., Any]  #: (x, packed) -> (size,)
-    matrix: Callable[..., Any]  #: (x, packed) -> residual, matrix and maps, packed
+    matrix: Callable[..., Any]  #: (x, packed) -> residual (size,), then the entries of matrix and maps, packed
+    linear: Analysis  #: takes the entries
+    disturb: Callable[[Vector], Vector] | None = (
+        None  #: packed -> the same moved by one roundoff; None: noise is not measured
+    )
 
 
 @dataclass(frozen=True)
@@ -70,8 +78,9 @@ class Iteration:
 
     def solve(self, x: Vector, factor: Factor | None) -> Outcome:
         """Iterate from ``x`` with ``factor`` as long as it contracts, with fresh ones where it does not."""
-        options, last, sizes = self.options, math.inf, None
-        fresh = False
+        options, last, sizes, first, taken = self.options, math.inf, None, 0.0, 0
+        fresh = stood = False
+        before = math.inf  # the last increment of a matrix that stood still
         if factor is not None and abs(factor.h - self.h) > options.other_step * abs(self.h):
             factor = None
         for _ in range(options.max_iterations):
@@ -91,13 +100,22 @@ class Iteration:
                     return Outcome(None, None, "nonfinite", x)
                 factor = sizes = None
                 continue
+            last, before = min(last, before), math.inf
             rate = moved / last if math.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
-            slowest = max(rate, factor.rate)  # one lucky ratio is no rate: with this matrix the worst seen counts
+            slowest = max(rate, factor.rate, options.least_rate)  # one lucky ratio is no rate: the worst seen counts
             candidate = x - increment
-            if self._converged(moved, slowest if rate else 0.0) or (fresh and self._stagnated(moved, rate)):
+            enough = self._enough(factor, sizes)
+            if self._converged(moved, slowest if rate else 0.0, enough):
                 return Outcome(candidate, replace(factor, rate=slowest), "")
-            if last < math.inf and rate > (options.worst_rate if fresh else options.refresh_rate):
-                if fresh and rate > options.worst_rate:
+            if fresh and self._stagnated(moved, rate):
+                if stood:  # with a matrix at the very iterate too: roundoff is left
+                    return Outcome(candidate, replace(factor, rate=slowest), "")
+                stood, factor, x, before = True, None, candidate, moved
+                continue
+            first, taken = (first, taken + 1) if last < math.inf else (moved, 0)
+            mean = (moved / first) ** (1.0 / taken) if taken else 0.0  # single ratios alternate
+            if taken and (rate > options.worst_rate if fresh else self._outworn(moved, rate, mean, enough)):
+                if fresh:
                     return Outcome(None, None, "diverged", candidate)
                 factor, x = None, (candidate if rate < 1 else x)
                 continue
@@ -117,7 +135,9 @@ class Iteration:
             sizes = sizes or self._typical(factor, increment)
             moved = self._size(factor, increment, sizes)
             rate = moved / last if math.isfinite(last) and not halving else 0.0  # a halved increment tells no rate
-            if self._converged(moved, rate) or self._stagnated(moved, rate) or self._stands_still(moved, rate):
+            slowest = max(rate, self.options.least_rate) if rate else 0.0
+            done = self._converged(moved, slowest, self._enough(factor, sizes))
+            if done or self._stagnated(moved, rate) or self._stands_still(moved, rate):
                 return Outcome(x - increment, factor, "")
             size = float(np.linalg.norm(increment))
             for halving in range(self.options.max_halvings):
@@ -138,33 +158,51 @@ class Iteration:
 
     def _factorise(self, x: Vector) -> tuple[Factor | None, Vector]:
         """Matrix and residual at ``x``; no factor for a singular matrix, nor for values that are not finite, then NaN."""
-        residual, blocks = unpack_matrix(self.layout, self.functions.matrix(x, self.packed))
-        if not np.all(np.isfinite(blocks)) or not np.all(np.isfinite(residual)):
+        residual, entries = np.split(self.functions.matrix(x, self.packed), [x.size])
+        if not np.all(np.isfinite(entries)) or not np.all(np.isfinite(residual)):
             return None, np.full_like(x, np.nan)
         self.count("factorisations")
-        return factorise(blocks[: x.size], blocks[x.size :], self.h), residual
+        factor = self.functions.linear.factor(entries, self.h)
+        return factor if factor is None else self._with_noise(factor, x, residual), residual
+
+    def _with_noise(self, factor: Factor, x: Vector, residual: Vector) -> Factor:
+        """``factor`` with what one roundoff of the known values does to q1 and v1, where that is measured."""
+        if self.functions.disturb is None:
+            return factor
+        shift = self.functions.residual(x, self.functions.disturb(self.packed)) - residual
+        return replace(factor, noise=factor.largest(self._solve(factor, shift), self.layout.structure.n))
+
+    def _enough(self, factor: Factor, sizes: tuple[float, float]) -> float:
+        """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
+        noise = max(factor.noise[0] / sizes[0], factor.noise[1] / sizes[1])
+        return max(self.options.tolerance, self.options.noise_margin * noise)
+
+    def _outworn(self, moved: float, rate: float, mean: float, enough: float) -> bool:
+        """Whether a new matrix costs less than the iterations that the kept one still takes, told by its mean rate."""
+        if not self.options.matrix_cost:
+            return rate > self.options.refresh_rate
+        return rate >= 1.0 or math.log(enough / moved) < self.options.matrix_cost * math.log(mean)
 
     def _solve(self, factor: Factor, residual: Vector) -> Vector:
         self.count("linear_solves")
         return factor.solve(residual)
 
     def _typical(self, factor: Factor, increment: Vector) -> tuple[float, float]:
-        """The typical sizes, at least the first change of q1 and v1: a system starting from nothing has no other."""
-        change = np.abs(factor.change(increment))
-        n = self.layout.structure.n
-        first = float(change[:n].max()), float(change[n:].max())
-        return (max(self.sizes[0], first[0]), max(self.sizes[1], first[1])) if math.isfinite(sum(first)) else self.sizes
+        """The typical sizes; for a system that starts from nothing, the first change of q1 and v1."""
+        first = factor.largest(increment, self.layout.structure.n)
+        if not math.isfinite(sum(first)):
+            return self.sizes
+        return tuple(size if size > NOTHING else max(size, change) for size, change in zip(self.sizes, first, strict=True))
 
     def _size(self, factor: Factor, increment: Vector, sizes: tuple[float, float]) -> float:
         """Largest change of q1 and v1 over typical sizes, (H15)."""
-        change = np.abs(factor.change(increment))
-        n = self.layout.structure.n
-        return max(float(change[:n].max()) / sizes[0], float(change[n:].max()) / sizes[1])
+        q_change, v_change = factor.largest(increment, self.layout.structure.n)
+        return max(q_change / sizes[0], v_change / sizes[1])
 
-    def _converged(self, moved: float, rate: float) -> bool:
-        """Whether the last increment, or with a margin what contraction leaves of it, is below the tolerance."""
+    def _converged(self, moved: float, rate: float, enough: float) -> bool:
+        """Whether the last increment, or with a margin what contraction leaves of it, is at most ``enough``."""
         left = moved * rate / (1.0 - rate) if 0.0 < rate < 1.0 else moved
-        return moved <= self.options.tolerance or left <= self.options.margin * self.options.tolerance
+        return moved <= enough or left <= self.options.margin * enough
 
     def _stagnated(self, moved: float, rate: float) -> bool:
         """Whether what is left is roundoff: small, and not shrinking although the matrix is fresh."""

@@ -9,6 +9,19 @@ from solvers.hht.linear import Factor
 
 
 @dataclass(frozen=True, kw_only=True)
+class Memory:
+    """What step control keeps of the last accepted step, or of a look at the motion before the first."""
+
+    h_next: float  #: length to try next [s], of |h|
+    last: float  #: signed time between the two accelerations [s]
+    earlier: Vector  #: (n,) f + r before the last step, (H24)
+    acceleration: Vector  #: (n,) f + r after it
+    velocity_reaction: Vector | None = None  #: (n,) R_k
+    error: float | None = None  #: size of the step's error over what was allowed, (H26)
+    easy: int = 0  #: steps in a row that Newton's iteration found easy (Chrono's rule only)
+
+
+@dataclass(frozen=True, kw_only=True)
 class State:
     """Where an integration stands after a step."""
 
@@ -27,6 +40,7 @@ class State:
     factor: Factor | None  #: kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
+    memory: Memory | None = None  #: None with prescribed steps
 
 
 @dataclass(frozen=True, kw_only=True)

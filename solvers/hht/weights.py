@@ -12,12 +12,24 @@ from solvers.hht.coefficients import Method
 from solvers.hht.layout import Layout
 from solvers.hht.state import State
 
+MUCH_SHORTER = 0.01  # of the last step: many growths of 1.5 followed by one such shrink are unstable in the stiff limit
+
 
 def rescaled_acceleration(state: State, h: float) -> Vector:
-    """a0 for a step of another length than the last, (H11); near f(t + alpha h) again."""
+    """a0 for a step of another length than the last, (H11); near f(t + alpha h) again, f itself for a far shorter one."""
     if state.h is None or state.h == h:
         return state.a
+    if abs(h) < MUCH_SHORTER * abs(state.h):
+        return state.f
     return state.f + (h / state.h) * (state.a - state.f)  # (H11)
+
+
+def first_acceleration(method: Method, state: State, h: float, a1: Vector) -> Vector:
+    """The a0 that a step of length ``h`` [s] from ``state`` to ``a1`` was made with, (H11), (H12)."""
+    if state.h is None and method.start == "trapezoidal":
+        alpha = method.coefficients.alpha
+        return (alpha * a1 + state.f) / (1.0 + alpha)  # (H12)
+    return rescaled_acceleration(state, h) if method.rescale_a else state.a
 
 
 def known_values(

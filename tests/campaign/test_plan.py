@@ -112,12 +112,13 @@ def test_wrong_names_and_values_are_refused_before_anything_runs(outside: Path):
         keys(Campaign(grids=(Grid(problems=("fall",), solvers=("told",)),)))
 
 
-def test_the_quick_campaign_is_six_problems_on_fifteen_solvers_at_five_accuracies_or_more():
+def test_the_quick_campaign_is_six_problems_on_fourteen_solvers_or_more_at_five_accuracies():
     cells = Counter((cell.problem, cell.solver) for cell in plan_cells(named_campaign("quick")))
-    assert len(cells) == 6 * 15
-    assert set(cells.values()) <= {5, 6}
+    assert len(cells) == 6 * 15 - 2, "diffrax's Kvaerno5 is left out twice"
+    assert {count for (_, solver), count in cells.items() if solver != "hht(alpha=-0.05)"} == {5}
+    assert {count for (_, solver), count in cells.items() if solver == "hht(alpha=-0.05)"} == {10}, "constant steps too"
     part = restrict(named_campaign("quick"), ["andrews"], ["hht(alpha=-0.3)"])
-    assert [cell.request["steps"] for cell in plan_cells(part)] == [40, 100, 200, 500, 1000]
+    assert [cell.request["rtol"] for cell in plan_cells(part)] == [1e-2, 1e-3, 1e-4, 3e-5, 1e-5]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,76 @@
+"""The adapter of :class:`~solvers.hht.solver.HHT` for the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.protocol import Problem
+from hhtbench.request import Request
+from hhtbench.result import Solution
+from solvers.hht.coefficients import make_method
+from solvers.hht.control import RULES, make_control
+from solvers.hht.solver import HHT
+
+METHOD = ("alpha", "rho_inf", "b", "reaction", "rescale_a", "start")
+CONTROL = ("first_step", "min_step", "max_step", "control")
+OPTIONS = (*METHOD, *CONTROL, "calc_initcond")
+
+
+@dataclass(frozen=True)
+class HHTSolver:
+    """The extended HHT-alpha method as the bench sees it: ``load_solver("hht(alpha=-0.1, b=0)")``.
+
+    Takes prescribed steps, or tolerances; absolute ones are ``rtol`` times the problem's scales where a request gives none.
+    """
+
+    name: str
+    options: Mapping[str, Any]
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """Declines requests without steps and without tolerances."""
+        unknown = sorted(set(request.options) - set(OPTIONS))
+        if unknown:
+            return f"unknown option {', '.join(unknown)}; known: {', '.join(OPTIONS)}"
+        if not request.fixed and request.rtol is None and request.atol is None:
+            return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
+        if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
+            return "rtol = 0 leaves no tolerance; give atol too"
+        return None
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate ``problem`` over its interval."""
+        hht = HHT(problem.system, **{**self.options, **request.options})
+        names = ("rtol", "atol", "step", "steps", "t_eval", "max_num_steps", "max_evaluations", "max_seconds")
+        asked = {name: getattr(request, name) for name in names}
+        if not request.fixed and request.atol is None:
+            asked["atol"] = np.resize(np.asarray(request.rtol, dtype=np.float64), 2 * problem.q0.size) * _scales(problem)
+        return hht.solve(
+            problem.t_span, problem.q0, problem.v0, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess, **asked
+        )
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
+        self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
+
+
+def solver(**options: Any) -> HHTSolver:
+    """The extended HHT-alpha method; options as in :class:`~solvers.hht.solver.HHT`."""
+    unknown = sorted(set(options) - set(OPTIONS))
+    if unknown:
+        raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(OPTIONS)}.")
+    make_method(**{name: options[name] for name in METHOD if name in options})
+    make_control(**{name: options[name] for name in CONTROL if name in options and name != "control"})
+    if options.get("control", "error") not in RULES:
+        raise TypeError(f"control must be one of {', '.join(RULES)}; got {options['control']!r}.")
+    return HHTSolver("hht", dict(options))
+
+
+def _scales(problem: Problem) -> Vector:
+    """The problem's scales of q and v, (2n,)."""
+    n = problem.q0.size
+    return np.concatenate([np.broadcast_to(problem.scales.q, n), np.broadcast_to(problem.scales.v, n)])

@@ -1,0 +1,213 @@
+"""How long the steps are: prescribed, controlled by the local error, or by Newton counts as in Chrono."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from hhtbench.arguments import real_number
+from hhtbench.errors import ProblemError
+from hhtbench.request import StepPlan
+from hhtbench.result import Status
+from solvers._start import Failure
+from solvers.hht.engine import HostEngine
+from solvers.hht.estimate import Estimator, remembered
+from solvers.hht.state import Memory, State, Step
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlOptions:
+    """The user's bounds on the step, and heuristic constants of its control."""
+
+    first_step: float = 0.0  #: [s], of |h|; 0: chosen from the motion at the start
+    min_step: float = 0.0  #: [s]; only the step to the end may be shorter
+    max_step: float = math.inf  #: [s]
+    target: float = 0.6  #: error aimed at, of 1: a rejection costs more than a step that is a tenth shorter
+    integral: float = 0.7 / 3  #: exponent of this step's error; 3 since the local error is O(h^3)
+    proportional: float = 0.4 / 3  #: exponent of the last step's error: damps the alternation of long and short steps
+    growth: float = 1.5  #: most per step: what is stable in the stiff limit for every alpha (THEORY.md 10)
+    shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
+    keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
+    least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
+    after_failure: float = 0.25  #: factor after Newton has failed
+    spacings: float = 16.0  #: of floating-point times: what is shorter is no step
+
+
+class Advance(Protocol):
+    """Makes the next accepted step."""
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """From ``state`` towards ``stop`` [s], never past it."""
+
+
+class Prescribed:
+    """The steps of a plan, one after the other."""
+
+    def __init__(self, engine: HostEngine, plan: StepPlan) -> None:
+        self.engine, self.plan, self.taken = engine, plan, 0
+        self._left_over = False
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """The next step of the plan, or what is left of the last."""
+        h, t1 = self.plan.length(self.taken), self.plan.end(self.taken)
+        if self._left_over:
+            h = t1 - state.t
+        if state.t + h == state.t or t1 == state.t:
+            return no_advance(state.t, h)
+        self.engine.work.check_time()
+        step = self.engine.step(state, h, t1)
+        if isinstance(step, Step):
+            self.taken, self._left_over = self.taken + 1, False
+        return step
+
+    def cut_short(self) -> None:
+        """The last step ended early, at an event: what is left of it comes next."""
+        self.taken, self._left_over = self.taken - 1, True
+
+
+@dataclass(frozen=True)
+class ErrorControlled:
+    """Steps whose local error (H26) is at most 1, as long as that allows: a proportional-integral controller.
+
+    Stateless: what it remembers travels in ``State.memory``.
+    """
+
+    engine: HostEngine
+    estimator: Estimator
+    options: ControlOptions
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """The next accepted step from ``state``; a :class:`Failure` when not even the smallest is accepted."""
+        o, work = self.options, self.engine.work
+        h, failure, rejected = proposal(state, o), None, 0
+        while True:
+            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop)
+            if state.t + h == state.t or t1 == state.t:
+                return failure or no_advance(state.t, h)
+            work.check_time()
+            taken = self.engine.step(state, h, t1)
+            if isinstance(taken, Failure):
+                failure, factor = taken, o.after_failure
+            else:
+                found = self.estimator(state, taken)
+                if found.size <= 1.0:
+                    h_next = h * growth_factor(o, found.size, state.memory, rejected=rejected > 0)
+                    return replace(taken, state=replace(taken.state, memory=remembered(taken, found, state, h_next)))
+                work.add("steps_rejected_error")
+                failure = Failure(Status.step_too_small, _why_small(state.t, h, found.size))
+                factor = max(o.shrink, (o.target / found.size) ** (1 / 3)) if rejected == 0 else o.shrink
+            smallest = self._smallest(state.t)
+            if abs(h) <= smallest:
+                return failure
+            h, rejected = max(abs(h) * factor, smallest), rejected + 1
+
+    def _smallest(self, t: float) -> float:
+        return max(self.options.min_step, self.options.spacings * float(np.spacing(abs(t))))
+
+
+@dataclass(frozen=True)
+class ChronoRule:
+    """Chrono's step control, for comparison: doubled after a row of easy steps, halved where Newton has failed.
+
+    It looks at no error.  A step is easy when Newton's iteration, with the matrix it is given, needs no more
+    iterations than ``most``; one that needs more counts as a failure.
+    """
+
+    engine: HostEngine
+    options: ControlOptions
+    row: int = 5  #: easy steps before the step is doubled
+    most: int = 6  #: iterations of an easy step
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """The next step that Newton's iteration makes easily."""
+        h, easy = proposal(state, self.options), 0 if state.memory is None else state.memory.easy
+        smallest = max(self.options.min_step, self.options.spacings * float(np.spacing(abs(state.t))))
+        while True:
+            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop)
+            if state.t + h == state.t or t1 == state.t:
+                return no_advance(state.t, h)
+            self.engine.work.check_time()
+            before = self.engine.work.tally["newton_iterations"]
+            taken = self.engine.step(state, h, t1)
+            hard = self.engine.work.tally["newton_iterations"] - before > self.most
+            if isinstance(taken, Step) and (not hard or abs(h) <= smallest):
+                easy = easy + 1
+                doubled = easy >= self.row
+                memory = Memory(
+                    h_next=2 * abs(h) if doubled else abs(h),
+                    last=h,
+                    earlier=state.f,
+                    acceleration=taken.state.f,
+                    easy=0 if doubled else easy,
+                )
+                return replace(taken, state=replace(taken.state, memory=memory))
+            if isinstance(taken, Failure) and abs(h) <= smallest:
+                return taken
+            h, easy = max(abs(h) / 2, smallest), 0
+
+
+RULES = ("error", "chrono")
+
+
+def make_control(*, first_step: Any = None, min_step: Any = None, max_step: Any = None) -> ControlOptions:
+    """The user's bounds [s], checked.
+
+    Raises
+    ------
+    ProblemError
+        One is not positive, or they contradict one another.
+    """
+    given = {"first_step": first_step, "min_step": min_step, "max_step": max_step}
+    values = {name: real_number(name, value, unit=" [s]") for name, value in given.items() if value is not None}
+    for name, value in values.items():
+        if value <= 0:
+            raise ProblemError(f"{name} must be positive [s]; got {value:g}.")
+    options = replace(ControlOptions(), **values)
+    if not options.min_step <= (options.first_step or options.min_step or 0.0) <= options.max_step:
+        raise ProblemError(
+            f"min_step <= first_step <= max_step must hold; got {', '.join(f'{k}={v:g}' for k, v in values.items())}."
+        )
+    return options
+
+
+def proposal(state: State, options: ControlOptions) -> float:
+    """|h| [s] to try first."""
+    if state.memory is None:
+        raise ValueError("the state was not prepared for step control.")
+    return min(state.memory.h_next, options.max_step)
+
+
+def fit(t: float, h: float, stop: float) -> tuple[float, float]:
+    """(h, t + h) not past ``stop``, and no crumb before it: what is left after this step is a step or nothing."""
+    left = stop - t
+    if abs(h) >= abs(left) * (1 - 1e-9):
+        return left, stop
+    if 2 * abs(h) > abs(left):
+        h = left / 2
+    return h, t + h
+
+
+def growth_factor(o: ControlOptions, error: float, memory: Memory | None, *, rejected: bool) -> float:
+    """What the next step is longer than an accepted one with ``error`` (H26)."""
+    error = max(error, o.least)
+    plain = (o.target / error) ** (1 / 3)
+    factor = plain
+    if memory is not None and memory.error is not None:
+        factor = (o.target / error) ** o.integral * (max(memory.error, o.least) / o.target) ** o.proportional
+    if rejected:
+        return min(1.0, factor)
+    return 1.0 if o.keep[0] <= plain <= o.keep[1] else min(max(factor, o.shrink), o.growth)
+
+
+def no_advance(t: float, h: float) -> Failure:
+    """The failure of a step that floating-point times cannot tell from none."""
+    text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
+    return Failure(Status.time_resolution, text)
+
+
+def _why_small(t: float, h: float, error: float) -> str:
+    text = f"at t = {t:.17g} the error of a step of {abs(h):.3g} s is {error:.3g} times what the tolerances allow; "
+    return text + Status.step_too_small.text

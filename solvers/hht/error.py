@@ -1,0 +1,68 @@
+"""The local error of a step and its size against the tolerances, (H23) to (H26)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
+from solvers.hht.state import State
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Weights of the error norm: rtol times the size of each component plus atol."""
+
+    rtol: Vector  #: (2n,) of q and of v
+    atol: Vector  #: (2n,) [m, rad], [m/s, rad/s]
+
+    def weights(self, before: State, after: State) -> Vector:
+        """(2n,) largest allowed errors of q and v over the step."""
+        size = np.maximum(np.abs(np.concatenate([before.q, before.v])), np.abs(np.concatenate([after.q, after.v])))
+        return np.maximum(self.rtol * size + self.atol, _TINY)
+
+    def relative(self, state: State) -> float:
+        """The tolerance as a number without unit: the smallest of weight over typical size, of q and of v, at most 1."""
+        n = state.q.size
+        size_q, size_v = max(state.size_q, _TINY), max(state.size_v, _TINY)
+        parts = (self.rtol[:n] + self.atol[:n] / size_q).min(), (self.rtol[n:] + self.atol[n:] / size_v).min()
+        return max(_TINY, min(1.0, *map(float, parts)))
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
+    """From a request; ``atol`` None takes rtol times what is typical of q and v at the start.
+
+    That of q is the largest |q|, that of v the larger of |v| and sqrt(|v'| |q|): what falling over |q| gives.
+
+    Raises
+    ------
+    ProblemError
+        ``rtol`` or ``atol`` has neither one entry, nor n, nor 2n.
+    """
+    n = start.q.size
+    relative = components("rtol", 0.0 if rtol is None else rtol, n)
+    if atol is None:
+        size_q = start.size_q or 1.0
+        size_v = max(start.size_v, math.sqrt(float(np.max(np.abs(start.vdot))) * size_q)) or 1.0
+        return Tolerances(relative, relative * np.repeat([size_q, size_v], n))
+    given = components("atol", atol, n)
+    if start.size_q > 0 and given[:n].min() > start.size_q:
+        text = f"atol={given[:n].min():g} exceeds the size of the coordinates, {start.size_q:g}: no digit of them will be right."
+        warnings.warn(text, UserWarning, stacklevel=2)
+    return Tolerances(relative, given)
+
+
+def components(name: str, value: Any, n: int) -> Vector:
+    """``value`` for every component of q and v, (2n,)."""
+    given = np.asarray(value, dtype=np.float64)
+    if given.shape not in ((), (n,), (2 * n,)):
+        raise ProblemError(f"{name} must be a number, ({n},) for q and v alike, or ({2 * n},); got shape {given.shape}.")
+    return np.resize(given, 2 * n)

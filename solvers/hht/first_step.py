@@ -1,0 +1,87 @@
+"""The length of the first step, and what stands for the point before it, from a look at the motion at the start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import NonFiniteValue
+from solvers.hht.control import ControlOptions
+from solvers.hht.engine import HostEngine
+from solvers.hht.error import Tolerances
+from solvers.hht.state import Memory, State
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
+CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
+OVER = 30.0  # probes at most where v' does not change, as in free fall
+
+
+def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: ControlOptions, stop: float) -> State:
+    """``state`` with what step control needs to begin or to begin again there, (H27).
+
+    A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
+    """
+    longest = min(abs(stop - state.t), options.max_step)
+    probe = min(longest, PROBE * _time_scale(state))
+    jerk = _jerk(engine, state, math.copysign(probe, stop - state.t))
+    h = options.first_step or max(min(longest, _suggested(engine, state, tolerances, jerk, probe)), options.min_step)
+    signed = math.copysign(probe, stop - state.t)
+    before = state.vdot if jerk is None else state.vdot - signed * jerk
+    return replace(state, memory=Memory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
+
+
+def _suggested(engine: HostEngine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:
+    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v.
+
+    With ``start="f0"`` also |alpha| h^2 |v''| / 2 in v.
+    """
+    if jerk is None:
+        return probe
+    n = state.q.size
+    weights = tolerances.weights(state, state) * math.sqrt(tolerances.relative(state))
+    in_q, in_v, alpha = _norm(jerk / weights[:n]), _norm(jerk / weights[n:]), abs(engine.method.coefficients.alpha)
+    candidates = [OVER * probe / PROBE]
+    if in_q > 0:
+        candidates.append(CAUTION * (12 / in_q) ** (1 / 3))
+    if in_v > 0:
+        rate = max(_norm(jerk) / max(_norm(state.vdot), _TINY), PROBE / probe)  # [1/s]; v''' is about this times v''
+        candidates.append(CAUTION * (12 / (in_v * rate)) ** (1 / 3))
+    if in_v > 0 and alpha > 0 and engine.method.start == "f0":
+        candidates.append(CAUTION * math.sqrt(2 / (alpha * in_v)))
+    return min(candidates)
+
+
+def _time_scale(state: State) -> float:
+    """[s] in which q changes by its size along v, or along v' from rest."""
+    speed, acceleration = state.size_v, float(np.max(np.abs(state.vdot)))
+    size = state.size_q or 1.0
+    times = [size / speed] if speed > 0 else []
+    times += [math.sqrt(size / acceleration)] if acceleration > 0 else []
+    times += [speed / acceleration] if acceleration > 0 and speed > 0 else []
+    return min(times, default=math.inf)
+
+
+def _jerk(engine: HostEngine, state: State, h: float) -> Vector | None:
+    """v'' (n,) from v' at the end of a step along v and v'; None where it cannot be had there."""
+    if not math.isfinite(h) or state.t + h == state.t:
+        return None
+    t, q, v = state.t + h, state.q + h * state.v, state.v + h * state.vdot
+    try:
+        if engine.structure.constrained:
+            found = engine.acceleration.solve(t, q, v, state.lam, state.mu)
+            engine.work.add("residual_evaluations", engine.points)
+            change = found.vdot - state.vdot
+        else:
+            change = engine.force(t, q, v)[0] - state.vdot
+    except NonFiniteValue:
+        return None
+    return change / h if np.isfinite(change).all() else None
+
+
+def _norm(x: Vector) -> float:
+    return math.sqrt(float(x @ x) / x.size)

@@ -1,0 +1,113 @@
+"""Band LU and its solves, block after block, compiled by Numba (which ``asdex`` needs anyway).
+
+LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal; these loops take
+a third of it, and a whole solve with its couplings is one call.  Algorithms of LAPACK's ``dgbtf2`` and ``dgbtrs``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: Any) -> int:
+    """LU with partial pivoting of every block in ``storage``, filled from ``values`` (entries,) at ``places`` first.
+
+    ``blocks`` (k, 4): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
+    another in ``storage``, each with ``2 lower + upper + 1`` numbers.  Returns 0, or the place of a zero pivot, from 1.
+    """
+    for k in range(places.size):
+        storage[places[k]] = values[k]
+    offset = 0
+    for k in range(blocks.shape[0]):
+        start, count, lower, upper = blocks[k]
+        height, main = 2 * lower + upper + 1, lower + upper
+        reach = 0
+        for j in range(count):
+            column = offset + j * height + main
+            below = min(lower, count - 1 - j)
+            pivot, largest = 0, abs(storage[column])
+            for i in range(1, below + 1):
+                if abs(storage[column + i]) > largest:
+                    pivot, largest = i, abs(storage[column + i])
+            pivots[start + j] = pivot
+            if not largest > 0.0:
+                return start + j + 1
+            reach = max(reach, min(j + upper + pivot, count - 1))
+            if pivot:
+                for c in range(j, reach + 1):
+                    at = offset + c * height + main + j - c
+                    storage[at], storage[at + pivot] = storage[at + pivot], storage[at]
+            inverse = 1.0 / storage[column]
+            for i in range(1, below + 1):
+                storage[column + i] *= inverse
+            for c in range(j + 1, reach + 1):
+                at = offset + c * height + main + j - c
+                factor = storage[at]
+                if factor != 0.0:
+                    for i in range(1, below + 1):
+                        storage[at + i] -= factor * storage[column + i]
+        offset += count * height
+    return 0
+
+
+@numba.njit(cache=True)
+def solve_blocks(
+    right: Any, rows: Any, columns: Any, storage: Any, pivots: Any, blocks: Any, starts: Any, places: Any, couplings: Any
+) -> Any:
+    """Solve with the factors of :func:`factor_blocks`, block after block: (size,).
+
+    Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse rows of
+    what a block takes from unknowns of earlier blocks.
+    """
+    y = np.empty(right.size)
+    offset = 0
+    for k in range(blocks.shape[0]):
+        start, count, lower, upper = blocks[k]
+        height, main = 2 * lower + upper + 1, lower + upper
+        for i in range(start, start + count):
+            value = right[rows[i]]
+            for e in range(starts[i], starts[i + 1]):
+                value -= couplings[e] * y[places[e]]
+            y[i] = value
+        for j in range(count):
+            pivot, at = pivots[start + j], start + j
+            if pivot:
+                y[at], y[at + pivot] = y[at + pivot], y[at]
+            value = y[at]
+            column = offset + j * height + main
+            for i in range(1, min(lower, count - 1 - j) + 1):
+                y[at + i] -= value * storage[column + i]
+        for j in range(count - 1, -1, -1):
+            at, column = start + j, offset + j * height + main
+            value = y[at] / storage[column]
+            y[at] = value
+            for i in range(1, min(main, j) + 1):
+                y[at - i] -= value * storage[column - i]
+        offset += count * height
+    x = np.empty(right.size)
+    for i in range(right.size):
+        x[columns[i]] = y[i]
+    return x
+
+
+@numba.njit(cache=True)
+def largest_change(starts: Any, columns: Any, values: Any, increment: Any, n: int) -> Any:
+    """Largest magnitudes among the first ``n`` rows of a sparse product and among the others; NaN if there is one."""
+    top, bottom = 0.0, 0.0
+    for i in range(starts.size - 1):
+        total = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            total += values[e] * increment[columns[e]]
+        size = abs(total)
+        if i < n:
+            if not size <= top:
+                top = size
+        elif not size <= bottom:
+            bottom = size
+        if size != size:
+            return size, size
+    return top, bottom

@@ -1,0 +1,115 @@
+"""One call of ``HHT.solve``: start, steps, rows, and what is left of it when something raises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.counting import Work
+from hhtbench.errors import ProblemError
+from hhtbench.request import Request, plan_steps
+from hhtbench.result import Solution, Status
+from solvers._start import Failure, Guesses, Place, empty_solution
+from solvers.hht.begin import Started
+from solvers.hht.control import Advance, ChronoRule, ControlOptions, ErrorControlled, Prescribed
+from solvers.hht.engine import HostEngine
+from solvers.hht.error import Tolerances, components, make_tolerances
+from solvers.hht.estimate import Estimator
+from solvers.hht.events import Event
+from solvers.hht.first_step import prepared
+from solvers.hht.history import History
+from solvers.hht.integrate import assemble, integrate, unrecovered
+from solvers.hht.state import State
+from solvers.hht.watch import Course
+
+MAX_STEPS = 1_000_000  # with error control, unless max_num_steps says otherwise: every loop ends
+
+
+class Run:
+    """One integration from ``place`` to ``t1`` [s] with the options of ``solver`` (an HHT)."""
+
+    def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses) -> None:
+        self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
+        self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
+        self.history: History | None = None
+        self.engine: HostEngine | None = None
+
+    def solution(self) -> Solution:
+        """Integrate; what is raised carries ``.partial_solution``."""
+        try:
+            return self._solution()
+        except BaseException as error:
+            BaseException.__setattr__(error, "partial_solution", self._partial(error))  # also where the class is frozen
+            raise
+
+    def _solution(self) -> Solution:
+        request, t0 = self.request, self.place.t
+        plan = plan_steps(request, t0, self.t1) if request.fixed else None
+        h = self.t1 - t0 if plan is None else plan.length(0)
+        started: Started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=plan is None)
+        if started.engine is None or started.state is None:
+            return self._nothing(started.failure or Failure(Status.declined, ""))
+        engine, state, most = started.engine, started.state, request.max_num_steps
+        events = self.solver.events
+        self.engine, self.history = engine, History(engine.structure, state, len(events))
+        if plan is None:
+            tolerances = make_tolerances(request.rtol, request.atol, state)
+            course = controlled_course(engine, tolerances, self.solver.control, self.solver.rule, events)
+            most = most or MAX_STEPS
+        else:
+            course = Course(engine=engine, advance=Prescribed(engine, plan), events=events)
+        end = integrate(course, state, self.t1, self.history, most)
+        return assemble(engine, self.history, request.t_eval, end, started.note)
+
+    def _nothing(self, failure: Failure) -> Solution:
+        n = self.place.q.size
+        empty = empty_solution(n, failure.status, failure.message, self.work.counters())
+        count, rows = len(self.solver.events), np.zeros((0, n))
+        return replace(empty, t_events=(np.zeros(0),) * count, q_events=(rows,) * count, v_events=(rows,) * count)
+
+    def _partial(self, error: BaseException) -> Solution:
+        status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
+        message = f"{type(error).__name__}: {error}."
+        if self.engine is None or self.history is None:
+            return self._nothing(Failure(status, message))
+        return unrecovered(self.engine, self.history, self.request.t_eval, message, status)
+
+
+def check_accuracy(request: Request, n: int) -> None:
+    """Raise unless ``request`` says how the steps of a system with ``n`` coordinates are found.
+
+    Raises
+    ------
+    ProblemError
+        It has neither steps nor tolerances, or those are of a wrong shape.
+    """
+    if not request.fixed and request.rtol is None and request.atol is None:
+        raise ProblemError("HHT takes step=h, steps=N or steps=array of lengths [s], or tolerances: rtol=1e-4.")
+    if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
+        raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
+    for name, value in (("rtol", request.rtol), ("atol", request.atol)):
+        components(name, 0.0 if value is None else value, n)
+
+
+def controlled_course(
+    engine: HostEngine, tolerances: Tolerances, options: ControlOptions, rule: str, events: tuple[Event, ...] = ()
+) -> Course:
+    """Steps chosen by ``rule``."""
+
+    def prepare(state: State, stop: float) -> State:
+        return prepared(engine, state, tolerances, options, stop)
+
+    by_error = ErrorControlled(engine, Estimator(engine, tolerances), options)
+    advance: Advance = ChronoRule(engine, options) if rule == "chrono" else by_error
+    return Course(engine=engine, advance=advance, events=events, prepare=prepare)
+
+
+def controlled(
+    engine: HostEngine, state: State, request: Request, options: ControlOptions, rule: str, stop: float
+) -> tuple[Advance, State]:
+    """Step control by ``rule`` towards ``stop`` [s], and ``state`` prepared for it."""
+    tolerances = make_tolerances(request.rtol, request.atol, state)
+    course = controlled_course(engine, tolerances, options, rule)
+    return course.advance, prepared(engine, state, tolerances, options, stop)

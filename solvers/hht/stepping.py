@@ -1,0 +1,247 @@
+"""Stepping by hand: where it stands, one call of ``HHT.step``, and checkpoints."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import pickle
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import real_number
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import Structure
+from hhtbench.result import Status
+from solvers._start import Failure, Place
+from solvers.hht.control import no_advance
+from solvers.hht.dense import HermiteOutput
+from solvers.hht.engine import HostEngine
+from solvers.hht.error import Tolerances
+from solvers.hht.run import MAX_STEPS
+from solvers.hht.state import State, Step
+from solvers.hht.watch import Course, Occurrence, Passage, Watch, along
+
+METHODS = ("onestep", "normal")
+HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first step is no longer
+CRUMB = 1e-9  # of a constant step: less than that before tstop is no step of its own
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """Where stepping by hand stands: all that the next step depends on."""
+
+    place: Place  #: where it began: it selects the engine
+    state: State
+    step: float | None  #: constant signed step [s]; None: error control
+    tolerances: Tolerances | None  #: under error control
+    watch: Watch
+    last: HermiteOutput  #: the last step; one row before the first
+    direction: float = 0.0  #: of time, 1 or -1; 0: not known before the first step
+    distrusts: bool = False  #: whether the engine has given up the declared derivatives
+    message: str = ""
+    occurrences: tuple[Occurrence, ...] = ()  #: of the last call
+    tally: Counter[str] = field(default_factory=Counter)  #: work since the start
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What one call of ``HHT.step`` is to do."""
+
+    t: float | None
+    normal: bool  #: step until ``t`` is reached or passed
+    tstop: float | None
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Steps of one length; the last before ``stop`` is cut to end there."""
+
+    engine: HostEngine
+    h: float  #: signed [s]
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """The next step."""
+        h, t1 = self.h, state.t + self.h
+        if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -CRUMB * abs(h):
+            h, t1 = stop - state.t, stop
+        if state.t + h == state.t:
+            return no_advance(state.t, h)
+        self.engine.work.check_time()
+        return self.engine.step(state, h, t1)
+
+
+def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> Standing:
+    """Before the first step."""
+    return Standing(
+        place=place,
+        state=state,
+        step=step,
+        tolerances=tolerances,
+        watch=Watch(counts=(0,) * events),
+        last=at_rest(state),
+        direction=0.0 if step is None else math.copysign(1.0, step),
+    )
+
+
+def at_rest(state: State) -> HermiteOutput:
+    """Dense output before any step: the state alone."""
+    return HermiteOutput(np.array([state.t]), state.q[None], state.v[None])
+
+
+def make_goal(t: Any, method: Any, tstop: Any, standing: Standing) -> Goal:
+    """The arguments of ``HHT.step``, checked.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        An unknown method, or a time that lies behind.
+    """
+    if method not in METHODS:
+        raise ProblemError(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
+    if method == "normal" and t is None:
+        raise ProblemError('method="normal" steps until t is reached; give t [s].')
+    goal = Goal(
+        None if t is None else real_number("t", t, unit=" [s]"),
+        method == "normal",
+        None if tstop is None else real_number("tstop", tstop, unit=" [s]"),
+    )
+    now, ahead = standing.state.t, direction_to(goal, standing)
+    if goal.tstop is not None and (goal.tstop - now) * ahead <= 0:
+        raise ProblemError(f"tstop must lie ahead of t = {now:.17g}; got {goal.tstop:.17g}. init_step begins anew.")
+    if goal.t is not None and (goal.t - standing.last.t[0]) * ahead < 0:
+        raise ProblemError(f"t = {goal.t:.17g} lies behind the last step, which ended at {now:.17g}; init_step begins anew.")
+    return goal
+
+
+def direction_to(goal: Goal, standing: Standing) -> float:
+    """Of time: the one in use, or towards what the first call names."""
+    target = next((x for x in (goal.tstop, goal.t) if x is not None), math.inf)
+    return standing.direction or (-1.0 if target < standing.state.t else 1.0)
+
+
+def take(course: Course, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
+    """One step, or steps until ``goal.t`` is reached; on a failure the steps before it count."""
+    ahead = direction_to(goal, standing)
+    standing = replace(standing, direction=ahead, message="", occurrences=())
+    for _ in range(MAX_STEPS):
+        if goal.normal and (goal.t - standing.state.t) * ahead <= 0:  # type: ignore[operator]
+            return standing, Status.success
+        standing, status = _one(course, standing, goal)
+        if status is not Status.success or not goal.normal or standing.state.t == goal.tstop:
+            return standing, status
+    return replace(standing, message=Status.max_steps.text), Status.max_steps
+
+
+def _one(course: Course, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
+    state = standing.state
+    if course.prepare is not None and state.memory is None:
+        state = course.prepare(state, _horizon(standing, goal))
+    stop = standing.direction * math.inf if goal.tstop is None else goal.tstop
+    passage = course.next(state, standing.watch, stop)
+    if isinstance(passage, Failure):
+        return replace(standing, message=passage.message), passage.status
+    changed = course.changed(passage)
+    if isinstance(changed, Failure):
+        return replace(standing, message=changed.message), changed.status
+    course.engine.work.add("steps_accepted")
+    last_words = course.terminal(passage)
+    moved = replace(
+        standing,
+        state=changed,
+        watch=passage.watch if changed is passage.step.state else replace(passage.watch, values=None),
+        last=_output(state, passage, changed),
+        occurrences=standing.occurrences + passage.occurrences,
+        message=last_words or "",
+    )
+    return moved, Status.event if last_words is not None else Status.success
+
+
+def _horizon(standing: Standing, goal: Goal) -> float:
+    """[s] which the first step, or the first after a change, does not pass.
+
+    t counts at the start only: later on, where output is asked for changes no step.
+    """
+    t = goal.t if standing.last.t.size == 1 else None
+    return next((x for x in (goal.tstop, t) if x is not None), standing.state.t + standing.direction * HORIZON)
+
+
+def _output(before: State, passage: Passage, after: State) -> HermiteOutput:
+    """Dense output of one step, with the state after a change as its last row."""
+    step = along(before, passage.step)
+    if after is passage.step.state:
+        return step
+    return HermiteOutput(np.append(step.t, after.t), np.vstack([step.q, after.q]), np.vstack([step.v, after.v]))
+
+
+def pack(standing: Standing, setup: Any) -> bytes:
+    """A checkpoint: a line that says what it is, with its checksum, and the pickled ``(setup, standing)``."""
+    body = pickle.dumps((setup, standing), protocol=5)
+    return b"%s %d %s\n" % (MAGIC, VERSION, hashlib.sha256(body).hexdigest().encode()) + body
+
+
+def unpack(data: Any, setup: Any) -> Standing:
+    """The :class:`Standing` of a checkpoint that was made with the same ``setup``; runs no code of foreign bytes.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        ``data`` is no checkpoint, one of another version, damaged, or made by a solver with other options.
+    """
+    if not isinstance(data, (bytes, bytearray, memoryview)):
+        raise TypeError(f"resume takes the bytes of HHT.checkpoint(); got {type(data).__name__}.")
+    head, _, body = bytes(data).partition(b"\n")
+    words = head.rsplit(b" ", 2)
+    if len(words) != 3 or words[0] != MAGIC:
+        raise ProblemError("resume takes the bytes of HHT.checkpoint(); these are not.")
+    if words[1] != b"%d" % VERSION:
+        version = words[1].decode("ascii", "replace")
+        raise ProblemError(f"the checkpoint has version {version}, this solver reads version {VERSION}; make it anew.")
+    if words[2] != hashlib.sha256(body).hexdigest().encode():
+        raise ProblemError("the checkpoint is damaged or incomplete: its checksum does not match.")
+    made_with, standing = _OwnTypes(io.BytesIO(body)).load()
+    for name, value in setup.items():
+        if made_with.get(name) != value:
+            raise ProblemError(
+                f"the checkpoint was made by a solver with {name} = {made_with.get(name)!r}; this one has {value!r}. Give "
+                "HHT the same options and events."
+            )
+    return standing
+
+
+def check_sizes(standing: Standing, structure: Structure) -> None:
+    """Raise unless the checkpoint ``standing`` fits the system."""
+    held = standing.state.q.size, standing.state.lam.size, standing.state.mu.size
+    if held != (structure.n, structure.m, structure.p):
+        raise ProblemError(
+            f"the checkpoint holds {held[0]} coordinates and {held[1]} + {held[2]} constraints; "
+            f"the system has {structure.n} and {structure.m} + {structure.p}."
+        )
+
+
+class _OwnTypes(pickle.Unpickler):
+    """Reads the types a checkpoint is made of and no others."""
+
+    own = ("solvers.hht.", "solvers._start")
+    foreign = (
+        ("numpy", "ndarray"),
+        ("numpy", "dtype"),
+        ("numpy._core.multiarray", "_reconstruct"),
+        ("numpy._core.multiarray", "scalar"),
+        ("numpy._core.numeric", "_frombuffer"),
+        ("collections", "Counter"),
+        ("scipy.sparse._csc", "csc_array"),
+        ("scipy.sparse._csr", "csr_array"),
+    )
+
+    def find_class(self, module: str, name: str) -> Any:
+        """A dataclass of this solver, or an array."""
+        own = module.startswith(self.own) and "." not in name
+        found = super().find_class(module, name) if own or (module, name) in self.foreign else None
+        if found is None or (own and getattr(found, "__module__", "") != module):
+            raise ProblemError(f"the checkpoint holds {module}.{name}, which is none of this solver's.")
+        return found

@@ -1,0 +1,284 @@
+"""Steps watched for events: which occur in a step, the step cut short at one that stops it, the state after a change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import ConstraintLevels
+from hhtbench.result import Status
+from solvers._start import Failure, Place, budget_failure
+from solvers.hht.control import Advance, ErrorControlled, Prescribed
+from solvers.hht.dense import HermiteOutput
+from solvers.hht.engine import HostEngine
+from solvers.hht.estimate import remembered
+from solvers.hht.events import Crossing, Event, Occurrence, changed_by, scan, value_of, zero
+from solvers.hht.start import first_state, project
+from solvers.hht.state import State, Step
+
+CUTS = 20  # of one step: each finds an earlier event than the last
+NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
+WIDER = 8.0  # factor between two looks for the other side of an event
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What the search for events keeps between two steps."""
+
+    counts: tuple[int, ...] = ()  #: occurrences so far
+    values: Vector | None = None  #: (k,) event functions at the last step's end; None: the motion begins here
+
+
+@dataclass(frozen=True)
+class Passage:
+    """One accepted step, which ends at the first event that stops it, with the events on the way."""
+
+    step: Step
+    watch: Watch
+    occurrences: tuple[Occurrence, ...] = ()
+    stopping: tuple[int, ...] = ()  #: events at the end of the step that end the integration or change the state
+
+
+@dataclass(frozen=True)
+class Landed:
+    """A step made shorter to end at an event."""
+
+    step: Step
+    index: int  #: of the event
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """How an integration goes on from a state."""
+
+    engine: HostEngine
+    advance: Advance
+    events: tuple[Event, ...] = ()
+    prepare: Callable[[State, float], State] | None = None  #: for step control, where a motion begins
+
+    def next(self, state: State, watch: Watch, stop: float) -> Passage | Failure:
+        """The next accepted step towards ``stop`` [s]; a spent budget is a failure like others."""
+        try:
+            if self.prepare is not None and state.memory is None:
+                state = self.prepare(state, stop)
+            step = self.advance(state, stop)
+            if isinstance(step, Failure) or not self.events:
+                return step if isinstance(step, Failure) else Passage(step, watch)
+            return self._watched(state, step, watch)
+        except BudgetSpent as spent:
+            return budget_failure(spent, state.t)
+        except NonFiniteValue as error:  # of an event function
+            return Failure(Status.nonfinite_callback, f"{error}, in the step from t = {state.t:.17g}")
+
+    def terminal(self, passage: Passage) -> str | None:
+        """The event that ends the integration after ``passage``, in words."""
+        named = [self.events[i].name for i in passage.stopping if self.events[i].ends(passage.watch.counts[i])]
+        if not named:
+            return None
+        return f"event {', '.join(map(repr, named))} at t = {passage.step.state.t:.17g}. {Status.event.text}"
+
+    def changed(self, passage: Passage) -> State | Failure:
+        """The state after the changes that events make at the end of ``passage``; without one the end itself."""
+        state = passage.step.state
+        events = [self.events[i] for i in passage.stopping if self.events[i].change is not None]
+        if not events:
+            return state
+        where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
+        try:
+            found = _begun_anew(self.engine, events, state)
+        except BudgetSpent as spent:
+            return budget_failure(spent, state.t)
+        except NonFiniteValue as error:
+            return Failure(Status.nonfinite_callback, f"{error}, {where}")
+        return Failure(found.status, f"{where}: {found.message}") if isinstance(found, Failure) else found
+
+    def _watched(self, before: State, step: Step, watch: Watch) -> Passage | Failure:
+        """``step`` from ``before`` up to its first event that stops it."""
+        whole, landed = step, None
+        for _ in range(CUTS):
+            output = along(before, step)
+            found = scan(self.events, watch.values, output, self.engine.work)
+            crossings = _with_landed(found.crossings, landed, step.state.t)
+            earlier = self._land_first(before, step, crossings, watch.counts)
+            if isinstance(earlier, Failure):
+                return earlier
+            if earlier is None:
+                step = step if step is whole else self._as_accepted(before, whole, step)
+                return self._passage(step, output, crossings, Watch(watch.counts, found.values))
+            step, landed = earlier.step, earlier
+        text = f"in the step from t = {before.t:.17g} with h = {whole.state.h:g} each look shows an event before the last"
+        return Failure(Status.time_resolution, f"{text}; take shorter steps.")
+
+    def _land_first(
+        self, before: State, step: Step, crossings: list[Crossing], counts: tuple[int, ...]
+    ) -> Landed | Failure | None:
+        """The shorter step to the first of ``crossings`` that stops, None where that is at the end or there is none.
+
+        What only the interpolant crosses is removed from ``crossings``.
+        """
+        while (first := self._first_stop(crossings, counts)) is not None and first.t != step.state.t:
+            cut = land(self.engine, self.events[first.index], first, before, step)
+            if cut is not None:
+                return cut if isinstance(cut, Failure) else Landed(cut, first.index)
+            crossings.remove(first)
+        return None
+
+    def _first_stop(self, crossings: Sequence[Crossing], counts: tuple[int, ...]) -> Crossing | None:
+        tally = list(counts)
+        for crossing in crossings:
+            event = self.events[crossing.index]
+            tally[crossing.index] += 1
+            if event.change is not None or event.ends(tally[crossing.index]):
+                return crossing
+        return None
+
+    def _passage(self, step: Step, output: HermiteOutput, crossings: Sequence[Crossing], watch: Watch) -> Passage:
+        counts, occurrences, stopping = list(watch.counts), [], []
+        for crossing in crossings:
+            event = self.events[crossing.index]
+            counts[crossing.index] += 1
+            occurrences.append(Occurrence(crossing.index, event.name, crossing.t, *output(crossing.t)))
+            if event.change is not None or event.ends(counts[crossing.index]):
+                stopping.append(crossing.index)
+        return Passage(step, replace(watch, counts=tuple(counts)), tuple(occurrences), tuple(sorted(set(stopping))))
+
+    def _as_accepted(self, before: State, whole: Step, step: Step) -> Step:
+        """``step``, cut from ``whole``, with what the control of steps keeps of it."""
+        if isinstance(self.advance, Prescribed):
+            self.advance.cut_short()
+        memory = whole.state.memory
+        if memory is None:
+            return step
+        if isinstance(self.advance, ErrorControlled):
+            memory = remembered(step, self.advance.estimator(before, step), before, memory.h_next)
+        else:
+            memory = replace(memory, last=step.state.h or 0.0, acceleration=step.state.f)
+        return replace(step, state=replace(step.state, memory=memory))
+
+
+def along(before: State, step: Step) -> HermiteOutput:
+    """Dense output of one step."""
+    after = step.state
+    return HermiteOutput(np.array([before.t, after.t]), np.stack([before.q, after.q]), np.stack([before.v, after.v]))
+
+
+def land(engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> Step | Failure | None:
+    """The step from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is a step.
+
+    None where the steps' ends show no such change of sign: the interpolant alone had it.
+    """
+    try:
+        return _Landing(engine, event, crossing, before, whole).step()
+    except _NotMade as error:
+        return error.failure
+
+
+class _NotMade(Exception):
+    """A trial step failed."""
+
+    def __init__(self, failure: Failure) -> None:
+        self.failure = failure
+        super().__init__(failure.message)
+
+
+class _Landing:
+    """The event function at the end of steps from ``before``, as a function of where they end."""
+
+    def __init__(self, engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> None:
+        self.engine, self.event, self.crossing, self.whole = engine, event, crossing, whole
+        self.before = before
+        self.start, self.end = before.t, whole.state.t
+        self.first = float(np.nextafter(self.start, self.end))  # the shortest step there is
+        self.ahead = 1.0 if self.end > self.start else -1.0
+        self.made: dict[float, tuple[Step, float]] = {}
+
+    def step(self) -> Step | None:
+        """The landing step."""
+        bracket = self._bracket()
+        if bracket is None:
+            return None
+        low, high = bracket
+        t = low if low == high else zero(self.value, low, high)
+        shift = self.ahead * float(np.spacing(abs(t)))
+        while not self.crossed(t):
+            t, shift = between(t + shift, t, high), 2 * shift
+        return self.made[t][0]
+
+    def value(self, t: float) -> float:
+        """The event function at the end of the step that ends at ``t``."""
+        if t not in self.made:
+            self.engine.work.check_time()
+            taken = self.whole if t == self.end else self.engine.step(self.before, t - self.start, t)
+            if isinstance(taken, Failure):
+                raise _NotMade(taken)
+            self.before = replace(self.before, factor=taken.state.factor)  # the next trial is about as long
+            self.made[t] = taken, value_of(self.event, t, taken.state.q, taken.state.v, self.engine.work)
+        return self.made[t][1]
+
+    def crossed(self, t: float) -> bool:
+        """Whether the function is zero or beyond at the end of the step that ends at ``t``."""
+        return self.value(t) * self.crossing.side <= 0
+
+    def _bracket(self) -> tuple[float, float] | None:
+        """Ends of two steps, before the event and at or after it."""
+        t = between(self.crossing.t, self.first, self.end)
+        toward = -1.0 if self.crossed(t) else 1.0
+        width = self._width(t)
+        while True:
+            other = between(t + toward * self.ahead * width, self.first, self.end)
+            if self.crossed(other) is (toward > 0):
+                return (t, other) if toward > 0 else (other, t)
+            if toward > 0 and other == self.end:
+                return None
+            if toward < 0 and other == self.first:
+                return (other, other) if self.crossing.bracket[0] == self.start else None
+            t, width = other, WIDER * width
+
+    def _width(self, t: float) -> float:
+        """[s] from ``t`` past the event, by the slope of the function along the step's dense output."""
+        low, high = self.crossing.bracket
+        h = NUDGE * abs(high - low)
+        output = along(self.before, self.whole)
+        times = [between(s, self.start, self.end) for s in (t - h, t + h)]
+        values = [value_of(self.event, s, *output(s), self.engine.work) for s in times]
+        rise = abs(values[1] - values[0])
+        smallest = 2 * float(np.spacing(abs(t)))
+        return smallest if rise == 0 else max(4 * abs(self.value(t)) / rise * abs(times[1] - times[0]), smallest)
+
+
+def between(t: float, one: float, other: float) -> float:
+    """``t``, or the nearer of two limits where it is not between them."""
+    return min(max(t, min(one, other)), max(one, other))
+
+
+def _with_landed(crossings: Sequence[Crossing], landed: Landed | None, end: float) -> list[Crossing]:
+    """``crossings`` of a step that was made to end at the event ``landed``: the last one of that is at its end."""
+    if landed is None:
+        return list(crossings)
+    index, result = landed.index, list(crossings)
+    own = [crossing for crossing in result if crossing.index == index]
+    if own:
+        result.remove(own[-1])
+    return [*result, replace(own[-1], t=end) if own else Crossing(index, end, 0, (end, end))]
+
+
+def _begun_anew(engine: HostEngine, events: Sequence[Event], state: State) -> State | Failure:
+    """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
+    q, v = state.q, state.v
+    for event in events:
+        q, v = changed_by(event, state.t, q, v)
+    place = Place(state.t, q, v)
+    if engine.structure.constrained:
+        projected: Any = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
+        if isinstance(projected, Failure):
+            return projected
+        place = projected[0]
+    new = first_state(engine, place, state.lam, state.mu, state.h or 0.0)
+    if isinstance(new, Failure):
+        return new
+    return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))

@@ -1,0 +1,236 @@
+"""``rho_inf``, and ``verify damping`` in small: its rows hold, and each kind fails when the method is broken."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hhtbench import load_solver
+from hhtbench.errors import ProblemError
+from hhtbench.registry import load_verification
+from hhtbench.report.figures import MOST_MARKS
+from solvers.hht.coefficients import Coefficients
+from solvers.hht.solver import HHT
+from solvers.hht.verify import damping, damping_plots, guided, vibration
+from solvers.hht.verify.closed import radius, roots, series, spectrum, swing_of
+from solvers.hht.verify.local import amplification_matrix
+from solvers.hht.verify.vibration import Driven, Guided, Mixed, Rolling, constrained, measured_matrix, oscillator
+from solvers.hht.verify.vibration_rows import matrix_rows, overshoot_row, rho_inf_row, swing_row, swing_rows
+from tests.hht.scenes import Q0, V0, pendulum, same_bits
+
+IMPLICIT = {"b": 0.0, "reaction": "implicit"}
+HALF = {"b": 0.25, "reaction": "implicit"}
+CASES = ((1e-2, 0.0), (1.0, 0.05), (1e2, 0.0), (1e3, 0.05))
+SCENES = {"guided": Guided, "driven": Driven, "rolling": Rolling, "mixed": Mixed}
+
+
+def scene(name):
+    return constrained(name, SCENES[name])
+
+
+def wrong(name, factor):
+    """One weight of the method off by ``factor``; the closed forms do not use the property."""
+    honest = getattr(Coefficients, name).fget
+    return property(lambda self: factor * honest(self))
+
+
+@pytest.mark.parametrize(("rho", "alpha"), [(1.0, 0.0), (0.8, -1 / 9), (0.5, -1 / 3), (0.4999999999999, -1 / 3)])
+def test_rho_inf_names_the_method_of_one_alpha(rho, alpha):
+    coefficients = HHT(pendulum(), rho_inf=rho).method.coefficients
+    assert coefficients.alpha == pytest.approx(alpha, abs=1e-15)
+    assert coefficients.rho_inf == pytest.approx(rho, abs=1e-12)
+    assert -1 / 3 <= coefficients.alpha <= 0
+
+
+def test_rho_inf_makes_the_same_steps_as_its_alpha():
+    first, second = (
+        HHT(pendulum(), **name).solve((0.0, 0.1), Q0, V0, step=0.01) for name in ({"rho_inf": 0.6}, {"alpha": -0.25})
+    )
+    assert same_bits(first, second)
+
+
+def test_without_either_alpha_is_its_default():
+    assert HHT(pendulum()).method.coefficients.alpha == -0.05
+    assert HHT(pendulum(), alpha=None, rho_inf=None).method.coefficients.alpha == -0.05
+
+
+@pytest.mark.parametrize(
+    "make", [lambda **o: HHT(pendulum(), **o), lambda **o: load_solver("hht", **o)], ids=["HHT", "spec"]
+)
+@pytest.mark.parametrize(
+    ("options", "error", "text"),
+    [
+        ({"alpha": -0.1, "rho_inf": 0.8}, ProblemError, "alpha = -0.1 and rho_inf = 0.8. Give one of them"),
+        ({"alpha": 0.0, "rho_inf": 1.0}, ProblemError, "Give one of them"),
+        ({"rho_inf": 0.49}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 0.49"),
+        ({"rho_inf": 1.01}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 1.01"),
+        ({"rho_inf": -0.5}, ProblemError, r"rho_inf must lie in \[1/2, 1\]"),
+        ({"rho_inf": float("nan")}, ProblemError, "rho_inf must be finite"),
+        ({"rho_inf": "0.8"}, TypeError, "rho_inf must be a real number"),
+    ],
+)
+def test_wrong_rho_inf_is_refused_with_the_range_or_the_conflict(make, options, error, text):
+    with pytest.raises(error, match=text):
+        make(**options)
+
+
+def test_spec_takes_rho_inf():
+    assert load_solver("hht(rho_inf=0.8)").options == {"rho_inf": 0.8}
+
+
+def test_verification_is_registered():
+    assert load_verification("damping") is damping.verify_damping
+
+
+@pytest.mark.parametrize(
+    ("alpha", "frequency", "stored"),
+    [(0.0, 1e3, 1.0), (-0.05, 10.0, 0.913168287395), (-0.3, 0.1, 0.9999981746504), (-1 / 3, 1e3, 0.5078471682714)],
+)
+def test_closed_radius_equals_stored_numbers(alpha, frequency, stored):
+    """From 60-digit arithmetic; the polynomial's coefficients are rounded, near a triple root that costs digits."""
+    assert radius(roots(alpha, frequency, 0.0)) == pytest.approx(stored, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "xi", "elongation"),
+    [
+        (-0.05, 5.615266642e-6, 9.480197570e-4),
+        (-0.3, 1.827621913e-5, 1.243936875e-3),
+        (-1 / 3, 1.841873736e-5, 1.248091235e-3),
+    ],
+)
+def test_eigenvalues_and_series_give_stored_damping_and_elongation(alpha, xi, elongation):
+    """From 60-digit arithmetic at w h = 0.1."""
+    exact, leading = swing_of(roots(alpha, 0.1, 0.0), 0.1), series(alpha, 0.1)
+    assert exact.damping == pytest.approx(xi, rel=1e-7)
+    assert exact.elongation == pytest.approx(elongation, rel=1e-8)
+    assert leading.damping == pytest.approx(xi, rel=0.01)
+    assert leading.elongation == pytest.approx(elongation, rel=0.01)
+
+
+@pytest.mark.parametrize("alpha", [0.0, -0.3, -1 / 3])
+def test_oscillator_is_advanced_by_the_closed_matrix_up_to_infinite_frequency(alpha):
+    assert all(row.passed for row in matrix_rows(oscillator(), (alpha,), IMPLICIT, (*CASES, (1e8, 0.0))))
+
+
+@pytest.mark.parametrize("method", [IMPLICIT, HALF], ids=["b=0", "b=0.25"])
+@pytest.mark.parametrize("name", SCENES)
+def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_matrix(name, method):
+    """The extended form damps the force part alone: reactions do not enter the tangential motion."""
+    cases = CASES if name != "driven" else CASES[:3]
+    assert all(row.passed for row in matrix_rows(scene(name), (-0.3,), method, cases))
+    measured = measured_matrix(scene(name), {**method, "alpha": -0.3}, 3.0, 0.05)
+    np.testing.assert_allclose(measured, amplification_matrix(-0.3, 3.0, 0.05), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["guided", "mixed", "driven"])
+def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
+    """Otherwise the reactions would have nothing to take up and the claim would be that of the oscillator."""
+    made = scene(name)
+    force = made.shape @ made.free
+    assert np.linalg.norm(force - made.along * (made.free @ force)) > 0.3
+    assert abs(made.free @ made.shape @ made.across) > 0.1
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.8, 0.5])
+def test_rho_inf_is_the_measured_radius_at_infinite_frequency(rho):
+    assert rho_inf_row(rho).passed
+
+
+@pytest.mark.parametrize("alpha", [0.0, -0.3])
+def test_long_run_has_the_damping_and_period_of_the_eigenvalues_and_of_the_series(alpha):
+    rows = swing_rows(alpha, 10)
+    assert [row.passed for row in rows] == [True] * 4
+
+
+def test_guided_vibration_has_the_damping_and_period_of_the_oscillator():
+    assert all(swing_row(scene(name), HALF, -0.3).passed for name in ("guided", "mixed"))
+
+
+def test_bead_on_a_circle_has_the_damping_and_elongation_of_the_oscillator():
+    """Its own period is 4 K(sin^2 A) / w: theta = 2 phi is a pendulum."""
+    assert guided.bead_row({**HALF, "alpha": -0.3}).passed
+
+
+def test_overshoot_is_that_of_the_limit():
+    assert all(overshoot_row(alpha).passed for alpha in (0.0, -0.3))
+
+
+@pytest.mark.parametrize("name", ["guided", "rolling"])
+def test_normal_error_in_a0_does_not_ring(name):
+    assert guided.ringing_row(scene(name), (IMPLICIT, HALF)).passed
+
+
+def test_tangential_error_in_a0_is_seen(monkeypatch):
+    """The row can fail."""
+    monkeypatch.setattr(vibration.Scene, "across", property(lambda self: self.free))
+    assert not guided.ringing_row(scene("guided"), (IMPLICIT,)).passed
+
+
+def test_stiff_springs_across_are_right_or_told(monkeypatch):
+    assert guided.stiff_row(scene("guided"), 1e4).passed
+    monkeypatch.setattr(guided, "measured_matrix", lambda *_: np.diag([1.0, 0.5, 0.2]))
+    assert not guided.stiff_row(scene("guided"), 1e4).passed
+
+
+def _refused(*_):
+    raise RuntimeError("Newton's iteration did not converge")
+
+
+def test_told_failure_is_no_wrong_step(monkeypatch):
+    monkeypatch.setattr(guided, "measured_matrix", _refused)
+    row = guided.stiff_row(scene("guided"), 1e8)
+    assert row.passed
+    assert row.measured == "0.0e+00, 5"
+
+
+@pytest.mark.parametrize(
+    ("weight", "factor", "rows"),
+    [
+        ("beta", 1.0001, lambda: matrix_rows(oscillator(), (-0.3,), IMPLICIT, CASES)),
+        ("gamma", 1.0001, lambda: matrix_rows(scene("guided"), (-0.3,), HALF, CASES)),
+        ("beta", 1.01, lambda: [row for row in swing_rows(-0.3, 10) if row.id.startswith("elongation")]),
+        ("gamma", 1.01, lambda: [row for row in swing_rows(-0.3, 10) if row.id.startswith("damping")]),
+        ("gamma", 1.01, lambda: [swing_row(scene("guided"), HALF, -0.3)]),
+        ("gamma", 1.01, lambda: [guided.bead_row({**HALF, "alpha": -0.3})]),
+        ("beta", 1.01, lambda: [rho_inf_row(0.8), overshoot_row(-0.3)]),
+    ],
+    ids=["matrix", "constrained matrix", "elongation", "damping", "constrained swing", "bead", "rho_inf and overshoot"],
+)
+def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, factor, rows):
+    monkeypatch.setattr(Coefficients, weight, wrong(weight, factor))
+    found = rows()
+    assert found
+    assert not any(row.passed for row in found)
+
+
+def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
+    monkeypatch.setattr(damping, "PARTS", (damping._rho_inf, damping._overshoot))
+    monkeypatch.setattr(damping, "plots", tuple)
+    assert damping.verify_damping().passed
+    monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
+    told = []
+    evidence = damping.verify_damping(told.append)
+    assert not evidence.passed
+    assert "overshoot" in evidence.summary
+    assert told == ["rho inf", "overshoot", "curves"]
+
+
+def test_curves_show_measured_marks_on_closed_lines(monkeypatch):
+    monkeypatch.setattr(damping_plots, "MEASURED", (1e-2, 1.0, 1e4))
+    drawn = {plot.id: {curve.label: curve for curve in plot.curves} for plot in damping_plots.plots()}
+    assert set(drawn) == {"radius", "damping", "elongation"}
+    for curves in drawn.values():
+        marks, line = curves["alpha = -0.15, measured"], curves["alpha = -0.15, closed form"]
+        closed = dict(zip(np.round(np.log10(line.x), 6), line.y, strict=True))
+        assert [closed[round(np.log10(x), 6)] for x in marks.x] == pytest.approx(list(marks.y), rel=1e-3)
+        assert len(marks.x) <= MOST_MARKS < len(line.x)  # the report draws marks or a line by the number of points
+    assert drawn["radius"]["alpha = -0.15, guided"].y == pytest.approx(
+        drawn["radius"]["alpha = -0.15, measured"].y, abs=1e-9
+    )
+
+
+def test_wrong_matrix_has_another_spectrum():
+    honest = amplification_matrix(-0.3, 1e3, 0.0)
+    assert radius(spectrum(honest)) == pytest.approx(radius(roots(-0.3, 1e3, 0.0)), abs=1e-9)
+    assert abs(radius(spectrum(honest * 1.001)) - radius(roots(-0.3, 1e3, 0.0))) > 1e-4
