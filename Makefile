@@ -1,5 +1,6 @@
 # make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
+# make bench-chain  time per step and memory on chains of 10 to 10,000 links, beside Exudyn's
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make clean    remove what these made
@@ -20,7 +21,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench test validate picture clean
+.PHONY: bench bench-chain test validate picture clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -34,6 +35,11 @@ test: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
+
+# Exudyn is the optional extra "bench"; without it the ratios are missing.
+bench-chain: $(STAMP)
+	-@$(PIP) install "exudyn>=1.13"
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.chain
 
 validate: $(STAMP)
 	@mkdir -p reports/latest

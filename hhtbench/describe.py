@@ -9,6 +9,8 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.lowering import Structure, compile_function, derive, mass_is_singular, route_of
+from hhtbench.lowering.diagonal import Diagonal
+from hhtbench.lowering.matrix_free import SMALL, large, matrix_free
 from hhtbench.protocol import DERIVATIVES, PHYSICS, NumpySystem, Problem, System, declared
 
 WIDTHS = [None, 32, 52, 52]  # characters a column of the table
@@ -132,7 +134,7 @@ def _of_problem(problem: Problem) -> list[Statement]:
     rows = [*_undeclared(problem.system), *_dependencies(dynamics, singular), *_derivatives(dynamics), _reaction(s)]
     size = f"n = {s.n} coordinates, m = {s.m} position constraints, p = {s.p} velocity constraints"
     rows.append(Statement("size", "n, m, p", size, "from q0 and what the constraints return"))
-    return [*(row for row in rows if row is not None), _route(problem.system), *_linear_algebra(s, singular)]
+    return [*(row for row in rows if row is not None), _route(problem.system), *_linear_algebra(dynamics, singular)]
 
 
 def _dependencies(dynamics: Any, singular: bool) -> list[Statement]:
@@ -216,11 +218,14 @@ def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
 def _mass_is_singular(dynamics: Any, t: float, q: Any) -> bool:
     if dynamics.structure.mass == "identity":
         return False
+    if isinstance(dynamics.constant_mass, Diagonal):
+        return dynamics.inverse_mass is None
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q)).reshape(q.size, q.size)
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
 
-def _linear_algebra(s: Structure, singular: bool) -> list[Statement]:
+def _linear_algebra(dynamics: Any, singular: bool) -> list[Statement]:
+    s: Structure = dynamics.structure
     rows = []
     if singular:
         text = "augmented: M + rho C^T C takes its place" if s.constrained else "the accelerations are not determined"
@@ -228,11 +233,17 @@ def _linear_algebra(s: Structure, singular: bool) -> list[Statement]:
         s = replace(s, mass="variable")
     if s.constrained:
         size = s.n + s.m + s.p
-        text = f"dense LU (LAPACK) of the KKT matrix, {size} x {size} = n + m + p"
+        kind = "sparse LU (SuperLU)" if large(dynamics) is not None else "dense LU (LAPACK)"
+        text = f"{kind} of the KKT matrix, {size} x {size} = n + m + p"
         rows.append(Statement("linear algebra", "acceleration level", text, "gives accelerations and multipliers at a time"))
-    rows.append(
-        Statement("linear algebra", "HHT step", f"dense LU (LAPACK) of the step matrix, {_step_size(s)}", _step_reason(s))
-    )
+    if large(dynamics) is not None and s.constrained:
+        reason = "a pivoted QR would be dense; dependent rows make the KKT matrix singular, which ends in a status"
+        rows.append(Statement("not computed", "redundant rows", "not looked for", reason))
+    kind, reason = "dense LU (LAPACK)", _step_reason(s)
+    if matrix_free(dynamics) is not None and s.n + 2 * s.m + (s.n + s.p if s.p else 0) >= SMALL:
+        kind = "band LU after reverse Cuthill-McKee, or SuperLU where the band is wide,"
+        reason += f"; {SMALL} unknowns or more: entries by coloured derivatives, their places by asdex"
+    rows.append(Statement("linear algebra", "HHT step", f"{kind} of the step matrix, {_step_size(s)}", reason))
     return rows
 
 

@@ -99,7 +99,7 @@ class Run:
         self.atol = self._tolerances()
         self.dynamics = counted_dynamics(dynamics_for(problem.system, place), self.work)
         whole = unreduced(self.dynamics)
-        self.levels, self.level = ConstraintLevels(whole), AccelerationLevel(self.dynamics)
+        self.levels, self.level = ConstraintLevels(whole, full=True), AccelerationLevel(self.dynamics)
         failure = undetermined(self.dynamics, place)
         if failure is None and self.dynamics.structure.constrained:
             failure = inconsistency(self.levels, place, reduced=whole is not self.dynamics)

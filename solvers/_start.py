@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import issparse
+from scipy.sparse import csr_array
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
@@ -28,10 +28,12 @@ from hhtbench.lowering import (
     smallest,
     unreduced,
 )
+from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.lowering.matrix_free import large
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
+from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
 
 CONSISTENT = 1e-8  # scaled violation up to which a start counts as consistent: data given with eight digits
@@ -114,6 +116,8 @@ def undetermined(dynamics: Any, place: Place) -> Failure | None:
 
 
 def _mass_is_singular(dynamics: Any, place: Place) -> bool:
+    if dynamics.structure.mass == "constant" and isinstance(dynamics.constant_mass, Diagonal):
+        return dynamics.inverse_mass is None
     mass = np.asarray(dynamics.mass(*as_arguments(dynamics, place.t, place.q)))
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
@@ -133,7 +137,9 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     if text:
         message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
         return Failure(Status.inconsistent_initial, message)
-    if issparse(at.position_jacobian):  # a pivoted QR would be dense; dependent rows make the KKT matrix singular
+    if isinstance(
+        at.position_jacobian, csr_array
+    ):  # a pivoted QR would be dense; dependent rows make the KKT matrix singular
         return None
     rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
     if rank.redundant and not reduced:
@@ -253,56 +259,6 @@ def counted_dynamics(dynamics: Any, work: Work) -> Any:
     if hasattr(dynamics, "inner"):
         return dataclasses.replace(dynamics, inner=counted_dynamics(dynamics.inner, work))
     return dataclasses.replace(dynamics, on_call=work.on_call)
-
-
-def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
-    """M^-1 (n, n) at (t, q); not finite where M is singular."""
-    mass = dynamics.mass(t, q)
-    try:
-        return dynamics.xp.linalg.inv(mass)
-    except np.linalg.LinAlgError:  # compiled code raises nothing
-        return np.full_like(mass, np.nan)
-
-
-def expect_finite(function: str, value: Any, t: float) -> None:
-    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
-    array = value.data if issparse(value) else np.asarray(value)
-    if not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise NonFiniteValue(function, where, float(array[where]), t)
-
-
-def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
-    """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
-
-    Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
-    """
-    products = large(d)
-    d, full = (d, True) if products is None else (products, False)
-    s = d.structure
-    t, q, v = as_arguments(d, t, q, v)
-    suspects = {"force": lambda: d.force(t, q, v)}
-    if s.mass != "identity" and full:
-        suspects["mass_matrix"] = lambda: d.mass(t, q)
-        suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
-    if s.m:
-        suspects["constraint"] = lambda: d.constraint(t, q)
-        if full:
-            suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
-        suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
-        suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
-        suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
-    if s.p:
-        suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
-        if full:
-            suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
-        suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
-    if full:
-        zero = np.zeros((s.n, s.n))
-        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
-    for name, function in suspects.items():
-        expect_finite(name, function(), float(t))
-    raise NonFiniteValue(otherwise, (), float("nan"), float(t))
 
 
 def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:

@@ -124,7 +124,7 @@ def _independent(dynamics: Any, place: Point) -> Any:
     """The dynamics without redundant rows, whose multipliers no power can depend on; itself where there are none."""
     if not dynamics.structure.constrained:
         return dynamics
-    at = ConstraintLevels(dynamics).at(*place)
+    at = ConstraintLevels(dynamics, full=True).at(*place)
     rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
     reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
     return dynamics if reduced is None else reduced

@@ -42,7 +42,7 @@ def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
     """Levels, rank and acceleration level at the start; the user's errors become ``fault``."""
     s = dynamics.structure
     t, q, v = problem.t_span[0], problem.q0, problem.v0
-    levels = attempt(lambda: ConstraintLevels(dynamics).at(t, q, v))
+    levels = attempt(lambda: ConstraintLevels(dynamics, full=True).at(t, q, v))
     rank = attempt(lambda: constraint_rank(levels.value.position_jacobian, levels.value.velocity_jacobian))
     guesses = [
         guess if guess is not None and guess.size == size else None
@@ -53,7 +53,9 @@ def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
     fault = next(filter(None, (levels.fault, rank.fault, solved.fault)), "")
     regular = found is not None and not found.singular
     if found is not None and not regular and rank.value is not None and rank.value.redundant:
-        regular = _regular_without(AccelerationLevel(dynamics).terms(t, q, v, _packed(found))[1], s.n, rank.value.redundant)
+        regular = _regular_without(
+            AccelerationLevel(dynamics, full=True).terms(t, q, v, _packed(found))[1], s.n, rank.value.redundant
+        )
     return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault, regular)
 
 

@@ -79,9 +79,10 @@ def kkt_terms(dynamics: Any, t: Any, q: Any, v: Any, x: Any) -> Any:
 class AccelerationLevel:
     """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
 
-    def __init__(self, dynamics: Any) -> None:
+    def __init__(self, dynamics: Any, *, full: bool = False) -> None:
+        """``full``: the matrix is an array also for large systems."""
         self.structure = dynamics.structure
-        products = large(dynamics)
+        products = None if full else large(dynamics)
         self._sparse = None if products is None else SparseKkt(products)
         self._terms = compile_function(kkt_terms, dynamics)
 

@@ -48,9 +48,10 @@ class Levels:
 class ConstraintLevels:
     """Evaluates :class:`Levels` of one system; calls nothing of a level that is not declared."""
 
-    def __init__(self, dynamics: Any) -> None:
+    def __init__(self, dynamics: Any, *, full: bool = False) -> None:
+        """``full``: Jacobians are arrays also for large systems."""
         self.structure = dynamics.structure
-        products = large(dynamics) if self.structure.constrained else None
+        products = large(dynamics) if self.structure.constrained and not full else None
         self._sparse = None if products is None else SparseLevels(products)
         self._terms = compile_function(level_terms, dynamics) if self.structure.constrained else None
 

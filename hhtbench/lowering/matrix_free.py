@@ -18,6 +18,7 @@ from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import declared
 
+SMALL = 150  # unknowns of a step below which full matrices cost less than anything with an index
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 
@@ -76,7 +77,7 @@ class MatrixFree(eqx.Module):
 
 
 def matrix_free(dynamics: Any) -> MatrixFree | None:
-    """``dynamics`` without dense matrices, or None: not a JAX system, rows left out, or a mass that is no regular diagonal."""
+    """``dynamics`` without dense matrices; None: not a JAX system, rows left out, or a mass that is no regular diagonal."""
     if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
         return None
     mass = dynamics.constant_mass

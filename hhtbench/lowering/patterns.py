@@ -13,9 +13,12 @@ from typing import Any
 
 import asdex
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
+
+Indices = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True)
@@ -23,9 +26,9 @@ class Pattern:
     """Places of the entries of one derivative, row by row, and the colours of its columns."""
 
     shape: tuple[int, int]
-    rows: Vector  #: (entries,) int32, ascending
-    columns: Vector  #: (entries,) int32, ascending within a row
-    colour: Vector  #: (columns,) int32: columns of one colour have no row in common
+    rows: Indices  #: (entries,) int32, ascending
+    columns: Indices  #: (entries,) int32, ascending within a row
+    colour: Indices  #: (columns,) int32: columns of one colour have no row in common
     colours: int  #: directional derivatives that one evaluation costs
 
     @property
@@ -34,7 +37,7 @@ class Pattern:
         return int(self.rows.size)
 
     @property
-    def places(self) -> Vector:
+    def places(self) -> Indices:
         """(entries,) where each entry stands in the compressed derivative (colours, rows), flattened."""
         return self.colour[self.columns].astype(np.int64) * self.shape[0] + self.rows
 

@@ -7,12 +7,13 @@ then ``lam0`` from the position level, then ``lam1`` from the velocity level.  E
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching, reverse_cuthill_mckee
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.patterns import Indices
 
 DEEPEST = 8  # blocks after one another; a longer sequence costs more calls than its narrower bands save
 
@@ -21,9 +22,9 @@ DEEPEST = 8  # blocks after one another; a longer sequence costs more calls than
 class Order:
     """Places of rows and columns, and the blocks they form."""
 
-    rows: Vector  #: (size,) place -> row
-    columns: Vector  #: (size,) place -> column
-    blocks: Matrix  #: (k, 4) int64: first place, places, lower and upper diagonals
+    rows: Indices  #: (size,) place -> row
+    columns: Indices  #: (size,) place -> column
+    blocks: Indices  #: (k, 4) int64: first place, places, lower and upper diagonals
 
     @property
     def storage(self) -> int:
@@ -36,21 +37,21 @@ class Order:
         return ", ".join(f"{count} ({lower} + {upper})" for _, count, lower, upper in self.blocks)
 
 
-def find_order(rows: Vector, columns: Vector, size: int) -> Order:
+def find_order(rows: Indices, columns: Indices, size: int) -> Order:
     """The order for a matrix with entries at ``rows`` and ``columns`` (entries,)."""
-    pattern = sp.csr_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(size, size))
+    pattern: Any = sp.csr_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(size, size))
     row_of = _matched(pattern)  # column -> the row that stands on its diagonal
     back = np.empty(size, dtype=np.int64)
     back[row_of] = np.arange(size)
-    graph = sp.coo_array((np.ones(rows.size, dtype=np.int8), (back[rows], columns)), shape=(size, size)).tocsr()
+    graph: Any = sp.coo_array((np.ones(rows.size, dtype=np.int8), (back[rows], columns)), shape=(size, size)).tocsr()
     level = _levels(graph)
     forth, blocks, start = [], [], 0
     for value in range(int(level.max()) + 1):
         members = np.flatnonzero(level == value)
-        inside = graph[members][:, members]
+        inside: Any = graph[members][:, members]
         order = np.asarray(reverse_cuthill_mckee(sp.csr_matrix(inside + inside.T), symmetric_mode=True))
-        inside = inside[order][:, order].tocoo()
-        below = inside.row - inside.col
+        sorted_ = inside[order][:, order].tocoo()
+        below = sorted_.row - sorted_.col
         blocks.append((start, members.size, max(int(below.max(initial=0)), 0), max(int(-below.min(initial=0)), 0)))
         forth.append(members[order])
         start += members.size
@@ -58,7 +59,7 @@ def find_order(rows: Vector, columns: Vector, size: int) -> Order:
     return Order(row_of[places], places, np.array(blocks, dtype=np.int64))
 
 
-def _matched(pattern: sp.csr_array) -> Vector:
+def _matched(pattern: Any) -> Indices:
     """For every column a row with an entry there, each row once; the diagonal where it is whole or nothing is."""
     size = pattern.shape[0]
     if np.all(pattern.diagonal() != 0):
@@ -67,7 +68,7 @@ def _matched(pattern: sp.csr_array) -> Vector:
     return rows.astype(np.int64) if np.all(rows >= 0) else np.arange(size)
 
 
-def _levels(graph: sp.csr_array) -> Vector:
+def _levels(graph: Any) -> Indices:
     """(size,) for every place the number of blocks before its own; all zero where there would be too many."""
     count, component = connected_components(graph, directed=True, connection="strong")
     entries = graph.tocoo()

@@ -72,9 +72,10 @@ class ByHand:
             started = self.begin(place, guesses, h or self.control.first_step, Work(), controlled=h is None)
             self._engine, self._standing = started.engine, None
             self._message = started.failure.message if started.failure else started.note
-            if started.state is not None:
+            if started.engine is not None and started.state is not None:
                 tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
-                self._standing = begun(place, started.state, h, tolerances, len(self.events))
+                standing = begun(place, started.state, h, tolerances, len(self.events))
+                self._standing = replace(standing, tally=Counter(started.engine.work.tally))
         return started.failure.status if started.failure else Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.coloured import Coloured
-from hhtbench.lowering.matrix_free import MatrixFree, matrix_free
+from hhtbench.lowering.matrix_free import SMALL, MatrixFree, matrix_free
 from hhtbench.lowering.patterns import Pattern
 from solvers.hht.blocks import find_order
 from solvers.hht.discretise import step_residual_and_ends
@@ -20,8 +20,9 @@ from solvers.hht.linear import KINDS, Analysis, Dense, Factor
 from solvers.hht.newton import NewtonOptions
 from solvers.hht.sparse import BAND_GAIN, NARROW, Band, Splu, fill, splu_factor
 
-SMALL = 150  # unknowns below which dense LAPACK costs less than anything with an index
-MATRIX_COST = 3.0  # iterations a new matrix is worth: it costs 3 to 6 (chains of 100 to 10,000 links) and helps later steps too
+MATRIX_COST = (
+    3.0  # iterations a new matrix is worth: it costs 3 to 6 (chains of 100 to 10,000 links) and helps later steps too
+)
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
 
 

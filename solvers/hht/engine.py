@@ -16,7 +16,8 @@ from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_funct
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
-from solvers._start import Failure, explain_nonfinite, inverse_mass_at, points_of
+from solvers._finite import explain_nonfinite, inverse_mass_at
+from solvers._start import Failure, points_of
 from solvers.hht.choose import choose
 from solvers.hht.coefficients import NEAR_HALF, Method
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
@@ -65,7 +66,7 @@ class HostEngine:
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
         self.inverse_mass = compile_function(inverse_mass_at, dynamics)
         self.acceleration = AccelerationLevel(dynamics)
-        self._fallback = (
+        self._fallback: Any = (
             fallback if self.choice.coloured is None else None
         )  # () -> dynamics with every declared derivative derived afresh, or None
         self.distrusts = False  #: whether the declared derivatives were given up

@@ -29,11 +29,12 @@ class Tolerances:
     def relative(self, state: State) -> float:
         """The tolerance as a number without unit: the smallest of weight over typical size, of q and of v, at most 1."""
         n = state.q.size
-        size_q, size_v = max(state.size_q, _TINY), max(state.size_v, _TINY)
-        parts = (self.rtol[:n] + self.atol[:n] / size_q).min(), (self.rtol[n:] + self.atol[n:] / size_v).min()
-        return max(_TINY, min(1.0, *map(float, parts)))
+        sizes = (state.size_q, self.rtol[:n], self.atol[:n]), (state.size_v, self.rtol[n:], self.atol[n:])
+        parts = [float((rtol + atol / size).min()) for size, rtol, atol in sizes if size > NOTHING]
+        return max(_TINY, min(1.0, *parts))
 
 
+NOTHING = 1e-300  # a size up to it is none
 _TINY = float(np.finfo(np.float64).tiny)
 
 

@@ -18,7 +18,7 @@ EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
 CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
 ZERO = 1e-12  # of the largest value in the step: what a start on the zero of an event function may be off
-LEAVING = 1e-6  # of the step after a start or a change: there the side that the motion leaves to is looked up
+LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Event:
     change
         ``(t, q, v)`` to a new ``(q, v)``, an impact, say.  It is projected onto both levels of the constraints in the norm
         of the mass matrix, (H20), and the integration begins anew there, with new multipliers and step control.  Where
-        several events change the state at one time they do so in the order in which they were given.  Changes that
-        pile up at one time (a ball that comes to rest by ever shorter bounces) are followed for as long as a bounce
-        takes more than a millionth of a step; let the change end the motion, or make the event terminal.
+        several events change the state at one time they do so in the order in which they were given.  Changes that pile
+        up at one time, as those of a ball that comes to rest, end the run with a status: let the change end the motion
+        there instead, or make the event terminal.
     name
         For messages; the function's own name without one.
     samples
-        Points within a step at which the function is looked at.
+        Points within a step at which the function is looked at; where nothing else keeps steps short, ``max_step`` does.
     """
 
     function: Callable[..., Any]

@@ -14,8 +14,6 @@ from solvers.hht.engine import HostEngine
 from solvers.hht.error import Tolerances
 from solvers.hht.state import Memory, State
 
-_TINY = float(np.finfo(np.float64).tiny)
-
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
 OVER = 30.0  # probes at most where v' does not change, as in free fall
@@ -27,7 +25,7 @@ def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: 
     A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
     """
     longest = min(abs(stop - state.t), options.max_step)
-    probe = min(longest, PROBE * _time_scale(state))
+    probe = PROBE * min(longest, _time_scale(state))
     jerk = _jerk(engine, state, math.copysign(probe, stop - state.t))
     h = options.first_step or max(min(longest, _suggested(engine, state, tolerances, jerk, probe)), options.min_step)
     signed = math.copysign(probe, stop - state.t)
@@ -49,11 +47,18 @@ def _suggested(engine: HostEngine, state: State, tolerances: Tolerances, jerk: V
     if in_q > 0:
         candidates.append(CAUTION * (12 / in_q) ** (1 / 3))
     if in_v > 0:
-        rate = max(_norm(jerk) / max(_norm(state.vdot), _TINY), PROBE / probe)  # [1/s]; v''' is about this times v''
-        candidates.append(CAUTION * (12 / (in_v * rate)) ** (1 / 3))
+        candidates.append(CAUTION * (12 / (in_v * _rate(state, jerk, probe))) ** (1 / 3))
     if in_v > 0 and alpha > 0 and engine.method.start == "f0":
         candidates.append(CAUTION * math.sqrt(2 / (alpha * in_v)))
     return min(candidates)
+
+
+def _rate(state: State, jerk: Vector, probe: float) -> float:
+    """[1/s] at which v'' changes: as v' does by v'', or v by it and v'; at rest as little as can be."""
+    change, speed, acceleration = _norm(jerk), _norm(state.v), _norm(state.vdot)
+    rates = [change / acceleration] if acceleration > change * probe else []
+    rates += [math.sqrt(change / speed)] if speed > change * probe**2 else []
+    return max(min(rates, default=0.0), PROBE / probe)
 
 
 def _time_scale(state: State) -> float:

@@ -48,7 +48,7 @@ def integrate(course: Course, state: State, stop: float, history: History, max_n
                 return End(changed.status, changed.message, state)
             if changed is not state:
                 history.restart(changed)
-                state, watch = changed, replace(watch, values=None)
+                state, watch = changed, course.watch_after(passage, changed)
             last_words = course.terminal(passage)
             if last_words is not None:
                 return End(Status.event, last_words, state)

@@ -1,7 +1,7 @@
 """Band LU and its solves, block after block, compiled by Numba (which ``asdex`` needs anyway).
 
-LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal; these loops take
-a third of it, and a whole solve with its couplings is one call.  Algorithms of LAPACK's ``dgbtf2`` and ``dgbtrs``.
+LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal;
+these loops take a third of it, and a whole solve with its couplings is one call.  Algorithms of ``dgbtf2`` and ``dgbtrs``.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def solve_blocks(
 ) -> Any:
     """Solve with the factors of :func:`factor_blocks`, block after block: (size,).
 
-    Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse rows of
-    what a block takes from unknowns of earlier blocks.
+    Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
+    rows of what a block takes from unknowns of earlier blocks.
     """
     y = np.empty(right.size)
     offset = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -53,9 +54,7 @@ class Layout:
         All away from zero: the roundoff of regular values is not of both signs alike (of a chain at rest it was ten times
         what signs drawn by lot made of it).
         """
-        lots = np.random.default_rng(0).choice([0.0, ROUNDOFF], vector.size)
-        lots[: len(self.scalars)] = 0.0
-        return vector * (1.0 + lots)
+        return vector * _lots(vector.size, len(self.scalars))
 
     def known(self, vector: Any) -> dict[str, Any]:
         """The inverse of :meth:`pack`."""
@@ -74,6 +73,13 @@ class Layout:
             result[name] = vector[offset : offset + size]
             offset += size
         return result
+
+
+@functools.lru_cache(maxsize=8)
+def _lots(size: int, exact: int) -> np.ndarray:
+    factors = 1.0 + np.random.default_rng(0).choice([0.0, ROUNDOFF], size)
+    factors[:exact] = 1.0
+    return factors
 
 
 def _unknowns(s: Structure, end_unknown: bool) -> dict[str, int]:

@@ -55,8 +55,13 @@ class DenseFactor(Factor):
 class Analysis(Protocol):
     """What is known of the structure of Newton's matrix before its entries."""
 
-    kind: str  #: of ``KINDS``, without "auto"
-    reason: str  #: why this kind, in words
+    @property
+    def kind(self) -> str:
+        """Of ``KINDS``, without "auto"."""
+
+    @property
+    def reason(self) -> str:
+        """Why this kind, in words."""
 
     def factor(self, entries: Vector, h: float) -> Factor | None:
         """LU factors from what :attr:`~solvers.hht.newton.Functions.matrix` returns after the residual.

@@ -192,7 +192,8 @@ class Iteration:
         first = factor.largest(increment, self.layout.structure.n)
         if not math.isfinite(sum(first)):
             return self.sizes
-        return tuple(size if size > NOTHING else max(size, change) for size, change in zip(self.sizes, first, strict=True))
+        q, v = (size if size > NOTHING else max(size, change) for size, change in zip(self.sizes, first, strict=True))
+        return q, v
 
     def _size(self, factor: Factor, increment: Vector, sizes: tuple[float, float]) -> float:
         """Largest change of q1 and v1 over typical sizes, (H15)."""

@@ -1,8 +1,8 @@
 """Newton's matrix of large systems: a band after reverse Cuthill-McKee, or SuperLU.
 
 A chain's matrix is a narrow band once its unknowns are sorted along the chain, and LAPACK's band LU beats general sparse
-LU there by a factor of five at 5,000 unknowns.  SuperLU orders columns by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with
-pivots on the diagonal, meets zeros there and fills in without bound when it pivots.
+LU there by a factor of five at 5,000 unknowns.  SuperLU orders columns by COLAMD: MMD_AT_PLUS_A, made for symmetric
+patterns with pivots on the diagonal, meets zeros there and fills in without bound when it pivots.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.patterns import Indices, Pattern
 from solvers.hht.blocks import Order
 from solvers.hht.kernels import factor_blocks, largest_change, solve_blocks
 from solvers.hht.linear import Factor
@@ -28,8 +28,8 @@ BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: co
 class Couplings:
     """What blocks take from earlier ones: sparse rows in the order of places."""
 
-    starts: Vector  #: (size + 1,)
-    places: Vector  #: (entries,)
+    starts: Indices  #: (size + 1,)
+    places: Indices  #: (entries,)
     values: Vector  #: (entries,)
 
 
@@ -38,7 +38,7 @@ class BandFactor(Factor):
     """LU factors of bands in LAPACK's storage, one for each block of a block triangular matrix; arrays only."""
 
     storage: Vector  #: (order.storage,)
-    pivots: Vector  #: (size,) rows down to the pivot
+    pivots: Indices  #: (size,) rows down to the pivot
     order: Order
     couplings: Couplings
 
@@ -113,7 +113,7 @@ class Band:
         )
 
 
-def _inverse(order: Vector) -> Vector:
+def _inverse(order: Indices) -> Indices:
     places = np.empty_like(order)
     places[order] = np.arange(order.size)
     return places
@@ -136,7 +136,9 @@ class Splu:
     def factor(self, entries: Vector, h: float) -> Factor | None:
         """``entries``: q1, v1 (2n,), then the entries of the pattern."""
         values = entries[self._maps.rows :]
-        matrix = sp.csc_array((values[: self._own][self._sorted], self._rows, self._starts), shape=(self._size, self._size))
+        matrix: Any = sp.csc_array(
+            (values[: self._own][self._sorted], self._rows, self._starts), shape=(self._size, self._size)
+        )
         return splu_factor(matrix, self._maps.matrix(values), h)
 
 
@@ -165,7 +167,7 @@ def fill(pattern: Pattern, size: int) -> int:
     """Entries of SuperLU's factors, measured on a matrix of the pattern with arbitrary values."""
     own = int(np.searchsorted(pattern.rows, size))
     values = 1.0 + np.random.default_rng(0).random(own)
-    matrix = sp.csc_array((values, (pattern.rows[:own], pattern.columns[:own])), shape=(size, size))
+    matrix: Any = sp.csc_array((values, (pattern.rows[:own], pattern.columns[:own])), shape=(size, size))
     try:
         lu = splu(matrix, permc_spec="COLAMD")
     except RuntimeError:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels
 from hhtbench.lowering.kkt import Acceleration
+from hhtbench.lowering.kkt_sparse import solve_scaled_sparse
+from hhtbench.lowering.matrix_free import large
 from hhtbench.result import Status
 from solvers._start import (
     Failure,
@@ -93,7 +96,7 @@ def _projected(dynamics: Any, levels: ConstraintLevels, place: Place) -> tuple[P
     v = place.v.copy()
     for _ in range(PROJECTION_STEPS):
         at = finite_levels(levels, place.t, q, v)
-        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian], axis=0)
+        rows = at.rows
         mass = _finite_mass(dynamics, place.t, q)
         change = _closest(mass, rows, mass @ (v - place.v), at.velocity_drift)
         v = v + change
@@ -123,14 +126,21 @@ def _project_position(dynamics: Any, levels: ConstraintLevels, place: Place) -> 
     return q, None
 
 
-def _finite_mass(dynamics: Any, t: float, q: Vector) -> Matrix:
+def _finite_mass(dynamics: Any, t: float, q: Vector) -> Any:
+    products = large(dynamics)
+    if products is not None:
+        return sp.diags_array(np.asarray(products.mass(t, q).values), format="csr")
     mass = np.asarray(dynamics.mass(*as_arguments(dynamics, t, q)))
     expect_finite("mass_matrix", mass, t)
     return mass
 
 
-def _closest(mass: Matrix, rows: Matrix, pull: Vector, value: Vector) -> Vector:
-    """One Newton step of: least mass-weighted change subject to ``value = 0``; rows may be dependent."""
+def _closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
+    """One Newton step of: least mass-weighted change subject to ``value = 0``; rows may be dependent, sparse ones not."""
+    if isinstance(rows, sp.csr_array):
+        blocks: Any = [[mass, rows.transpose()], [rows, None]]
+        solved = solve_scaled_sparse(sp.block_array(blocks, format="csr"), np.concatenate([pull, value]))
+        return np.full(pull.size, np.nan) if solved is None else -solved[: pull.size]
     n, m = mass.shape[0], rows.shape[0]
     matrix = np.block([[mass, rows.T], [rows, np.zeros((m, m))]])
     return np.linalg.lstsq(matrix, -np.concatenate([pull, value]), rcond=1e-13)[0][:n]

@@ -153,7 +153,7 @@ def _one(course: Course, standing: Standing, goal: Goal) -> tuple[Standing, Stat
     moved = replace(
         standing,
         state=changed,
-        watch=passage.watch if changed is passage.step.state else replace(passage.watch, values=None),
+        watch=course.watch_after(passage, changed),
         last=_output(state, passage, changed),
         occurrences=standing.occurrences + passage.occurrences,
         message=last_words or "",

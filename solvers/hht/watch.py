@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from hhtbench.arguments import Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels
@@ -17,13 +15,14 @@ from solvers.hht.control import Advance, ErrorControlled, Prescribed
 from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.estimate import remembered
-from solvers.hht.events import Crossing, Event, Occurrence, changed_by, scan, value_of, zero
+from solvers.hht.events import Crossing, Event, Occurrence, changed_by, scan
+from solvers.hht.landing import along, land
 from solvers.hht.start import first_state, project
 from solvers.hht.state import State, Step
 
 CUTS = 20  # of one step: each finds an earlier event than the last
-NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
-WIDER = 8.0  # factor between two looks for the other side of an event
+PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
+PILED_UP = "let the change end the motion there, or make the event terminal."
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,7 @@ class Watch:
 
     counts: tuple[int, ...] = ()  #: occurrences so far
     values: Vector | None = None  #: (k,) event functions at the last step's end; None: the motion begins here
+    changed: tuple[int, ...] = ()  #: events that made the state it begins from
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,12 @@ class Course:
             return None
         return f"event {', '.join(map(repr, named))} at t = {passage.step.state.t:.17g}. {Status.event.text}"
 
+    def watch_after(self, passage: Passage, state: State) -> Watch:
+        """What goes on with ``state``, the end of ``passage`` or what its events made of it."""
+        if state is passage.step.state:
+            return passage.watch
+        return replace(passage.watch, values=None, changed=passage.stopping)
+
     def changed(self, passage: Passage) -> State | Failure:
         """The state after the changes that events make at the end of ``passage``; without one the end itself."""
         state = passage.step.state
@@ -107,12 +113,20 @@ class Course:
             earlier = self._land_first(before, step, crossings, watch.counts)
             if isinstance(earlier, Failure):
                 return earlier
+            if earlier is not None and self._piled(earlier, before, whole, watch):
+                name, t = self.events[earlier.index].name, earlier.step.state.t
+                return Failure(Status.time_resolution, f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}")
             if earlier is None:
                 step = step if step is whole else self._as_accepted(before, whole, step)
                 return self._passage(step, output, crossings, Watch(watch.counts, found.values))
             step, landed = earlier.step, earlier
         text = f"in the step from t = {before.t:.17g} with h = {whole.state.h:g} each look shows an event before the last"
         return Failure(Status.time_resolution, f"{text}; take shorter steps.")
+
+    def _piled(self, landed: Landed, before: State, whole: Step, watch: Watch) -> bool:
+        """Whether the event that made the state ``before`` comes again in no time."""
+        again = landed.index in watch.changed and self.events[landed.index].change is not None
+        return again and abs(landed.step.state.t - before.t) < PILED * abs(whole.state.t - before.t)
 
     def _land_first(
         self, before: State, step: Step, crossings: list[Crossing], counts: tuple[int, ...]
@@ -159,101 +173,6 @@ class Course:
         else:
             memory = replace(memory, last=step.state.h or 0.0, acceleration=step.state.f)
         return replace(step, state=replace(step.state, memory=memory))
-
-
-def along(before: State, step: Step) -> HermiteOutput:
-    """Dense output of one step."""
-    after = step.state
-    return HermiteOutput(np.array([before.t, after.t]), np.stack([before.q, after.q]), np.stack([before.v, after.v]))
-
-
-def land(engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> Step | Failure | None:
-    """The step from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is a step.
-
-    None where the steps' ends show no such change of sign: the interpolant alone had it.
-    """
-    try:
-        return _Landing(engine, event, crossing, before, whole).step()
-    except _NotMade as error:
-        return error.failure
-
-
-class _NotMade(Exception):
-    """A trial step failed."""
-
-    def __init__(self, failure: Failure) -> None:
-        self.failure = failure
-        super().__init__(failure.message)
-
-
-class _Landing:
-    """The event function at the end of steps from ``before``, as a function of where they end."""
-
-    def __init__(self, engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> None:
-        self.engine, self.event, self.crossing, self.whole = engine, event, crossing, whole
-        self.before = before
-        self.start, self.end = before.t, whole.state.t
-        self.first = float(np.nextafter(self.start, self.end))  # the shortest step there is
-        self.ahead = 1.0 if self.end > self.start else -1.0
-        self.made: dict[float, tuple[Step, float]] = {}
-
-    def step(self) -> Step | None:
-        """The landing step."""
-        bracket = self._bracket()
-        if bracket is None:
-            return None
-        low, high = bracket
-        t = low if low == high else zero(self.value, low, high)
-        shift = self.ahead * float(np.spacing(abs(t)))
-        while not self.crossed(t):
-            t, shift = between(t + shift, t, high), 2 * shift
-        return self.made[t][0]
-
-    def value(self, t: float) -> float:
-        """The event function at the end of the step that ends at ``t``."""
-        if t not in self.made:
-            self.engine.work.check_time()
-            taken = self.whole if t == self.end else self.engine.step(self.before, t - self.start, t)
-            if isinstance(taken, Failure):
-                raise _NotMade(taken)
-            self.before = replace(self.before, factor=taken.state.factor)  # the next trial is about as long
-            self.made[t] = taken, value_of(self.event, t, taken.state.q, taken.state.v, self.engine.work)
-        return self.made[t][1]
-
-    def crossed(self, t: float) -> bool:
-        """Whether the function is zero or beyond at the end of the step that ends at ``t``."""
-        return self.value(t) * self.crossing.side <= 0
-
-    def _bracket(self) -> tuple[float, float] | None:
-        """Ends of two steps, before the event and at or after it."""
-        t = between(self.crossing.t, self.first, self.end)
-        toward = -1.0 if self.crossed(t) else 1.0
-        width = self._width(t)
-        while True:
-            other = between(t + toward * self.ahead * width, self.first, self.end)
-            if self.crossed(other) is (toward > 0):
-                return (t, other) if toward > 0 else (other, t)
-            if toward > 0 and other == self.end:
-                return None
-            if toward < 0 and other == self.first:
-                return (other, other) if self.crossing.bracket[0] == self.start else None
-            t, width = other, WIDER * width
-
-    def _width(self, t: float) -> float:
-        """[s] from ``t`` past the event, by the slope of the function along the step's dense output."""
-        low, high = self.crossing.bracket
-        h = NUDGE * abs(high - low)
-        output = along(self.before, self.whole)
-        times = [between(s, self.start, self.end) for s in (t - h, t + h)]
-        values = [value_of(self.event, s, *output(s), self.engine.work) for s in times]
-        rise = abs(values[1] - values[0])
-        smallest = 2 * float(np.spacing(abs(t)))
-        return smallest if rise == 0 else max(4 * abs(self.value(t)) / rise * abs(times[1] - times[0]), smallest)
-
-
-def between(t: float, one: float, other: float) -> float:
-    """``t``, or the nearer of two limits where it is not between them."""
-    return min(max(t, min(one, other)), max(one, other))
 
 
 def _with_landed(crossings: Sequence[Crossing], landed: Landed | None, end: float) -> list[Crossing]:

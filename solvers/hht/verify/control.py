@@ -28,7 +28,7 @@ NEAR = 10.0  # factor around the calibrated error that counts as what was asked 
 SHARE = 0.9  # of the runs that must be so near
 SLOPE = 0.2  # how far the slope of error over tolerance may lie from 1
 REJECTED = 0.15  # share of rejected steps
-MAX_SECONDS = 120.0  # of one solve [s]
+MAX_SECONDS = 60.0  # of one solve [s]
 FLOOR = 1e-11  # errors below it are roundoff and limits of references, not of steps
 
 

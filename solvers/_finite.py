@@ -1,0 +1,62 @@
+"""Values that are not finite: which function of a system gave them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering.matrix_free import large
+from solvers._trust import as_arguments
+
+
+def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+    """M^-1 (n, n) at (t, q); not finite where M is singular."""
+    mass = dynamics.mass(t, q)
+    try:
+        return dynamics.xp.linalg.inv(mass)
+    except np.linalg.LinAlgError:  # compiled code raises nothing
+        return np.full_like(mass, np.nan)
+
+
+def expect_finite(function: str, value: Any, t: float) -> None:
+    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
+    array = np.asarray(value.data if isinstance(value, csr_array) else value)
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise NonFiniteValue(function, where, float(array[where]), t)
+
+
+def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
+    """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
+
+    Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
+    """
+    products = large(d)
+    d, full = (d, True) if products is None else (products, False)
+    s = d.structure
+    t, q, v = as_arguments(d, t, q, v)
+    suspects = {"force": lambda: d.force(t, q, v)}
+    if s.mass != "identity" and full:
+        suspects["mass_matrix"] = lambda: d.mass(t, q)
+        suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
+    if s.m:
+        suspects["constraint"] = lambda: d.constraint(t, q)
+        if full:
+            suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
+        suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
+        suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
+        suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
+    if s.p:
+        suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
+        if full:
+            suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
+        suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
+    if full:
+        zero = np.zeros((s.n, s.n))
+        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
+    for name, function in suspects.items():
+        expect_finite(name, function(), float(t))
+    raise NonFiniteValue(otherwise, (), float("nan"), float(t))

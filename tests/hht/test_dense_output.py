@@ -1,0 +1,115 @@
+"""Dense output: how accurate it is between steps, and that asking for it changes no step (row S9)."""
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.result import Status
+from solvers.hht import HHT
+from tests.hht.scenes import ALPHAS, GRAVITY, Q0, SYSTEMS, V0, pendulum_at
+
+INSIDE = np.linspace(0.0, 1.0, 41)[1:-1]  # of a step
+
+
+def local_solution(q, v, times):
+    """The unit pendulum's motion from (q, v) at time 0: (k, 2) each, by DOP853."""
+    angle, speed = np.arctan2(q[0], -q[1]), q[0] * v[1] - q[1] * v[0]
+    return pendulum_at(times, angle, speed)
+
+
+def hermite(s, h, q1, v1):
+    """The cubic (and its derivative) with zero at the start and q1, v1 at the end of a step h."""
+    s = s[:, None]
+    return s * s * ((3 - 2 * s) * q1 + (s - 1) * h * v1), 6 * s * (1 - s) * q1 / h + s * (3 * s - 2) * v1
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("route", SYSTEMS)
+def test_interpolation_adds_an_error_of_order_four_in_q_and_three_in_v(route, alpha):
+    """Against the exact solution from the step's start, after what the step itself has done wrong at its end."""
+    found = []
+    for h in (0.1, 0.05, 0.025):
+        solution = HHT(SYSTEMS[route], alpha=alpha).solve((0.0, h), Q0, V0, steps=1)
+        q, v = local_solution(Q0, V0, np.append(INSIDE, 1.0) * h)
+        q_step, v_step = hermite(INSIDE, h, solution.q[-1] - q[-1], solution.v[-1] - v[-1])
+        dense = solution(INSIDE * h)
+        found.append([np.max(np.abs(dense.q - q[:-1] - q_step)), np.max(np.abs(dense.v - v[:-1] - v_step))])
+    slopes = np.log2(np.array(found[:-1]) / np.array(found[1:]))
+    assert np.all(slopes[:, 0] > 3.8)
+    assert np.all(slopes[:, 1] > 2.8)
+
+
+@pytest.mark.parametrize("end", [0.8, -0.8])
+def test_between_steps_the_error_falls_by_four_when_the_step_is_halved(end):
+    """The interpolation is of higher order than the steps, so output between them is as good as at them."""
+    errors = []
+    for h in (0.04, 0.02, 0.01):
+        solution = HHT(SYSTEMS["jax"]).solve((0.0, end), Q0, V0, step=h)
+        times = np.linspace(0.0, end, 97)
+        dense = solution(times)
+        q, v = pendulum_at(times)
+        at_steps = pendulum_at(solution.t)
+        errors.append([np.max(np.abs(dense.q - q)), np.max(np.abs(dense.v - v))])
+        assert errors[-1][0] < 1.5 * np.max(np.abs(solution.q - at_steps[0]))
+        assert errors[-1][1] < 1.5 * np.max(np.abs(solution.v - at_steps[1]))
+    ratios = np.array(errors[:-1]) / np.array(errors[1:])
+    assert np.all(ratios > 3.7)
+
+
+@pytest.mark.parametrize("name", ["unit pendulum", "jay_negrut_pendulum", "bead_on_rotating_rod"])
+def test_constraints_between_steps_fall_by_sixteen_when_the_step_is_halved(name):
+    """g and its rate vanish at both ends of a step, so the cubic leaves O(h^4) of g between them."""
+    if name == "unit pendulum":
+        system, q0, v0, span, steps = SYSTEMS["jax"], Q0, V0, 0.8, 20
+        residual = lambda t, q: (np.sum(q * q, axis=1)[:, None] - 1.0) / 2.0  # noqa: E731
+    else:
+        problem = hb.load_problem(name)
+        system, q0, v0, span, steps = problem.system, problem.q0, problem.v0, 0.4, 20
+        residual = lambda t, q: np.array([system.constraint(x, y) for x, y in zip(t, q, strict=True)])  # noqa: E731
+    found = []
+    for count in (steps, 2 * steps, 4 * steps):
+        solution = HHT(system).solve((0.0, span), q0, v0, steps=count)
+        times = (np.arange(12, 16)[:, None] + INSIDE[::6]).ravel() * span / 20  # the same places for all
+        found.append(np.max(np.abs(residual(times, solution(times).q))))
+    ratios = np.array(found[:-1]) / np.array(found[1:])
+    assert np.all(ratios > 12.0), found
+
+
+@pytest.mark.parametrize("route", SYSTEMS)
+@pytest.mark.parametrize("how", [{"step": 0.03}, {"steps": [0.2, 0.1, 0.3, 0.2]}, {"rtol": 1e-5}], ids=str)
+def test_output_times_change_no_bit_of_the_steps(route, how):
+    solver = HHT(SYSTEMS[route], alpha=-0.3)
+    free = solver.solve((0.0, 0.8), Q0, V0, **how)
+    asked = np.sort(np.append(np.linspace(0.0, 0.8, 37), free.t[3]))
+    bound = solver.solve((0.0, 0.8), Q0, V0, t_eval=asked, **how)
+    assert free.status is bound.status is Status.success
+    assert np.array_equal(bound.t, asked)
+    for name in ("t", "h", "a", "lam_start", "lam_end"):
+        assert getattr(free.steps_data, name).tobytes() == getattr(bound.steps_data, name).tobytes()
+    assert bound.q.tobytes() == free(asked).q.tobytes()
+    assert bound.v.tobytes() == free(asked).v.tobytes()
+    row = int(np.flatnonzero(asked == free.t[3])[0])
+    assert bound.q[row].tobytes() == free.q[3].tobytes()
+    for name in ("residual_evaluations", "newton_iterations", "factorisations", "steps_accepted"):
+        assert getattr(free.counters, name) == getattr(bound.counters, name)
+
+
+@pytest.mark.parametrize("span", [(0.0, 0.3), (0.3, 0.0)])
+def test_dense_output_returns_step_ends_as_they_are_and_refuses_times_outside(span):
+    solution = HHT(SYSTEMS["jax"]).solve(span, Q0, V0, step=0.03)
+    dense = solution(solution.t)
+    assert dense.q.tobytes() == solution.q.tobytes()
+    assert dense.v.tobytes() == solution.v.tobytes()
+    one = solution(0.1)
+    assert one.q.shape == one.v.shape == (2,)
+    assert np.array_equal(solution([0.1]).q[0], one.q)
+    for outside in (-1e-9, 0.3 + 1e-9, np.nan, np.inf):
+        with pytest.raises(ValueError, match="covers"):
+            solution(outside)
+
+
+def test_the_multipliers_between_steps_are_those_of_the_interpolated_state():
+    solution = HHT(SYSTEMS["jax"]).solve((0.0, 0.3), Q0, V0, step=0.03, t_eval=np.linspace(0.0, 0.3, 31))
+    tension = np.sum(solution.v**2, axis=1) - GRAVITY * solution.q[:, 1]
+    length = np.sum(solution.q**2, axis=1)
+    np.testing.assert_allclose(solution.lam[:, 0] * length, tension, rtol=1e-12)

@@ -1,0 +1,155 @@
+"""Large systems: sparse derivatives by pattern and colour, products instead of Jacobians, nothing of size n x n."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+from hhtbench import System, parameter
+from hhtbench.counting import Work
+from hhtbench.describe import describe
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
+from hhtbench.lowering.coloured import Coloured, pattern_of
+from hhtbench.lowering.diagonal import Diagonal
+from hhtbench.lowering.matrix_free import large, matrix_free
+from problems import planar_chain
+from solvers._start import Place, inconsistency
+from solvers.hht.start import project
+
+T, N = 0.3, 6
+Q, V = np.sin(np.arange(1.0, N + 1)), np.cos(np.arange(1.0, N + 1))
+LAM, MU = np.array([0.7, -1.1, 0.4]), np.array([0.9])
+
+
+class Mixed(System):
+    """Rheonomic position constraints, a velocity constraint nonlinear in v, a mass that is a diagonal; n = 6."""
+
+    mass_matrix: Array = parameter((1.0, 2.0, 3.0, 1.5, 2.5, 0.5), doc="[kg]")
+    stiffness: Array = parameter(2.0, doc="[N/m]")
+
+    def force(self, t, q, v):
+        return -self.stiffness * q**3 - 0.1 * jnp.roll(q, 1) * v
+
+    def constraint(self, t, q):
+        return q[:3] * q[1:4] - jnp.sin(2.0 * t + q[2:5])
+
+    def velocity_constraint(self, t, q, v):
+        return (v[5] + q[0] * v[4] ** 2 - jnp.cos(t))[None]
+
+
+DENSE = derive(Mixed(), T, Q, V)
+FREE = matrix_free(DENSE)
+
+
+def products(dynamics, t, q, v, lam, mu):
+    return {
+        "constraint_velocity": dynamics.constraint_velocity(t, q, v),
+        "constraint_time_derivative": dynamics.constraint_time_derivative(t, q),
+        "constraint_acceleration": dynamics.constraint_acceleration(t, q, v),
+        "reaction": dynamics.reaction(t, q, lam),
+        "velocity_reaction": dynamics.velocity_reaction(t, q, v, mu),
+        "velocity_constraint_acceleration": dynamics.velocity_constraint_acceleration(t, q, v),
+        "force": dynamics.mass(t, q) @ v - dynamics.force(t, q, v),
+    }
+
+
+def test_products_equal_what_jacobians_give():
+    free, dense = (jax.jit(products)(dynamics, T, Q, V, LAM, MU) for dynamics in (FREE, DENSE))
+    for name, wanted in dense.items():
+        assert np.allclose(free[name], wanted, rtol=1e-14, atol=1e-14), name
+
+
+def curve(dynamics, x, t, v):
+    return jnp.concatenate([dynamics.constraint_velocity(t, x, v), dynamics.force(t, x, v)])
+
+
+def test_a_coloured_derivative_equals_the_full_one():
+    coloured = Coloured(curve, FREE, example=(Q, T, V))
+    values, derivative = coloured(Q, T, V)
+    assert np.allclose(values, jax.jit(curve)(FREE, jnp.asarray(Q), T, jnp.asarray(V)), rtol=1e-14)
+    full = jax.jit(jax.jacfwd(curve, 1))(FREE, jnp.asarray(Q), T, jnp.asarray(V))
+    assert np.allclose(derivative.toarray(), full, rtol=1e-14)
+    assert coloured.pattern.entries < 0.6 * derivative.shape[0] * N and coloured.pattern.colours < N
+
+
+def test_an_entry_that_vanishes_at_the_start_belongs_to_the_pattern():
+    nowhere = np.zeros(N)
+    pattern = pattern_of(curve, FREE, (), (nowhere, 0.0, nowhere))
+    assert np.array_equal(pattern.matrix(np.ones(pattern.entries)).toarray() > 0, _dependencies())
+
+
+def _dependencies():
+    rows = np.zeros((9, N), dtype=bool)
+    for i in range(3):
+        rows[i, i : i + 3] = True
+    rows[3:] = np.eye(N, dtype=bool) | np.roll(np.eye(N, dtype=bool), -1, axis=1)
+    return rows
+
+
+def test_a_pattern_holds_for_other_parameter_values():
+    quiet = matrix_free(derive(Mixed(stiffness=0.0), T, Q, V))
+    assert pattern_of(curve, quiet, (), (Q, T, V)) is pattern_of(curve, FREE, (), (Q, T, V))
+
+
+CHAIN = planar_chain.problem(n_links=81)  # n + m = 405: just large
+BENT_Q = CHAIN.q0 + 1e-3 * np.sin(np.arange(CHAIN.q0.size))
+BENT_V = np.cos(np.arange(CHAIN.q0.size))
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return derive(CHAIN.system, 0.0, CHAIN.q0, CHAIN.v0)
+
+
+def test_sparse_levels_equal_full_ones(chain):
+    thin, full = (ConstraintLevels(chain, full=kind).at(0.0, BENT_Q, BENT_V) for kind in (False, True))
+    assert np.allclose(thin.position_jacobian.toarray(), full.position_jacobian, rtol=1e-14)
+    assert np.allclose(thin.velocity_drift, full.velocity_drift, rtol=1e-12, atol=1e-13)
+    assert np.allclose(thin.scaled_position(1.0), full.scaled_position(1.0), rtol=1e-10)
+    assert np.allclose(thin.scaled_velocity(1.0), full.scaled_velocity(1.0), rtol=1e-10)
+    assert np.allclose(np.abs(thin.rows).sum(axis=1), np.abs(full.rows).sum(axis=1))
+
+
+def test_the_sparse_acceleration_level_equals_the_full_one(chain):
+    thin, full = (AccelerationLevel(chain, full=kind).solve(0.0, CHAIN.q0, BENT_V) for kind in (False, True))
+    assert np.allclose(thin.vdot, full.vdot, rtol=0, atol=1e-11 * np.abs(full.vdot).max())
+    assert np.allclose(thin.lam, full.lam, rtol=0, atol=1e-11 * np.abs(full.lam).max())
+
+
+class Doubled(planar_chain.PlanarChain):
+    """The last joint stated twice."""
+
+    def constraint(self, t, q):
+        rows = super().constraint(t, q)
+        return jnp.concatenate([rows, rows[-2:]])
+
+
+def test_dependent_rows_of_a_large_system_end_as_a_singular_level():
+    system = Doubled(m=CHAIN.system.m, l=CHAIN.system.l)
+    assert AccelerationLevel(derive(system, 0.0, CHAIN.q0, CHAIN.v0)).solve(0.0, CHAIN.q0, CHAIN.v0).singular
+
+
+def test_an_inconsistent_start_of_a_large_system_is_projected(chain):
+    levels = ConstraintLevels(chain)
+    place = Place(0.0, CHAIN.q0 + 1e-5 * np.sin(np.arange(CHAIN.q0.size)), BENT_V)
+    assert inconsistency(levels, place) is not None
+    projected, note = project(chain, levels, place, Work())
+    assert inconsistency(levels, projected) is None and "moved q0" in note
+
+
+def test_nothing_of_size_n_times_n_is_made_for_ten_thousand_links():
+    """A full matrix would have 7 GB; deriving and looking at the mass takes none of it."""
+    problem = planar_chain.problem(n_links=10_000)
+    dynamics = derive(problem.system, 0.0, problem.q0, problem.v0)
+    assert isinstance(dynamics.constant_mass, Diagonal) and isinstance(dynamics.inverse_mass, Diagonal)
+    assert large(dynamics) is not None
+    told = {row.subject: row.text for row in describe(problem).about("linear algebra")}
+    assert "sparse LU" in told["acceleration level"] and "band LU" in told["HHT step"]
+
+
+def test_a_full_or_singular_mass_is_not_taken_for_a_diagonal():
+    full = np.diag([1.0, 2.0, 3.0, 1.5, 2.5, 0.5])
+    full[0, 1] = full[1, 0] = 0.1
+    assert matrix_free(derive(Mixed(mass_matrix=full), T, Q, V)) is None
+    assert matrix_free(derive(Mixed(mass_matrix=np.array([1.0, 0.0, 1, 1, 1, 1])), T, Q, V)) is None
