@@ -18,7 +18,7 @@ from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import declared
 
-SMALL = 150  # unknowns of a step below which full matrices cost less than anything with an index
+SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 

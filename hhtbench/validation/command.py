@@ -24,6 +24,7 @@ from hhtbench.validation.verdict import evidence_rows, judge
 MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated in the problem's own page
     "singular": "it passes through positions where its constraints lose rank",
+    "nonlinear reaction": "its reaction is nonlinear in lam, so solvers of the underlying ODE decline it",
 }
 
 

@@ -159,6 +159,12 @@ def test_a_cycle_is_one_block():
     assert len(find_order(*both, 6).blocks) == 1
 
 
+def test_a_long_sequence_of_blocks_stays_one():
+    """Row i takes from unknown i - 1 alone: thirty blocks of one would cost more than a band of two diagonals."""
+    both = np.concatenate([np.arange(30), np.arange(1, 30)]), np.concatenate([np.arange(30), np.arange(29)])
+    assert find_order(*both, 30).blocks[:, 1:].tolist() in ([[30, 1, 0]], [[30, 0, 1]])
+
+
 def test_small_systems_and_those_with_full_matrices_stay_dense():
     engine, _ = begun(planar_chain.problem(n_links=6), "auto", 1e-3)
     assert engine.choice.linear.kind == "dense" and "below" in engine.choice.linear.reason

@@ -58,8 +58,8 @@ def test_normal_steps_reach_a_time_and_the_last_step_holds_it(accuracy, sign):
 @pytest.mark.parametrize("accuracy", ACCURACY)
 def test_where_output_is_asked_for_changes_no_step(accuracy):
     ends = []
-    for asked in ([0.3], np.linspace(0.01, 0.3, 17)):
-        solver = begun(accuracy=accuracy, first_step=0.004)
+    for asked in ([0.01, 1.0], np.linspace(0.01, 1.0, 34)):  # the first time is the horizon of the first step
+        solver = begun(accuracy=accuracy, events=wall())
         for t in asked:
             solver.step(t, "normal")
         ends.append(bits(solver.state))
@@ -93,7 +93,9 @@ def test_a_terminal_event_returns_its_status_and_stepping_goes_on(accuracy):
     assert abs(solver.state.q[0] - 0.8) < 1e-15
     q, v = pendulum_at([solver.state.t])
     assert np.max(np.abs(solver.state.q - q)) < 3e-4
-    first = solver.state.t
+    first, length = solver.state.t, abs(solver.state.h)
+    assert solver.step() is Status.success
+    assert solver.state.h >= 0.5 * length  # the steps go on as they were
     assert solver.step(first + 0.2, "normal") is Status.success
     assert solver.message == ""
     assert solver.step(5.0, "normal") is Status.event  # the swing back

@@ -111,18 +111,20 @@ def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
         runs = {cell: future.result() for future, cell in waiting.items()}
         rows = list(effective.result())
     controlled = {spec: [runs[spec, tol, ALPHA["default"], "error"] for tol in TOLERANCES] for spec in specs}
-    rows += _calibrated(controlled)
-    rows += [row for spec in STIFF for row in _stiff(spec, [runs[spec, t, ALPHA["stiff"], "error"] for t in TOLERANCES[:3]])]
-    rows += [_chrono(spec, runs[spec, 1e-4, ALPHA["default"], "chrono"], controlled) for spec in SEPARATED]
+    rows += judged(controlled)
+    rows += [
+        row for spec in STIFF for row in stiff_rows(spec, [runs[spec, t, ALPHA["stiff"], "error"] for t in TOLERANCES[:3]])
+    ]
+    rows += [compared(spec, runs[spec, 1e-4, ALPHA["default"], "chrono"], controlled) for spec in SEPARATED]
     return Evidence(
         title="Error control: what is asked for and what comes",
         rows=tuple(rows),
-        plots=(_plot(controlled),),
+        plots=(drawn(controlled),),
         seconds=time.perf_counter() - began,
     )
 
 
-def _calibrated(controlled: dict[str, list[Run]]) -> list[Row]:
+def judged(controlled: dict[str, list[Run]]) -> list[Row]:
     """Per problem the ratios over their middle and the slope; over all runs the share that is near, and rejections."""
     rows, near, runs = [], 0, [run for own in controlled.values() for run in own]
     for spec, own in controlled.items():
@@ -159,14 +161,16 @@ def _slope(spec: str, told: list[tuple[float, float]]) -> Row:
     return _row(f"slope/{spec}", claim, f"{slope:.2f}", f"1 +- {SLOPE:g}", abs(slope - 1) <= SLOPE)
 
 
-def _stiff(spec: str, own: list[Run]) -> list[Row]:
+def stiff_rows(spec: str, own: list[Run]) -> list[Row]:
+    """The row of a stiff spring: every error within NEAR times its tolerance."""
     text = ", ".join(f"{_ratio(run)} in {run.accepted} steps" for run in own)
     claim = f"{spec}, alpha {ALPHA['stiff']}: achieved/requested at {', '.join(f'{run.tolerance:g}' for run in own)}"
     passed = all(run.error is not None and run.error <= NEAR * run.tolerance for run in own)
     return [_row(f"stiff/{spec}", claim, text, f"< {NEAR:g}", passed)]
 
 
-def _chrono(spec: str, chrono: Run, controlled: dict[str, list[Run]]) -> Row:
+def compared(spec: str, chrono: Run, controlled: dict[str, list[Run]]) -> Row:
+    """A row, not judged, with the errors and the work of both kinds of step control."""
     own = next((run for run in controlled.get(spec, []) if run.tolerance == chrono.tolerance), None)
     own = own or run(spec, chrono.tolerance, ALPHA["default"])
     errors = [f"{run.error:.1e}" if run.error is not None else run.status for run in (chrono, own)]
@@ -182,11 +186,13 @@ def _shown(id: str, claim: str, measured: str) -> Row:
     return Row(id=id, claim=claim, measured=measured, bound="not judged", passed=None)
 
 
-def _plot(controlled: dict[str, list[Run]]) -> Plot:
-    curves = []
+def drawn(controlled: dict[str, list[Run]]) -> Plot:
+    """Error over tolerance, a curve for every problem that has errors above roundoff."""
+    curves: list[Curve] = []
     for spec, own in controlled.items():
         told = [run for run in own if run.error is not None and run.error > FLOOR]
-        curves.append(Curve(spec, tuple(run.tolerance for run in told), tuple(run.error for run in told if run.error)))
+        x, y = tuple(run.tolerance for run in told), tuple(run.error for run in told if run.error)
+        curves += [Curve(label=spec, x=x, y=y)] if told else []
     return Plot(
         id="control",
         title="Achieved over requested error",

@@ -1,0 +1,66 @@
+"""``hhtbench verify control``: its judgement, from runs made by hand, and one real run."""
+
+import pytest
+
+from solvers.hht.verify import control
+from solvers.hht.verify.control import TOLERANCES, Run
+
+
+def made(spec, factors, status="success", rejected=0):
+    errors = [None if f is None else f * tolerance for f, tolerance in zip(factors, TOLERANCES, strict=True)]
+    return [
+        Run(spec, tolerance, error, status, accepted=100, rejected=rejected, evaluations=500, seconds=0.1)
+        for tolerance, error in zip(TOLERANCES, errors, strict=True)
+    ]
+
+
+def verdicts(controlled):
+    return {row.id: row.passed for row in control.judged(controlled)}
+
+
+def test_errors_that_follow_the_tolerance_hold_whatever_their_constant():
+    found = verdicts({"a": made("a", [40, 40, 40, 40, 40]), "b": made("b", [0.1, 0.2, 0.1, 0.2, 0.1])})
+    assert found["ratio/all"]
+    assert found["slope/a"]
+    assert found["slope/b"]
+    assert found["rejected/all"]
+    assert found["ratio/a"] is None, "shown, not judged"
+
+
+def test_errors_that_stay_behind_the_tolerance_fail():
+    behind = made("a", [1, 10, 100, 1_000, 10_000])  # the error does not fall at all
+    found = verdicts({"a": behind})
+    assert found["slope/a"] is False
+    assert found["ratio/all"] is False
+
+
+def test_failed_runs_count_against_the_share_and_rejections_against_theirs():
+    found = verdicts({"a": made("a", [1, 1, 1, 1, None], rejected=30)})
+    assert found["ratio/all"] is False, "four of five are below nine of ten"
+    assert found["rejected/all"] is False
+    assert verdicts({"a": made("a", [1, 1, 1, 1, 1e-9])})["ratio/all"], "roundoff is as good as it gets"
+
+
+def test_the_plot_has_a_curve_for_every_problem_with_errors():
+    plot = control.drawn({"a": made("a", [1, 2, 3, 4, 5]), "b": made("b", [None] * 5)})
+    assert [curve.label for curve in plot.curves] == ["a"]
+    assert plot.slope == 1.0
+
+
+def test_a_run_measures_error_steps_and_rejections():
+    run = control.run("jay_negrut_pendulum", 1e-3, -0.05)
+    assert run.status == "success"
+    assert 1e-4 < run.error < 1e-2
+    assert run.accepted > 50
+    assert run.evaluations > run.accepted
+    row = control.compared(
+        "jay_negrut_pendulum", control.run("jay_negrut_pendulum", 1e-3, -0.05, "chrono"), {"jay_negrut_pendulum": [run]}
+    )
+    assert "error control" in row.measured
+    assert row.passed is None
+
+
+@pytest.mark.parametrize(("error", "passed"), [(5e-3, True), (5.0, False), (None, False)])
+def test_stiff_springs_must_keep_the_error_near_the_tolerance(error, passed):
+    own = [Run("s", 1e-3, error, "deadline" if error is None else "success", 80, 5, 400, 0.1)]
+    assert [row.passed for row in control.stiff_rows("s", own)] == [passed]
