@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
+from solvers.hht.choose import KINDS
 from solvers.hht.coefficients import make_method
 from solvers.hht.control import RULES, make_control
 from solvers.hht.solver import HHT
 
 METHOD = ("alpha", "rho_inf", "b", "reaction", "rescale_a", "start")
 CONTROL = ("first_step", "min_step", "max_step", "control")
-OPTIONS = (*METHOD, *CONTROL, "calc_initcond")
+OPTIONS = (*METHOD, *CONTROL, "linsolver", "calc_initcond")
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,9 @@ def solver(**options: Any) -> HHTSolver:
     make_method(**{name: options[name] for name in METHOD if name in options})
     make_control(**{name: options[name] for name in CONTROL if name in options and name != "control"})
     if options.get("control", "error") not in RULES:
-        raise TypeError(f"control must be one of {', '.join(RULES)}; got {options['control']!r}.")
+        raise ProblemError(f"control must be one of {', '.join(RULES)}; got {options['control']!r}.")
+    if options.get("linsolver", "auto") not in KINDS:
+        raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {options['linsolver']!r}.")
     return HHTSolver("hht", dict(options))
 
 

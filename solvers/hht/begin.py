@@ -48,12 +48,13 @@ def begin(
     work: Work,
     *,
     calc_initcond: bool,
+    linsolver: str = "auto",
 ) -> Started:
     """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
     failure = None
     for _ in range(2):
         try:
-            return _begin(system, method, place, guesses, h, work, calc_initcond=calc_initcond)
+            return _begin(system, method, place, guesses, h, work, calc_initcond=calc_initcond, linsolver=linsolver)
         except NonFiniteValue as error:
             work.add("nonfinite_evaluations")
             failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
@@ -62,9 +63,12 @@ def begin(
     return Started(None, None, failure)
 
 
-def make_engine(system: System | NumpySystem, method: Method, place: Place, work: Work) -> HostEngine:
+def make_engine(
+    system: System | NumpySystem, method: Method, place: Place, work: Work, linsolver: str = "auto"
+) -> HostEngine:
     """The engine for runs that begin at ``place``, without a look at the start."""
-    return HostEngine(counted_dynamics(dynamics_for(system, place), work), method, work, _fallback(system, place, work))
+    dynamics = counted_dynamics(dynamics_for(system, place), work)
+    return HostEngine(dynamics, method, work, _fallback(system, place, work), linsolver=linsolver)
 
 
 def _begin(
@@ -76,8 +80,9 @@ def _begin(
     work: Work,
     *,
     calc_initcond: bool,
+    linsolver: str = "auto",
 ) -> Started:
-    engine = make_engine(system, method, place, work)
+    engine = make_engine(system, method, place, work, linsolver)
     dynamics, s = engine.dynamics, engine.structure
     note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
     whole, failure = unreduced(dynamics), undetermined(dynamics, place)

@@ -32,6 +32,7 @@ class ByHand:
     method: Method
     control: ControlOptions
     rule: str
+    linsolver: str
     events: tuple[Event, ...]
     _standing: Standing | None
     _engine: HostEngine | None
@@ -169,7 +170,7 @@ class ByHand:
     def _rebuild(self, standing: Standing) -> HostEngine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
         method = self.first_method(controlled=standing.tolerances is not None)
-        engine = make_engine(self.system, method, standing.place, Work(tally=Counter(standing.tally)))
+        engine = make_engine(self.system, method, standing.place, Work(tally=Counter(standing.tally)), self.linsolver)
         if standing.distrusts:
             engine.distrust()
         return engine

@@ -165,7 +165,11 @@ def make_control(*, first_step: Any = None, min_step: Any = None, max_step: Any 
     for name, value in values.items():
         if value <= 0:
             raise ProblemError(f"{name} must be positive [s]; got {value:g}.")
-    options = replace(ControlOptions(), **values)
+    options = ControlOptions(
+        first_step=values.get("first_step", 0.0),
+        min_step=values.get("min_step", 0.0),
+        max_step=values.get("max_step", math.inf),
+    )
     if not options.min_step <= (options.first_step or options.min_step or 0.0) <= options.max_step:
         raise ProblemError(
             f"min_step <= first_step <= max_step must hold; got {', '.join(f'{k}={v:g}' for k, v in values.items())}."

@@ -31,7 +31,7 @@ class Tolerances:
         n = state.q.size
         sizes = (state.size_q, self.rtol[:n], self.atol[:n]), (state.size_v, self.rtol[n:], self.atol[n:])
         parts = [float((rtol + atol / size).min()) for size, rtol, atol in sizes if size > NOTHING]
-        return max(_TINY, min(1.0, *parts))
+        return max(_TINY, min([1.0, *parts]))
 
 
 NOTHING = 1e-300  # a size up to it is none
@@ -56,7 +56,7 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
         return Tolerances(relative, relative * np.repeat([size_q, size_v], n))
     given = components("atol", atol, n)
     if start.size_q > 0 and given[:n].min() > start.size_q:
-        text = f"atol={given[:n].min():g} exceeds the size of the coordinates, {start.size_q:g}: no digit of them will be right."
+        text = f"atol={given[:n].min():g} exceeds the size of q, {start.size_q:g}: no digit of it will be right."
         warnings.warn(text, UserWarning, stacklevel=2)
     return Tolerances(relative, given)
 

@@ -17,6 +17,7 @@ from hhtbench.result import Solution
 from solvers._start import Guesses, Place
 from solvers.hht.begin import Started, begin
 from solvers.hht.by_hand import ByHand
+from solvers.hht.choose import KINDS
 from solvers.hht.coefficients import Method, make_method
 from solvers.hht.control import RULES, make_control
 from solvers.hht.engine import HostEngine
@@ -52,6 +53,9 @@ class HHT(ByHand):
         Bounds of the step under error control [s], positive also where time runs backward.
     control
         "error", or "chrono": double after five easy steps, halve where Newton has failed, whatever the error.
+    linsolver
+        "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
+        (SuperLU).
     calc_initcond
         Project an inconsistent start onto both constraint levels instead of refusing it.
     events
@@ -80,6 +84,7 @@ class HHT(ByHand):
         min_step: float | None = None,
         max_step: float | None = None,
         control: str = "error",
+        linsolver: str = "auto",
         calc_initcond: bool = False,
         events: Any = None,
     ) -> None:
@@ -94,6 +99,9 @@ class HHT(ByHand):
         if control not in RULES:
             raise ProblemError(f"control must be one of {', '.join(RULES)}; got {control!r}.")
         self.rule = control
+        if linsolver not in KINDS:
+            raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {linsolver!r}.")
+        self.linsolver = linsolver
         if not isinstance(calc_initcond, bool):
             raise TypeError(f"calc_initcond must be True or False; got {calc_initcond!r}.")
         self.calc_initcond = calc_initcond
@@ -138,7 +146,9 @@ class HHT(ByHand):
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
         method = self.first_method(controlled=controlled)
-        return begin(self.system, method, place, guesses, h, work, calc_initcond=self.calc_initcond)
+        return begin(
+            self.system, method, place, guesses, h, work, calc_initcond=self.calc_initcond, linsolver=self.linsolver
+        )
 
     def first_method(self, *, controlled: bool) -> Method:
         """The method with the auxiliary acceleration of its first step: under error control the default differs."""

@@ -63,9 +63,9 @@ def test_a_motion_that_begins_on_a_zero_has_no_event_there(event, how):
 
 
 @pytest.mark.parametrize("off", [-1e-16, 1e-16])
-@pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("how", [{"step": 0.1}, {"rtol": 1e-6, "atol": 1e-6}], ids=str)
 def test_a_start_that_misses_the_zero_by_roundoff_counts_as_on_it(how, off):
-    ball = HHT(FREE, events=height).solve((0.0, 1.0), [off], [GRAVITY / 4], **how)
+    ball = HHT(FREE, events=height, first_step=0.1).solve((0.0, 1.0), [off], [GRAVITY / 4], **how)
     np.testing.assert_allclose(ball.t_events[0], [0.5], rtol=1e-14)
 
 
