@@ -25,11 +25,15 @@ def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: 
     A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
     """
     longest = min(abs(stop - state.t), options.max_step)
-    probe = PROBE * min(longest, _time_scale(state))
+    probe = PROBE * min(longest, _time_scale(state, tolerances))
     jerk = _jerk(engine, state, math.copysign(probe, stop - state.t))
     h = options.first_step or max(min(longest, _suggested(engine, state, tolerances, jerk, probe)), options.min_step)
     signed = math.copysign(probe, stop - state.t)
     before = state.vdot if jerk is None else state.vdot - signed * jerk
+    if engine.method.start == "shifted":
+        shift = engine.method.coefficients.alpha * math.copysign(h, signed)
+        a = engine.force(state.t + shift, state.q + shift * state.v, state.v + shift * state.vdot)[0]  # (H12)
+        state = replace(state, a=a)
     return replace(state, memory=Memory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
 
 
@@ -61,10 +65,11 @@ def _rate(state: State, jerk: Vector, probe: float) -> float:
     return max(min(rates, default=0.0), PROBE / probe)
 
 
-def _time_scale(state: State) -> float:
-    """[s] in which q changes by its size along v, or along v' from rest."""
-    speed, acceleration = state.size_v, float(np.max(np.abs(state.vdot)))
-    size = state.size_q or 1.0
+def _time_scale(state: State, tolerances: Tolerances) -> float:
+    """[s] in which q changes by its size along v, or along v' from rest; a q near zero is sized by its tolerances."""
+    speed, acceleration, n = state.size_v, float(np.max(np.abs(state.vdot))), state.q.size
+    relative, absolute = float(tolerances.rtol[:n].max()), float(tolerances.atol[:n].max())
+    size = max(state.size_q, absolute / relative if relative > 0 else 0.0) or 1.0
     times = [size / speed] if speed > 0 else []
     times += [math.sqrt(size / acceleration)] if acceleration > 0 else []
     times += [speed / acceleration] if acceleration > 0 and speed > 0 else []
