@@ -19,6 +19,8 @@ from solvers.hht.state import Memory, State, Step
 from solvers.hht.weights import first_acceleration
 
 GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs most; in the middle not at all
+ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
+EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -105,13 +107,15 @@ class Estimator:
         """How far dense output is off the constraints inside the step, over the tolerances, (H28)."""
         if self._levels is None:
             return 0.0
-        h, m = after.h or 0.0, self.engine.structure.m
+        h, m, weights = after.h or 0.0, self.engine.structure.m, self.tolerances.weights(before, after)
+        if EPS * after.size_q > ROUNDOFF * abs(h) * float(weights[self._n :].min()):
+            return 0.0  # v between is a difference of q over h: nothing but roundoff there
         inside = HermiteOutput(
             np.array([before.t, before.t + h]), np.stack([before.q, after.q]), np.stack([before.v, after.v])
         )
         t = before.t + GAUSS * h
         off = np.asarray(self._levels(t, *inside(t)))
-        return rms(self._answer(factor, off[:m], off[m : 2 * m], off[2 * m :]) / self.tolerances.weights(before, after))
+        return rms(self._answer(factor, off[:m], off[m : 2 * m], off[2 * m :]) / weights)
 
     def _answer(self, factor: Factor, position: Vector, velocity: Vector, rolling: Vector) -> Vector:
         """Changes of q1 and v1 (2n,) that make up for residuals of g (m,), of its velocity level (m,) and of k (p,)."""
