@@ -38,7 +38,7 @@ test: $(STAMP)
 
 # Exudyn is the optional extra "bench"; without it the ratios are missing.
 bench-chain: $(STAMP)
-	-@$(PIP) install "exudyn>=1.13"
+	-@$(PIP) install exudyn==1.13.6
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.chain
 
 validate: $(STAMP)
