@@ -186,7 +186,8 @@ class ByHand:
         """What a checkpoint and the solver that resumes it must share."""
         names = tuple(event.name for event in self.events)
         system = type(self.system).__name__
-        return {"system": system, "method": self.method, "control": self.control, "rule": self.rule, "events": names}
+        options = {"method": self.method, "control": self.control, "rule": self.rule, "linsolver": self.linsolver}
+        return {"system": system, **options, "events": names}
 
     def _stands(self) -> Standing:
         if self._standing is None:

@@ -58,7 +58,11 @@ def choose(dynamics: Any, layout: Layout, linsolver: str) -> Choice:
         linear: Analysis = Dense(layout.size, reason) if linsolver == "auto" else Sifted(layout.size, linsolver)
         return Choice(linear, None, None)
     example = np.zeros(layout.size), np.zeros(layout.packed_size)
-    coloured = Coloured(step_residual_and_ends, products, layout, example=example)
+    try:
+        coloured = Coloured(step_residual_and_ends, products, layout, example=example)
+    except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
+        reason = f"the pattern of its derivatives cannot be read: {error}"
+        return Choice(Dense(layout.size, reason) if linsolver == "auto" else Sifted(layout.size, linsolver), None, None)
     analysis = analyse(coloured.pattern, layout.size, linsolver)
     return Choice(analysis, None, None) if analysis.kind == "dense" else Choice(analysis, products, coloured)
 

@@ -84,18 +84,23 @@ class ErrorControlled:
         o, work = self.options, self.engine.work
         h, failure, rejected = proposal(state, o), None, 0
         while True:
-            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop)
+            asked = abs(h)
+            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop, o.min_step)
             if state.t + h == state.t or t1 == state.t:
                 return failure or no_advance(state.t, h)
             work.check_time()
             taken = self.engine.step(state, h, t1)
             if isinstance(taken, Failure):
                 failure, factor = taken, o.after_failure
+            elif rejected == 0 and abs(h) < CRUMB * asked:
+                return self._crumb(state, taken, asked)
             else:
                 found = self.estimator(state, taken)
                 if found.size <= 1.0:
-                    h_next = h * growth_factor(o, found.size, state.memory, rejected=rejected > 0)
-                    return replace(taken, state=replace(taken.state, memory=remembered(taken, found, state, h_next)))
+                    h_next = abs(h) * growth_factor(o, found.size, state.memory, rejected=rejected > 0)
+                    h_next = max(h_next, asked) if abs(h) < asked else h_next
+                    memory = remembered(taken, found, state, h_next)
+                    return replace(taken, state=replace(taken.state, memory=memory))
                 work.add("steps_rejected_error")
                 failure = Failure(Status.step_too_small, _why_small(state.t, h, found.size))
                 factor = max(o.shrink, (o.target / found.size) ** (1 / 3)) if rejected == 0 else o.shrink
@@ -103,6 +108,14 @@ class ErrorControlled:
             if abs(h) <= smallest:
                 return failure
             h, rejected = max(abs(h) * factor, smallest), rejected + 1
+
+    def _crumb(self, before: State, step: Step, h_next: float) -> Step:
+        """``step``, cut far below what was asked for: it has no error, and its lam and v' are roundoff over h^2."""
+        after, memory = self.engine.with_multipliers(step.state), before.memory
+        if memory is not None:
+            last = memory.last + (after.h or 0.0)
+            memory = replace(memory, h_next=h_next, last=last, acceleration=after.vdot, error=None)
+        return replace(step, state=replace(after, memory=memory))
 
     def _smallest(self, t: float) -> float:
         return max(self.options.min_step, self.options.spacings * float(np.spacing(abs(t))))
@@ -126,7 +139,7 @@ class ChronoRule:
         h, easy = proposal(state, self.options), 0 if state.memory is None else state.memory.easy
         smallest = max(self.options.min_step, self.options.spacings * float(np.spacing(abs(state.t))))
         while True:
-            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop)
+            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop, self.options.min_step)
             if state.t + h == state.t or t1 == state.t:
                 return no_advance(state.t, h)
             self.engine.work.check_time()
@@ -150,6 +163,7 @@ class ChronoRule:
 
 
 RULES = ("error", "chrono")
+CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
 
 
 def make_control(*, first_step: Any = None, min_step: Any = None, max_step: Any = None) -> ControlOptions:
@@ -181,15 +195,15 @@ def proposal(state: State, options: ControlOptions) -> float:
     """|h| [s] to try first."""
     if state.memory is None:
         raise ValueError("the state was not prepared for step control.")
-    return min(state.memory.h_next, options.max_step)
+    return max(min(state.memory.h_next, options.max_step), options.min_step)
 
 
-def fit(t: float, h: float, stop: float) -> tuple[float, float]:
-    """(h, t + h) not past ``stop``, and no crumb before it: what is left after this step is a step or nothing."""
+def fit(t: float, h: float, stop: float, least: float = 0.0) -> tuple[float, float]:
+    """(h, t + h) not past ``stop``; what is left after it is a step or nothing; no step is halved below ``least`` [s]."""
     left = stop - t
     if abs(h) >= abs(left) * (1 - 1e-9):
         return left, stop
-    if 2 * abs(h) > abs(left):
+    if 2 * abs(h) > abs(left) >= 2 * least:
         h = left / 2
     return h, t + h
 

@@ -137,7 +137,7 @@ class HostEngine:
 
     def _damped(self, state: State, h: float, t1: float) -> Step | Outcome:
         """Damped Newton from the plain guess, then the same with derivatives that no user wrote."""
-        packed, guess = self._packed(state, h, t1), self._plain_guess(self._with_multipliers(state))
+        packed, guess = self._packed(state, h, t1), self._plain_guess(self.with_multipliers(state))
         outcome = self._iteration(state, h, packed).solve_damped(guess)
         if outcome.failure in ("diverged", "singular") and self._fallback is not None:
             declared_ones = self.functions, self._fallback, False
@@ -163,7 +163,7 @@ class HostEngine:
     def _packed(self, state: State, h: float, t1: float) -> Vector:
         return self.layout.pack(known_values(self.method, self.layout, self.inverse_mass, state, h, t1))
 
-    def _with_multipliers(self, state: State) -> State:
+    def with_multipliers(self, state: State) -> State:
         """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
         if not self.structure.constrained:
             return state

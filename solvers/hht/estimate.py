@@ -50,11 +50,20 @@ class Estimator:
         if factor is None or memory is None:  # (H21): nothing moved
             nothing = np.zeros(self._n)
             return Estimate(nothing, nothing, 0.0, end)
+        found = [self._filtered(before, step, memory, end, matrix) for matrix in _matrices(before, factor)]
+        q, v, size = max(found, key=lambda each: each[2])
+        return Estimate(q, v, max(size, self._between(before, after, factor)), end)
+
+    def _filtered(
+        self, before: State, step: Step, memory: Memory, end: Vector, factor: Factor
+    ) -> tuple[Vector, Vector, float]:
+        """Errors of q1 and v1 (n,) filtered by ``factor``, and their size."""
+        after = step.state
         q = self._position_error(before, step, factor)
         v = self._velocity_error(before, after, factor, memory, end) + self._slaved(after, factor, q)
         error = np.concatenate([q, v]) / self.tolerances.weights(before, after)
         size = rms(error) / math.sqrt(self.tolerances.relative(after))  # (H26)
-        return Estimate(q, v, max(size, self._between(before, after, factor)), end)
+        return q, v, size if math.isfinite(size) else math.inf
 
     def _reaction_at_end(self, before: State, step: Step) -> Vector | float:
         """r at the end of the step with multipliers of second order, (n,), (H24)."""
@@ -166,6 +175,11 @@ def levels(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
 def rms(x: Vector) -> float:
     """Root mean square of ``x``; infinity where it holds what is not finite."""
     return math.sqrt(float(x @ x) / x.size) if np.isfinite(x).all() else math.inf
+
+
+def _matrices(before: State, factor: Factor) -> list[Factor]:
+    """The step's matrix, and the one before it if there is another: stiffness met in this very step is no filter."""
+    return [factor] if before.factor is None or before.factor is factor else [factor, before.factor]
 
 
 def _accelerated(engine: HostEngine, state: State, force: Vector) -> Vector:

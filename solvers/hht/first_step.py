@@ -16,7 +16,8 @@ from solvers.hht.state import Memory, State
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
-OVER = 30.0  # probes at most where v' does not change, as in free fall
+STILL = 1e-10  # relative change of v' over the probe that is roundoff
+UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
 
 
 def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: ControlOptions, stop: float) -> State:
@@ -24,10 +25,13 @@ def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: 
 
     A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
     """
+    if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
+        state = engine.with_multipliers(state) if engine.structure.constrained else replace(state, vdot=state.f)
     longest = min(abs(stop - state.t), options.max_step)
     probe = PROBE * min(longest, _time_scale(state, tolerances))
     jerk = _jerk(engine, state, math.copysign(probe, stop - state.t))
-    h = options.first_step or max(min(longest, _suggested(engine, state, tolerances, jerk, probe)), options.min_step)
+    suggested = _suggested(engine, state, tolerances, jerk, probe)
+    h = options.first_step or max(min(longest, suggested or UNKNOWN * abs(stop - state.t)), options.min_step)
     signed = math.copysign(probe, stop - state.t)
     before = state.vdot if jerk is None else state.vdot - signed * jerk
     if engine.method.start == "shifted":
@@ -38,7 +42,7 @@ def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: 
 
 
 def _suggested(engine: HostEngine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:
-    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v.
+    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v; 0: nothing is known.
 
     With ``start="f0"`` also |alpha| h^2 |v''| / 2 in v.
     """
@@ -47,14 +51,16 @@ def _suggested(engine: HostEngine, state: State, tolerances: Tolerances, jerk: V
     n = state.q.size
     weights = tolerances.weights(state, state) * math.sqrt(tolerances.relative(state))
     in_q, in_v, alpha = _norm(jerk / weights[:n]), _norm(jerk / weights[n:]), abs(engine.method.coefficients.alpha)
-    candidates = [OVER * probe / PROBE]
+    if float(np.abs(jerk).max()) * probe <= STILL * float(np.abs(state.vdot).max(initial=0.0)):
+        return 0.0
+    candidates = [math.inf]
     if in_q > 0:
         candidates.append(CAUTION * (12 / in_q) ** (1 / 3))
     if in_v > 0:
         candidates.append(CAUTION * (12 / (in_v * _rate(state, jerk, probe))) ** (1 / 3))
     if in_v > 0 and alpha > 0 and engine.method.start == "f0":
         candidates.append(CAUTION * math.sqrt(2 / (alpha * in_v)))
-    return min(candidates)
+    return min(candidates) if min(candidates) < math.inf else 0.0
 
 
 def _rate(state: State, jerk: Vector, probe: float) -> float:

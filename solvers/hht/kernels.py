@@ -12,7 +12,15 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+def compiled(function: Any) -> Any:
+    """``function`` compiled, and kept on disk where there is a folder to keep it in."""
+    try:
+        return numba.njit(cache=True)(function)
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        return numba.njit(function)
+
+
+@compiled
 def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: Any) -> int:
     """LU with partial pivoting of every block in ``storage``, filled from ``values`` (entries,) at ``places`` first.
 
@@ -54,7 +62,7 @@ def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: A
     return 0
 
 
-@numba.njit(cache=True)
+@compiled
 def solve_blocks(
     right: Any, rows: Any, columns: Any, storage: Any, pivots: Any, blocks: Any, starts: Any, places: Any, couplings: Any
 ) -> Any:
@@ -94,7 +102,7 @@ def solve_blocks(
     return x
 
 
-@numba.njit(cache=True)
+@compiled
 def largest_change(starts: Any, columns: Any, values: Any, increment: Any, n: int) -> Any:
     """Largest magnitudes among the first ``n`` rows of a sparse product and among the others; NaN if there is one."""
     top, bottom = 0.0, 0.0

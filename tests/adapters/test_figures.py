@@ -1,4 +1,4 @@
-"""The figures that issue 3 sets, and every solver and form against every other on the registered problems."""
+"""The figures that the comparison must reach, and every solver and form against every other on the registered problems."""
 
 import importlib
 from itertools import combinations

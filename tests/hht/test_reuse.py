@@ -1,4 +1,4 @@
-"""Jacobians and factorisations are kept over steps while Newton's iteration contracts (issue: reuse)."""
+"""Jacobians and factorisations are kept over steps while Newton's iteration contracts."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Positions where the constraints lose rank: the right branch, or a status; never silence (rows P7, issue 5.7)."""
+"""Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
 import numpy as np
 import pytest
