@@ -18,13 +18,13 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
     options += ["--rtol", "1e-3", "--steps", "8 16"]
     result = CliRunner().invoke(main, ["run", *options, "--store", str(store), "--jobs", "1"])
     assert result.exit_code == 0, result.output
-    assert "9 cells: 5 success, 4 declined (9 run now, 5 timed now)" in result.output
+    assert "9 cells: 6 success, 3 declined (9 run now, 6 timed now)" in result.output
     assert "it never takes anything" in result.output
     rows = load_rows(store)
     outside_rows = [row for row in rows if row.solver == "told(does='good')"]
     assert [row.status for row in outside_rows] == ["success"] * 3
     assert outside_rows[0].metrics["errors"]["q"]["end"] == pytest.approx(1e-3)  # the error that it makes
-    assert {row.request["steps"] for row in rows if row.success and row.solver == "hht"} == {8, 16}
+    assert {row.request["steps"] for row in rows if row.success and row.solver == "hht"} == {None, 8, 16}
 
 
 @pytest.mark.parametrize(
