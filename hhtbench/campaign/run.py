@@ -24,7 +24,7 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 
-ENOUGH = 0.5  # s of timed solves after which no repeat is begun: long solves vary little
+ENOUGH = 0.15  # s of timed solves after which no repeat is begun: long solves vary little
 WARM_UP = "the warm-up"  #: name of the phase that compiles
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end

@@ -16,8 +16,8 @@ from solvers.hht.verify.local import amplification, local_errors, multiplier_gue
 from solvers.hht.verify.measure import Case, Progress, known_at, make_case
 from solvers.hht.verify.orders import Levels, constant_steps, variable_steps
 
-TEST1 = Levels(constant=(100, 200, 400, 800, 1600, 3200), periods=(20, 40, 80, 160), lost=(320, 640, 1280), b=0.3)
-PENDULUM = Levels(constant=(250, 500, 1000, 2000, 4000), periods=(50, 100, 200, 400), lost=(1000, 2000, 4000), b=0.0)
+TEST1 = Levels(constant=(100, 200, 400, 800, 1600), periods=(20, 40, 80, 160), lost=(320, 640, 1280), b=0.3)
+PENDULUM = Levels(constant=(250, 500, 1000, 2000), periods=(50, 100, 200, 400), lost=(1000, 2000, 4000), b=0.0)
 
 
 @dataclass(frozen=True)
