@@ -70,8 +70,9 @@ def _constancy_row(problem: Problem, names: list[str], motion: list[Point]) -> R
 
 
 def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[str, float]:
-    """Largest change over the size, by name; energies are sized by the kinetic energy too."""
+    """Largest change over the size, by name; what v adds counts too: a sum that stays zero has the size of its parts."""
     found: dict[str, list[float]] = {}
+    parts: dict[str, float] = {}
     kinetic = 0.0
     for t, q, v in motion:
         if "energy" in names:
@@ -79,11 +80,14 @@ def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[st
             found.setdefault("energy", []).append(float(energy(t, q, v)))
             kinetic = max(kinetic, abs(float(energy(t, q, v)) - float(energy(t, q, 0 * v))))
         if "invariants" in names:
+            at_rest = declared(problem.system, "invariants")(t, q, 0 * v)
             for name, value in declared(problem.system, "invariants")(t, q, v).items():
                 found.setdefault(name, []).append(float(np.asarray(value)))
+                part = abs(float(np.asarray(at_rest[name])))
+                parts[name] = max(parts.get(name, 0.0), part if np.isfinite(part) else 0.0)
     changes = {}
     for name, values in found.items():
-        size = max(*np.abs(values), kinetic if name == "energy" else 0.0)
+        size = max(*np.abs(values), kinetic if name == "energy" else parts.get(name, 0.0))
         changes[name] = float(np.max(np.abs(np.array(values) - values[0])) / (size or 1.0))
     return changes
 
