@@ -1,0 +1,178 @@
+"""Error control where it is hard: stops, pushes, jumps, noise, budgets and NaN end right or with a status."""
+
+import warnings
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.result import Status
+from solvers.hht import HHT
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at
+
+
+def error_at_end(solution, exact):
+    return max(np.abs(solution.q[-1] - exact[0]).max(), np.abs(solution.v[-1] - exact[1]).max())
+
+
+# --- what a step must not pass over
+
+
+class Ball(System):
+    """A ball above a stiff floor, [m] and [1/s^2]."""
+
+    k: object = parameter(1e8, doc="stiffness over mass [1/s^2]")
+
+    def force(self, t, q, v):
+        return -9.81 + self.k * jnp.maximum(-q, 0.0)
+
+    def energy(self, t, q, v):
+        return 9.81 * q[0] + v[0] ** 2 / 2 + self.k * jnp.maximum(-q[0], 0.0) ** 2 / 2
+
+
+@pytest.mark.parametrize("stiffness", [1e6, 1e8])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+def test_a_stop_that_is_met_within_a_step_does_not_filter_its_own_error(stiffness, tolerance):
+    """Falls 1 m, bounces, and is as high again: with the new matrix alone the energy was gone after one step."""
+    ball = Ball(k=stiffness)
+    solution = HHT(ball).solve((0.0, 0.9), [1.0], [0.0], rtol=tolerance)
+    assert solution.success
+    energy = [float(ball.energy(t, q, v)) for t, q, v in zip(solution.t, solution.q, solution.v, strict=True)]
+    assert energy[-1] == pytest.approx(9.81, rel=0.02)
+    back = np.sqrt(2 / 9.81)
+    assert solution.q[-1, 0] == pytest.approx(1 - 9.81 / 2 * (0.9 - 2 * back) ** 2, abs=0.02)
+
+
+def test_a_force_that_begins_after_a_rest_is_seen():
+    """Nothing at the start tells of the push from 3 s to 5 s and the brake from 5 s to 7 s."""
+    pushed = NumpySystem(force=lambda t, q, v: np.array([1.0 if 3 < t <= 5 else -1.0 if 5 < t <= 7 else 0.0]))
+    solution = HHT(pushed).solve((0.0, 10.0), [0.0], [0.0], rtol=1e-4, atol=1e-4)
+    assert solution.success
+    assert solution.q[-1, 0] == pytest.approx(4.0, abs=1e-2)
+
+
+def test_stepping_to_a_time_just_ahead_does_not_spoil_the_steps_after_it():
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, rtol=1e-6)
+    for _ in range(20):
+        hht.step(1.0)
+    length = hht.state.h
+    for gap in (1e-11, 1e-9, 1e-6):
+        assert hht.step(1.0, tstop=hht.state.t + gap) is Status.success
+        for _ in range(5):
+            assert hht.step(1.0) is Status.success
+        assert hht.state.h > length / 3
+    exact = pendulum_at(hht.state.t)
+    assert np.abs(hht.state.q - exact[0]).max() < 1e-5
+
+
+def test_no_step_but_the_last_is_shorter_than_the_smallest_allowed():
+    solution = HHT(JAX_PENDULUM, min_step=0.02).solve((0.0, 1.0), Q0, V0, rtol=1e-2)
+    assert solution.success
+    assert solution.steps_data.h[:-1].min() >= 0.02
+
+
+# --- hard cases end with a status
+
+
+class Stop(System):
+    """A body that a constant brake brings to rest: the force jumps with the sign of v."""
+
+    sharp: object = parameter(1.0, doc="[1]")
+
+    def force(self, t, q, v):
+        return -self.sharp * jnp.sign(v)
+
+
+def test_coulomb_friction_ends_in_a_status_in_bounded_time():
+    """Row P12: sticking has no solution without a set-valued law; the steps shrink and the status says why."""
+    solution = HHT(Stop()).solve((0.0, 2.0), [0.0], [1.0], rtol=1e-4, max_num_steps=1_000)
+    assert solution.status in (Status.success, Status.step_too_small, Status.max_steps, Status.newton_failed)
+    reached = solution.t <= 0.9
+    assert np.abs(solution.v[reached, 0] - (1 - solution.t[reached])).max() < 1e-3
+
+
+def test_steps_shrink_at_a_jump_of_the_force_and_recover():
+    """Row P11 without a declared time: the error stays what was asked for."""
+    jump = NumpySystem(force=lambda t, q, v: np.array([1.0 if t < 0.4321 else -3.0]))
+    solution = HHT(jump).solve((0.0, 1.0), [0.0], [0.0], rtol=1e-5, atol=1e-5)
+    exact = 0.4321 - 3 * (1 - 0.4321)
+    assert solution.success
+    assert solution.v[-1, 0] == pytest.approx(exact, abs=2e-4)
+    h = solution.steps_data.h
+    assert h.min() < 1e-2 * h.max()
+    assert h[-1] > 100 * h.min()
+
+
+def test_noise_in_the_force_ends_in_a_status():
+    """Row C14: 1e-6 of noise at a tolerance of 1e-8."""
+    generator = np.random.default_rng(1)
+    noisy = NumpySystem(force=lambda t, q, v: -q * (1 + 1e-6 * generator.standard_normal()))
+    solution = HHT(noisy).solve((0.0, 1.0), [1.0], [0.0], rtol=1e-8, max_num_steps=300)
+    assert solution.status in (Status.success, Status.step_too_small, Status.max_steps, Status.newton_failed)
+    assert len(solution.t) >= 1
+
+
+def test_an_error_that_the_smallest_step_cannot_meet_is_named():
+    solution = HHT(JAX_PENDULUM, min_step=0.05).solve((0.0, 1.0), Q0, V0, rtol=1e-8)
+    assert solution.status is Status.step_too_small
+    assert "0.05" in solution.message
+    assert solution.counters.steps_rejected_error >= 1
+
+
+def test_budgets_keep_all_accepted_steps():
+    """Rows O5, O6 under error control."""
+    few = HHT(JAX_PENDULUM).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_num_steps=20)
+    assert few.status is Status.max_steps
+    assert len(few.t) == 21
+    spent = HHT(JAX_PENDULUM).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_evaluations=50)
+    assert spent.status is Status.evaluation_budget
+    assert spent.counters.residual_evaluations <= 50
+    assert 1 < len(spent.q) < len(few.q)
+    assert np.array_equal(spent.q, few.q[: len(spent.q)])
+
+
+def test_times_that_floats_cannot_tell_apart_end_in_a_status():
+    """Row S4."""
+    solution = HHT(JAX_PENDULUM).solve((1e15, 1e15 + 1), Q0, V0, rtol=1e-6)
+    assert solution.status in (Status.time_resolution, Status.step_too_small)
+    assert np.all(np.diff(solution.t) > 0)
+
+
+def test_nan_from_a_time_on_stops_there():
+    """Row C2 under error control."""
+
+    def force(t, q, v):
+        return np.array([0.0, -9.81 if t < 0.5 else np.nan])
+
+    solution = HHT(pendulum(force=force)).solve((0.0, 1.0), Q0, V0, rtol=1e-4)
+    assert solution.status is Status.nonfinite_callback
+    assert 0.45 <= solution.t[-1] < 0.5
+    assert solution.counters.steps_rejected_newton <= 60
+
+
+def test_an_absolute_tolerance_above_the_size_of_the_solution_is_warned_of():
+    """Row P9."""
+    with pytest.warns(UserWarning, match="exceeds the size"):
+        HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, rtol=1e-3, atol=10.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, rtol=1e-3)
+
+
+def test_chronos_rule_doubles_after_five_easy_steps_and_looks_at_no_error():
+    hht = HHT(JAX_PENDULUM, control="chrono", first_step=1e-4)
+    solution = hht.solve((0.0, 1.0), Q0, V0, rtol=1e-6)
+    assert solution.success
+    h = solution.steps_data.h
+    assert np.array_equal(h[:5], np.full(5, 1e-4))
+    assert h[5] == pytest.approx(2e-4)
+    assert error_at_end(solution, pendulum_at(1.0)) > 1e-4, "it was asked for 1e-6"
+
+
+def test_prescribed_steps_cost_nothing_of_error_control():
+    """Model only what is asked for: no estimate, no probe."""
+    plain = HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, steps=10)
+    assert plain.counters.steps_rejected_error == 0
+    assert plain.counters.linear_solves == plain.counters.newton_iterations
