@@ -15,6 +15,7 @@ from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.engine import HostEngine
 from solvers.hht.estimate import Estimator, remembered
+from solvers.hht.laws import fit, growth
 from solvers.hht.state import Memory, State, Step
 
 
@@ -198,26 +199,9 @@ def proposal(state: State, options: ControlOptions) -> float:
     return max(min(state.memory.h_next, options.max_step), options.min_step)
 
 
-def fit(t: float, h: float, stop: float, least: float = 0.0) -> tuple[float, float]:
-    """(h, t + h) not past ``stop``; what is left after it is a step or nothing; no step is halved below ``least`` [s]."""
-    left = stop - t
-    if abs(h) >= abs(left) * (1 - 1e-9):
-        return left, stop
-    if 2 * abs(h) > abs(left) >= 2 * least:
-        h = left / 2
-    return h, t + h
-
-
 def growth_factor(o: ControlOptions, error: float, memory: Memory | None, *, rejected: bool) -> float:
     """What the next step is longer than an accepted one with ``error`` (H26)."""
-    error = max(error, o.least)
-    plain = (o.target / error) ** (1 / 3)
-    factor = plain
-    if memory is not None and memory.error is not None:
-        factor = (o.target / error) ** o.integral * (max(memory.error, o.least) / o.target) ** o.proportional
-    if rejected:
-        return min(1.0, factor)
-    return 1.0 if o.keep[0] <= plain <= o.keep[1] else min(max(factor, o.shrink), o.growth)
+    return growth(o, error, -1.0 if memory is None or memory.error is None else memory.error, rejected)
 
 
 def no_advance(t: float, h: float) -> Failure:

@@ -10,6 +10,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.result import DenseOutput
+from solvers.hht.laws import cubic
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,4 @@ class HermiteOutput:
         """Inside the steps that begin at rows ``i``."""
         h = (self.t[i + 1] - self.t[i])[:, None]
         s = (times - self.t[i])[:, None] / h
-        rise = self.q[i + 1] - self.q[i]
-        v0, v1 = self.v[i], self.v[i + 1]
-        # (H17)
-        q = self.q[i] + s * (h * v0 + s * (3 * rise - h * (2 * v0 + v1) + s * (h * (v0 + v1) - 2 * rise)))
-        v = v0 + s * (2 * (3 * rise / h - 2 * v0 - v1) + 3 * s * (v0 + v1 - 2 * rise / h))
-        return q, v
+        return cubic(s, h, self.q[i], self.q[i + 1], self.v[i], self.v[i + 1])

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
+from solvers.hht.laws import allowed, relative_part, relative_tolerance
 from solvers.hht.state import State
 
 
@@ -23,19 +24,15 @@ class Tolerances:
 
     def weights(self, before: State, after: State) -> Vector:
         """(2n,) largest allowed errors of q and v over the step."""
-        size = np.maximum(np.abs(np.concatenate([before.q, before.v])), np.abs(np.concatenate([after.q, after.v])))
-        return np.maximum(self.rtol * size + self.atol, _TINY)
+        return np.asarray(
+            allowed(self.rtol, self.atol, np.concatenate([before.q, before.v]), np.concatenate([after.q, after.v]))
+        )
 
     def relative(self, state: State) -> float:
         """The tolerance as a number without unit: the smallest of weight over typical size, of q and of v, at most 1."""
         n = state.q.size
-        sizes = (state.size_q, self.rtol[:n], self.atol[:n]), (state.size_v, self.rtol[n:], self.atol[n:])
-        parts = [float((rtol + atol / size).min()) for size, rtol, atol in sizes if size > NOTHING]
-        return max(_TINY, min([1.0, *parts]))
-
-
-NOTHING = 1e-300  # a size up to it is none
-_TINY = float(np.finfo(np.float64).tiny)
+        of_q = relative_part(state.size_q, self.rtol[:n], self.atol[:n])
+        return relative_tolerance(of_q, relative_part(state.size_v, self.rtol[n:], self.atol[n:]))
 
 
 def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:

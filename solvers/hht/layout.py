@@ -44,9 +44,10 @@ class Layout:
         }.items():
             object.__setattr__(self, name, value)
 
-    def pack(self, values: Mapping[str, Any]) -> np.ndarray:
-        """The known values as one vector."""
-        return np.concatenate([[values[name] for name in self.scalars], *[values[name].ravel() for name in self.arrays]])
+    def pack(self, values: Mapping[str, Any], xp: Any = np) -> Any:
+        """The known values as one vector, in the array namespace ``xp``."""
+        scalars = xp.asarray([values[name] for name in self.scalars])
+        return xp.concatenate([scalars, *[values[name].ravel() for name in self.arrays]])
 
     def disturbed(self, vector: np.ndarray) -> np.ndarray:
         """The packed known values with array entries moved by one roundoff or not, by a fixed drawing of lots.

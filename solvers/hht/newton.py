@@ -15,10 +15,9 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
+from solvers.hht.laws import NOTHING
 from solvers.hht.layout import Layout
 from solvers.hht.linear import Analysis, Factor
-
-NOTHING = 1e-300  # sizes up to it are those of a system at rest in the origin
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,9 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT
-from solvers.hht.control import ControlOptions, fit, growth_factor
-from solvers.hht.estimate import parabola
+from solvers.hht.control import ControlOptions, growth_factor
+from solvers.hht.laws import fit
+from solvers.hht.local_error import parabola
 from solvers.hht.state import Memory
 from solvers.hht.verify.effectivity import ratios
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at

@@ -1,0 +1,83 @@
+"""The scalar and vector formulas between the steps' equations: plain numbers and arrays in, plain ones out.
+
+One source for every engine: the host engine calls these functions as they are, the native engine compiles the same ones.
+Hence nothing but float64 arguments, arrays (n,) and NumPy, and no keyword arguments.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+MUCH_SHORTER = 0.01  # of the last step: many growths of 1.5 followed by one such shrink are unstable in the stiff limit
+NOTHING = 1e-300  # a size up to it is none
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def rescaled(a: Any, f: Any, h: float, last: float) -> Any:
+    """a0 (n,) for a step h [s] after one of ``last`` [s], (H11): near f(t + alpha h); f itself for a far shorter one."""
+    if last == h:
+        return a
+    if abs(h) < MUCH_SHORTER * abs(last):
+        return f
+    return f + (h / last) * (a - f)  # (H11)
+
+
+def force_at_end(alpha: float, a: Any, f0: Any) -> Any:
+    """f1 (n,) of a converged step: (H6) solved for it, so that no evaluation is needed."""
+    return (a + alpha * f0) / (1.0 + alpha)
+
+
+def cubic(s: Any, h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
+    """q and v at the part ``s`` of a step of ``h`` [s], (H17)."""
+    rise = q1 - q0
+    q = q0 + s * (h * v0 + s * (3 * rise - h * (2 * v0 + v1) + s * (h * (v0 + v1) - 2 * rise)))
+    v = v0 + s * (2 * (3 * rise / h - 2 * v0 - v1) + 3 * s * (v0 + v1 - 2 * rise / h))
+    return q, v
+
+
+def allowed(rtol: Any, atol: Any, before: Any, after: Any) -> Any:
+    """Largest allowed errors over a step from ``before`` to ``after``, the weights of (H26)."""
+    return np.maximum(rtol * np.maximum(np.abs(before), np.abs(after)) + atol, TINY)
+
+
+def relative_part(size: float, rtol: Any, atol: Any) -> float:
+    """The smallest tolerance over the typical ``size`` of q or of v, for (H26); infinity where there is no size."""
+    return float((rtol + atol / size).min()) if size > NOTHING else math.inf
+
+
+def relative_tolerance(of_q: float, of_v: float) -> float:
+    """The tolerance as a number without unit, at most 1, (H26)."""
+    return max(TINY, min(1.0, of_q, of_v))
+
+
+def rms(x: Any) -> float:
+    """Root mean square of ``x``; infinity where it holds what is not finite."""
+    return math.sqrt(float(np.sum(x * x)) / x.size) if np.isfinite(x).all() else math.inf
+
+
+def fit(t: float, h: float, stop: float, least: float = 0.0) -> tuple[float, float]:
+    """(h, t + h) not past ``stop``; what is left after it is a step or nothing; no step is halved below ``least`` [s]."""
+    left = stop - t
+    if abs(h) >= abs(left) * (1 - 1e-9):
+        return left, stop
+    if 2 * abs(h) > abs(left) >= 2 * least:
+        h = left / 2
+    return h, t + h
+
+
+def growth(o: Any, error: float, last_error: float, rejected: bool) -> float:
+    """What the next step is longer than an accepted one with ``error`` (H26).
+
+    ``o`` holds the constants of :class:`~solvers.hht.control.ControlOptions`; ``last_error`` < 0: there is none.
+    """
+    error = max(error, o.least)
+    plain = (o.target / error) ** (1 / 3)
+    factor = plain
+    if last_error >= 0.0:
+        factor = (o.target / error) ** o.integral * (max(last_error, o.least) / o.target) ** o.proportional
+    if rejected:
+        return min(1.0, factor)
+    return 1.0 if o.keep[0] <= plain <= o.keep[1] else min(max(factor, o.shrink), o.growth)
