@@ -1,6 +1,8 @@
 # make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
 # make bench-chain  time per step and memory on chains of 10 to 10,000 links, beside Exudyn's
+# make bench-engine  time per step beside hand-written C and Exudyn, compile times, the reference solvers at equal error;
+#               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (ten minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make clean    remove what these made
@@ -21,7 +23,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain test validate picture clean
+.PHONY: bench bench-chain bench-engine test validate picture clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -40,6 +42,12 @@ test: $(STAMP)
 bench-chain: $(STAMP)
 	-@$(PIP) install exudyn==1.13.6
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.chain
+
+# The exit code says whether a limit is broken.  QUICK=--quick: the reference solvers on three problems only.
+bench-engine: $(STAMP)
+	-@$(PIP) install exudyn==1.13.6
+	@mkdir -p reports/latest
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.engine $(QUICK)
 
 validate: $(STAMP)
 	@mkdir -p reports/latest

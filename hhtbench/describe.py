@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
-from hhtbench.lowering import Structure, compile_function, derive, mass_is_singular, route_of
+from hhtbench.lowering import (
+    AccelerationLevel,
+    Structure,
+    compile_function,
+    derive,
+    mass_is_singular,
+    route_of,
+    routes,
+    too_large,
+)
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.matrix_free import SMALL, large, matrix_free
 from hhtbench.protocol import DERIVATIVES, PHYSICS, NumpySystem, Problem, System, declared
@@ -134,7 +143,8 @@ def _of_problem(problem: Problem) -> list[Statement]:
     rows = [*_undeclared(problem.system), *_dependencies(dynamics, singular), *_derivatives(dynamics), _reaction(s)]
     size = f"n = {s.n} coordinates, m = {s.m} position constraints, p = {s.p} velocity constraints"
     rows.append(Statement("size", "n, m, p", size, "from q0 and what the constraints return"))
-    return [*(row for row in rows if row is not None), _route(problem.system), *_linear_algebra(dynamics, singular)]
+    rows += _routes(dynamics, t, q, v)
+    return [*(row for row in rows if row is not None), *_linear_algebra(dynamics, singular)]
 
 
 def _dependencies(dynamics: Any, singular: bool) -> list[Statement]:
@@ -204,10 +214,34 @@ def _without_start(system: System | NumpySystem) -> list[Statement]:
 
 def _route(system: System | NumpySystem) -> Statement:
     if isinstance(system, System):
-        return Statement("route", "xla", "traced by JAX and compiled by XLA", "the functions are written in jax.numpy")
+        text = "native (machine code without loops) for a small system, else xla"
+        return Statement("route", "native or xla", text, "functions in jax.numpy are traced; sizes need a start")
     return Statement(
         "route", "numpy", "called as they are, from Python", "the functions are plain callables on NumPy arrays"
     )
+
+
+ROUTE_TEXTS = {"native": "straight-line machine code by LLVM", "xla": "compiled by XLA"}
+
+
+def _routes(dynamics: Any, t: float, q: Any, v: Any) -> list[Statement]:
+    """The route of the acceleration level, and of every function of this dynamics that was called before."""
+    if route_of(dynamics) == "numpy":
+        return [_route(dynamics.system)]
+    s: Structure = dynamics.structure
+    if too_large(dynamics) is None:
+        AccelerationLevel(dynamics).terms(t, q, v, np.zeros(s.n + s.m + s.p))
+    taken: dict[tuple[str, str], list[str]] = {}
+    for choice in routes(dynamics):
+        size = "" if choice.operations is None else f" ({choice.operations} operations)"
+        functions = taken.setdefault((choice.route, choice.reason), [])
+        functions += [choice.function + size] * (choice.function + size not in functions)
+    if not taken:
+        return [Statement("route", "xla", ROUTE_TEXTS["xla"], str(too_large(dynamics)))]
+    return [
+        Statement("route", route, f"{ROUTE_TEXTS[route]}: {', '.join(functions)}", reason)
+        for (route, reason), functions in taken.items()
+    ]
 
 
 def mass_at(dynamics: Any, t: Any, q: Any) -> Any:

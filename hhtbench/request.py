@@ -93,6 +93,18 @@ class StepPlan:
             return float(self.ends[index])
         return self.t0 + (self.t1 - self.t0) * ((index + 1) / self.count)
 
+    def ahead(self, first: int, count: int) -> tuple[Vector, Vector]:
+        """:meth:`length` and :meth:`end` of up to ``count`` steps from ``first``, (k,) each."""
+        last = min(first + count, self.count)
+        if self.lengths is not None and self.ends is not None:
+            lengths, ends = self.lengths[first:last].copy(), self.ends[first:last].copy()
+        else:
+            lengths = np.full(last - first, (self.t1 - self.t0) / self.count)
+            ends = self.t0 + (self.t1 - self.t0) * (np.arange(first + 1, last + 1) / self.count)
+        if last == self.count and last > first:
+            ends[-1] = self.t1
+        return lengths, ends
+
 
 def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
     """The prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""

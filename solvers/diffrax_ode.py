@@ -72,7 +72,7 @@ class DiffraxSolver(Adapter):
 
     def _segments(self, run: Run, counted: bool, ticket: int) -> None:
         functions = loop.start_steps, loop.take_steps, loop.step_to
-        start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted) for f in functions)
+        start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted, route="xla") for f in functions)
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-t
         per_step = loop.evaluations_per_step(self.method) or 0
         fixed = np.array([run.direction, ticket, run.direction * run.t0, s1, run.rtol]), run.weights

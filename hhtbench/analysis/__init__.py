@@ -26,12 +26,15 @@ from hhtbench.analysis.fronts import HELD, HELD_TARGETS, TARGETS, Comparison, Co
 from hhtbench.analysis.missing import Missing
 from hhtbench.analysis.newest import Newest, newest
 from hhtbench.analysis.outcomes import counters, failures, machines, silent, statuses
+from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
 
 __all__ = [
     "DOUBTED",
     "HELD",
     "HELD_TARGETS",
     "NEAR",
+    "RACE_TARGETS",
+    "STEADY",
     "SUBJECT",
     "TARGETS",
     "TYPICAL_ERROR",
@@ -40,6 +43,7 @@ __all__ = [
     "Missing",
     "Newest",
     "Point",
+    "Race",
     "Slope",
     "by_entry",
     "compare",
@@ -62,6 +66,7 @@ __all__ = [
     "number",
     "points",
     "problems",
+    "race",
     "silent",
     "statuses",
     "typical",

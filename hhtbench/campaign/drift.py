@@ -153,7 +153,7 @@ def all_states(dynamics: Any, terms: Any, static: Any, count: int, *arguments: A
 
 
 def _in_chunks(terms: Any, dynamics: Any, static: Any, varying: tuple[Any, ...], shared: tuple[Any, ...] = ()) -> Matrix:
-    call = compile_function(all_states, dynamics, terms, static, len(varying))
+    call = compile_function(all_states, dynamics, terms, static, len(varying), route="xla")  # one loop over all states
     count, found = varying[0].shape[0], []
     for start in range(0, count, CHUNK):
         rows = np.minimum(np.arange(start, start + CHUNK), count - 1)  # the last chunk is filled up with the last state

@@ -5,11 +5,13 @@ other module compiles anything.
 """
 
 from hhtbench.lowering.augmented import augment
-from hhtbench.lowering.compiling import compile_function, route_of
+from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.derive import Dynamics, derive
 from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank, mass_is_singular
 from hhtbench.lowering.levels import ConstraintLevels, Levels
+from hhtbench.lowering.native import Native, NotNative, native
 from hhtbench.lowering.reduced import padded, reduce_redundant, smallest, unreduced
+from hhtbench.lowering.routes import Route, route_of, routes, too_large
 from hhtbench.lowering.structure import Structure
 
 __all__ = [
@@ -18,15 +20,21 @@ __all__ = [
     "ConstraintRank",
     "Dynamics",
     "Levels",
+    "Native",
+    "NotNative",
+    "Route",
     "Structure",
     "augment",
     "compile_function",
     "constraint_rank",
     "derive",
     "mass_is_singular",
+    "native",
     "padded",
     "reduce_redundant",
     "route_of",
+    "routes",
     "smallest",
+    "too_large",
     "unreduced",
 ]

@@ -12,7 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.compiling import compile_function, flat_function
+from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.flattening import flat_function
 from hhtbench.lowering.patterns import Pattern, detect
 
 KEPT = 16  # patterns that are remembered: one of a chain of ten thousand links takes seconds to find
@@ -54,7 +55,7 @@ class Coloured:
 
     def __init__(self, function: Callable[..., Any], dynamics: Any, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern: Pattern = pattern_of(function, dynamics, static, example)
-        compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours)
+        compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
         self.packed = partial(compiled, *where)  #: arrays -> values (rows,), then entries (entries,)
 

@@ -1,47 +1,43 @@
-"""``compile_function``: the one place that compiles, and that knows the routes.
+"""``compile_function``: the one place that compiles.  Which route a function takes is decided at its first call.
 
-Routes: *xla* (``jax.jit``) for JAX systems, *numpy* (plain Python calls) for NumPy systems.  Compiled code is shared by
-all systems of one class, sizes and static options, whatever their parameter values, and kept on disk between processes.
+*native*: straight-line machine code, for small JAX systems; *xla*: ``jax.jit``, for large ones and for what the native route
+does not know; *numpy*: plain Python calls, for NumPy systems.  Same values to roundoff.  Compiled code is shared by all
+systems of one class, sizes and static options, whatever their parameter values, and kept on disk between processes.
 """
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
-from hhtbench.lowering.augmented import AugmentedDynamics
-from hhtbench.lowering.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.reduced import ReducedDynamics
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.caching import cache_directory, use_disk_cache
+from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
+from hhtbench.lowering.native import NotNative, native
+from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.compiler import native_pieces
+from hhtbench.lowering.routes import Route, record, route_of, too_large, wanted_route
+
+__all__ = ["cache_directory", "compile_function", "compiled_pieces", "flat_function", "route_of"]
 
 # Every call here waits for its result; handing it to a thread of its own costs 10 us, and far more on a busy machine.
 # Takes effect unless JAX has been used before.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 
-KEPT = 64  # dynamics whose flattened parameters are remembered
-
-_compiled: dict[Any, Any] = {}
-_flattened: dict[int, _Flattened] = {}
-_lock = threading.Lock()
+SMALL = "the system is small and every operation is known"
+FLOAT = np.dtype(np.float64)
+Shapes = tuple[tuple[int, ...], ...]
 
 
-def route_of(dynamics: Any) -> str:
-    """The route that serves ``dynamics``: "xla" or "numpy"."""
-    inner = dynamics
-    while isinstance(inner, AugmentedDynamics | ReducedDynamics):
-        inner = inner.inner
-    return "numpy" if isinstance(inner, NumpyDynamics) else "xla"
-
-
-def compile_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Callable[..., np.ndarray]:
+def compile_function(
+    function: Callable[..., Any], dynamics: Any, *static: Any, route: str | None = None
+) -> Callable[..., np.ndarray]:
     """``function(dynamics, *static, *arrays) -> array`` as a fast callable of the arrays alone.
 
     Parameters
@@ -51,95 +47,118 @@ def compile_function(function: Callable[..., Any], dynamics: Any, *static: Any) 
         array that crosses from XLA to NumPy costs about a microsecond).
     static
         Hashable options; a new value compiles anew.
+    route
+        "auto" (default; the environment's ``HHTBENCH_ROUTE`` changes it), "native" or "xla", of a JAX dynamics.
+
+    Raises
+    ------
+    ProblemError
+        There is no such route; or, at a call, "native" was asked for and does not know how, or Python control flow looks
+        at a value that JAX traces: the text says why.
     """
+    wanted = wanted_route(route)
     if route_of(dynamics) == "numpy":
+        reason = "the functions are plain callables on NumPy arrays"
+        record(dynamics, (function, static), Route(_name(function), "numpy", reason))
         return partial(function, dynamics, *static)
-    flat, jitted = _share(function, dynamics, static)
-
-    def call(*arguments: Any) -> np.ndarray:
-        return np.asarray(jitted(flat, *arguments))
-
-    return call
+    return Compiled(function, dynamics, static, wanted)
 
 
-class _Flattened(NamedTuple):
-    """A dynamics taken apart: parameters as one vector, and what selects its compiled code."""
+class Compiled:
+    """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
-    dynamics: Any  #: kept, so that its id stays its own
-    flat: Any  #: one argument: forty of them would cost more than the function
-    unravel: Callable[[Any], Any]
-    rest: Any
-    key: Any
+    def __init__(self, function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], route: str) -> None:
+        self._function, self._dynamics, self._static, self._route = function, dynamics, static, route
+        self._flat = flat_function(function, dynamics, *static)
+        self._calls: dict[Shapes, Callable[..., np.ndarray]] = {}  #: native calls, or XLA's where there is none
+        self._shapes: Shapes = ()  #: of the last native call
+        self._call: Callable[..., np.ndarray] | None = None  #: that call
+        self._xla: Callable[..., np.ndarray] | None = None
+
+    def __call__(self, *arguments: Any) -> np.ndarray:
+        """The value at ``arguments``: numbers and arrays."""
+        call = self._call
+        if call is not None and len(arguments) == len(self._shapes):
+            for argument, shape in zip(arguments, self._shapes, strict=True):
+                kind = type(argument)
+                if kind is np.ndarray:
+                    if argument.shape != shape or argument.dtype is not FLOAT:
+                        break
+                elif kind is not float or shape != ():
+                    break
+            else:
+                return call(*arguments)
+        return self._any(*arguments)
+
+    def _any(self, *arguments: Any) -> np.ndarray:
+        """The same for arguments of other shapes or types than the last."""
+        try:
+            return self._routed(*arguments)
+        except TRACED_AS_VALUE as error:
+            raise explain_control_flow(error, getattr(self._dynamics, "system", self._dynamics)) from error
+
+    def _routed(self, *arguments: Any) -> np.ndarray:
+        arrays = None if self._route == "xla" else _as_floats(arguments)
+        if arrays is None:
+            return self._by_xla(*arguments)
+        shapes = tuple(array.shape for array in arrays)
+        call = self._calls.get(shapes)
+        if call is None:
+            call = self._calls[shapes] = self._choose(shapes)
+        if isinstance(call, NativeCall):
+            self._call, self._shapes = call, shapes
+            return call(*arrays)
+        return call(*arguments)
+
+    def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray]:
+        """Machine code where that pays and is known how, else XLA; the reason is recorded."""
+        reason = too_large(self._dynamics) if self._route == "auto" else None
+        if reason is None:
+            try:
+                code = native(self._function, self._dynamics, *self._static, shapes=shapes)
+            except NotNative as error:
+                if self._route == "native":
+                    raise ProblemError(f"{_name(self._function)} cannot take the native route: {error.reason}.") from None
+                reason = error.reason
+            else:
+                self._record(shapes, "native", SMALL, code.operations)
+                return NativeCall(code, shapes)
+        self._record(shapes, "xla", reason)
+        return self._by_xla
+
+    def _by_xla(self, *arguments: Any) -> np.ndarray:
+        if self._xla is None:
+            if self._route == "xla":
+                self._record((), "xla", "it was asked for")
+            use_disk_cache()
+            parameters, compiled = jnp.asarray(self._flat.parameters), jitted(self._flat)
+            self._xla = lambda *given: np.asarray(compiled(parameters, *map(_strong, given)))
+        return self._xla(*arguments)
+
+    def _record(self, shapes: Shapes, route: str, reason: str, operations: int | None = None) -> None:
+        key = self._function, self._static, shapes
+        record(self._dynamics, key, Route(_name(self._function), route, reason, operations))
 
 
-def _flatten(dynamics: Any) -> _Flattened:
-    if id(dynamics) not in _flattened:
-        arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
-        flat, unravel = ravel_pytree(arrays)
-        while len(_flattened) >= KEPT:
-            _flattened.pop(next(iter(_flattened)))
-        _flattened[id(dynamics)] = _Flattened(dynamics, flat, unravel, rest, (_signature(arrays), _signature(rest)))
-    return _flattened[id(dynamics)]
+def compiled_pieces() -> int:
+    """How many pieces of code this process has compiled or loaded: it stays the same where nothing new is compiled."""
+    return xla_pieces() + native_pieces()
 
 
-def _share(function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...]) -> tuple[Any, Any]:
-    """The parameters (k,) and the compiled function of (parameters, *arrays)."""
-    with _lock:
-        parts = _flatten(dynamics)
-        key = (function, static, parts.key)
-        if key not in _compiled:
-            _use_disk_cache()
-            _compiled[key] = jax.jit(_of_parameters(function, parts, static))
-        return parts.flat, _compiled[key]
+def _name(function: Callable[..., Any]) -> str:
+    return getattr(function, "__name__", type(function).__name__)
 
 
-def _of_parameters(function: Callable[..., Any], parts: _Flattened, static: tuple[Any, ...]) -> Callable[..., Any]:
-    def flat_function(flat: Any, *arguments: Any) -> Any:
-        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
-
-    return flat_function
+def _strong(argument: Any) -> Any:
+    """A Python number as float64: of a weak type it would be traced again."""
+    return np.float64(argument) if type(argument) is float else argument
 
 
-class Flat(NamedTuple):
-    """A function of a JAX dynamics with the dynamics' parameters as its first argument, uncompiled."""
-
-    function: Callable[..., Any]  #: (parameters, *arrays) -> array
-    parameters: Any  #: (k,)
-    key: Any  #: equal for functions that differ in parameter values only
-
-
-def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
-    """``function(dynamics, *static, *arrays)`` taken apart, for readers of computations."""
-    with _lock:
-        parts = _flatten(dynamics)
-    return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
-
-
-def _signature(tree: Any) -> Any:
-    """A hashable description of a pytree: structure and, per leaf, shape and type or the value itself."""
-    leaves, structure = jax.tree.flatten(tree)
-    described: list[Any] = []
-    for leaf in leaves:
-        if eqx.is_inexact_array(leaf):
-            described.append((leaf.shape, str(leaf.dtype)))
-        elif hasattr(leaf, "tobytes"):
-            described.append((leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()))
-        else:
-            described.append(leaf if getattr(leaf, "__hash__", None) else id(leaf))
-    return structure, tuple(described)
-
-
-def cache_directory() -> Path:
-    """Where compiled code is kept: ``$HHTBENCH_CACHE``, else ``$XDG_CACHE_HOME/hhtbench``, else ``~/.cache/hhtbench``."""
-    base = os.environ.get("HHTBENCH_CACHE")
-    if base:
-        return Path(base)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hhtbench"
-
-
-def _use_disk_cache() -> None:
-    """Point JAX's persistent cache to our folder unless the user has chosen one."""
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
-        jax.config.update("jax_compilation_cache_dir", str(cache_directory() / "xla"))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+def _as_floats(arguments: tuple[Any, ...]) -> list[np.ndarray] | None:
+    """The arguments as float64 arrays, or None where that would change their meaning (complex) or is impossible (traced)."""
+    if any(isinstance(argument, jax.core.Tracer) for argument in arguments):
+        return None
+    arrays = [np.asarray(argument) for argument in arguments]
+    if any(array.dtype.kind not in "fiub" for array in arrays):
+        return None
+    return [array.astype(np.float64, copy=False) for array in arrays]

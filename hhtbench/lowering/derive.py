@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values
 from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
@@ -36,7 +37,8 @@ def derive(
     Raises
     ------
     ProblemError
-        A declared function returns the wrong shape; the text names it and both shapes.
+        A declared function returns the wrong shape; the text names it and both shapes.  Or Python control flow looks at a
+        value that JAX traces; the text names the line.
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
@@ -60,7 +62,10 @@ def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
     with _derived_lock:
         if key in _derived:
             return _derived[key][1]
-    dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)  # unlocked: it runs the user's code
+    try:
+        dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)  # unlocked: it runs the user's code
+    except TRACED_AS_VALUE as error:
+        raise explain_control_flow(error, system) from error
     with _derived_lock:
         while len(_derived) >= KEPT:
             _derived.pop(next(iter(_derived)))

@@ -19,22 +19,26 @@ from hhtbench.report import colours, contest, runs, tables
 from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
+from hhtbench.report.elements import html_table
 from hhtbench.report.frame import Chart
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text
 from hhtbench.report.page import embedded
+from hhtbench.report.speed_page import PAGE as SPEED
+from hhtbench.report.speed_page import write_speed
 from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.store.rows import RunRow
 
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
-LONG = 44  # characters; a longer cell may wrap
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 
 
 def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidence: Evidence | None = None) -> None:
     """Write ``index.html`` and ``report.md`` into ``folder``, which is made when it is missing.
+
+    Where ``make bench-engine`` has left its ``speed.json`` there, ``speed.html`` is made from it and linked.
 
     Parameters
     ----------
@@ -50,14 +54,14 @@ def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidenc
     Raises
     ------
     ProblemError
-        The folder cannot be made or written.
+        The folder cannot be made or written, or ``speed.json`` cannot be read.
     """
     found = analysis.newest(rows)
     paragraphs = [*summary(found.rows), *older(found)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
-        page = comparison_page(found.rows, paragraphs, command, evidence, curves)
+        page = comparison_page(found.rows, paragraphs, command, evidence, curves, speed=write_speed(folder, command))
         (folder / "index.html").write_text(page, encoding="utf-8")
         (folder / "report.md").write_text(comparison_markdown(found.rows, paragraphs, command, evidence), encoding="utf-8")
     except OSError as error:
@@ -65,13 +69,20 @@ def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidenc
 
 
 def comparison_page(
-    rows: Sequence[RunRow], paragraphs: Sequence[str], command: str, evidence: Evidence | None, curves: bool
+    rows: Sequence[RunRow],
+    paragraphs: Sequence[str],
+    command: str,
+    evidence: Evidence | None,
+    curves: bool,
+    *,
+    speed: bool = False,
 ) -> str:
     """The text of ``index.html``."""
     styles = colours.solver_styles(analysis.entries(rows))
     names = analysis.problems(rows)
     links = [f'<a href="#{anchor(name)}">{escape(name)}</a>' for name in names]
     links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
+    links += [f'<a href="{SPEED}">machine speed</a>'] if speed else []
     texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
     return Template(texts["html"]).substitute(
         title=escape(TITLE),
@@ -79,11 +90,11 @@ def comparison_page(
         contents="\n".join(links),
         summary="\n".join(f"<p>{_prose(part)}</p>" for part in paragraphs),
         claims=_verdict_box(evidence, curves),
-        against=_html_table(contest.against(rows)),
-        drift=_html_table(runs.equal_drift(rows)),
+        against=html_table(contest.against(rows)),
+        drift=html_table(runs.equal_drift(rows)),
         legend=legend(styles),
         sections="\n".join(_problem_section(rows, name, styles) for name in names),
-        failures=_html_table(runs.failure_table(rows)),
+        failures=html_table(runs.failure_table(rows)),
         machine=_machine(rows),
         command=escape(command),
         created=escape(_created(rows)),
@@ -128,7 +139,7 @@ def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, Sol
     charts = problem_charts(rows, problem)
     drawn = "\n".join(_figure(problem, chart, styles) for chart in charts) or "<p>No run left anything to draw.</p>"
     everything = runs.all_runs(rows, problem)
-    built = "\n".join(_html_table(build(rows, problem), caption) for caption, build in TABLES.items())
+    built = "\n".join(html_table(build(rows, problem), caption) for caption, build in TABLES.items())
     return f"""\
 <section>
 <h2 id="{anchor(problem)}">{escape(problem)}</h2>
@@ -138,7 +149,7 @@ def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, Sol
 </div>
 {built}
 <details><summary>All {len(everything.rows)} runs on {escape(problem)}</summary>
-{_html_table(everything)}
+{html_table(everything)}
 </details>
 </section>"""
 
@@ -150,22 +161,6 @@ def _figure(problem: str, chart: Chart, styles: dict[str, SolverStyle]) -> str:
 <div class="plot"><script type="application/json">{embedded(draw(chart, styles))}</script></div>
 <figcaption class="caption">{escape(chart.caption)}</figcaption>
 </figure>"""
-
-
-def _html_table(table: Table, caption: str = "") -> str:
-    if not table.rows:
-        return "<p>None.</p>" if not caption else f"<p><b>{escape(caption)}</b>: none.</p>"
-    head = "".join(f'<th scope="col">{escape(header)}</th>' for header in table.headers)
-    body = "\n".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
-    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>{note}'
-
-
-def _html_cell(cell: tables.Cell) -> str:
-    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "short") if part)
-    detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
-    return f'<td class="{classes}">{escape(cell.text)}{detail}</td>'
 
 
 def _markdown_table(table: Table) -> list[str]:

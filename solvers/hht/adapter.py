@@ -16,11 +16,12 @@ from hhtbench.result import Solution
 from solvers.hht.choose import KINDS
 from solvers.hht.coefficients import make_method
 from solvers.hht.control import RULES, make_control
+from solvers.hht.engines import ENGINES
 from solvers.hht.solver import HHT
 
 METHOD = ("alpha", "rho_inf", "b", "reaction", "rescale_a", "start")
 CONTROL = ("first_step", "min_step", "max_step", "control")
-OPTIONS = (*METHOD, *CONTROL, "linsolver", "calc_initcond")
+OPTIONS = (*METHOD, *CONTROL, "linsolver", "engine", "calc_initcond")
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ def solver(**options: Any) -> HHTSolver:
         raise ProblemError(f"control must be one of {', '.join(RULES)}; got {options['control']!r}.")
     if options.get("linsolver", "auto") not in KINDS:
         raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {options['linsolver']!r}.")
+    if options.get("engine", "auto") not in ENGINES:
+        raise ProblemError(f"engine must be one of {', '.join(ENGINES)}; got {options['engine']!r}.")
     return HHTSolver("hht", dict(options))
 
 

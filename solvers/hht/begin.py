@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, derive, unreduced
-from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
+from hhtbench.lowering import ConstraintLevels, unreduced
+from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers._start import (
     Failure,
@@ -16,15 +15,12 @@ from solvers._start import (
     Place,
     budget_failure,
     check_guesses,
-    counted_dynamics,
-    dynamics_for,
     inconsistency,
-    independent,
-    regular,
     undetermined,
 )
 from solvers.hht.coefficients import Method
 from solvers.hht.engine import HostEngine
+from solvers.hht.engines import make_engine
 from solvers.hht.start import first_state, project
 from solvers.hht.state import State
 
@@ -49,26 +45,21 @@ def begin(
     *,
     calc_initcond: bool,
     linsolver: str = "auto",
+    engine: str = "auto",
 ) -> Started:
     """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
     failure = None
     for _ in range(2):
         try:
-            return _begin(system, method, place, guesses, h, work, calc_initcond=calc_initcond, linsolver=linsolver)
+            return _begin(
+                system, method, place, guesses, h, work, calc_initcond=calc_initcond, linsolver=linsolver, engine=engine
+            )
         except NonFiniteValue as error:
             work.add("nonfinite_evaluations")
             failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
         except BudgetSpent as spent:
             return Started(None, None, budget_failure(spent, place.t))
     return Started(None, None, failure)
-
-
-def make_engine(
-    system: System | NumpySystem, method: Method, place: Place, work: Work, linsolver: str = "auto"
-) -> HostEngine:
-    """The engine for runs that begin at ``place``, without a look at the start."""
-    dynamics = counted_dynamics(dynamics_for(system, place), work)
-    return HostEngine(dynamics, method, work, _fallback(system, place, work), linsolver=linsolver)
 
 
 def _begin(
@@ -81,9 +72,10 @@ def _begin(
     *,
     calc_initcond: bool,
     linsolver: str = "auto",
+    engine: str = "auto",
 ) -> Started:
-    engine = make_engine(system, method, place, work, linsolver)
-    dynamics, s = engine.dynamics, engine.structure
+    made = make_engine(system, method, place, work, linsolver=linsolver, engine=engine)
+    dynamics, s = made.dynamics, made.structure
     note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
     whole, failure = unreduced(dynamics), undetermined(dynamics, place)
     if s.constrained:
@@ -99,16 +91,7 @@ def _begin(
         return Started(None, None, failure)
     check_guesses(whole.structure, guesses)
     guesses = guesses if whole is dynamics else (None, None)  # its reaction is linear: no guess picks a root
-    state = first_state(engine, place, *guesses, h)
+    state = first_state(made, place, *guesses, h)
     if isinstance(state, Failure):
         return Started(None, None, state)
-    return Started(engine, state, None, note)
-
-
-def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
-    names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
-    if not names:
-        return None
-    return lambda: counted_dynamics(
-        regular(independent(derive(system, place.t, place.q, place.v, ignored=names), place), place), work
-    )
+    return Started(made, state, None, note)

@@ -13,10 +13,11 @@ from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Status
 from solvers._start import Guesses, Place
-from solvers.hht.begin import Started, make_engine
+from solvers.hht.begin import Started
 from solvers.hht.coefficients import Method
 from solvers.hht.control import ControlOptions
 from solvers.hht.engine import HostEngine
+from solvers.hht.engines import make_engine
 from solvers.hht.error import make_tolerances
 from solvers.hht.events import Event, Occurrence
 from solvers.hht.run import check_accuracy, controlled_course
@@ -33,6 +34,7 @@ class ByHand:
     control: ControlOptions
     rule: str
     linsolver: str
+    engine: str
     events: tuple[Event, ...]
     _standing: Standing | None
     _engine: HostEngine | None
@@ -170,7 +172,8 @@ class ByHand:
     def _rebuild(self, standing: Standing) -> HostEngine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
         method = self.first_method(controlled=standing.tolerances is not None)
-        engine = make_engine(self.system, method, standing.place, Work(tally=Counter(standing.tally)), self.linsolver)
+        work = Work(tally=Counter(standing.tally))
+        engine = make_engine(self.system, method, standing.place, work, linsolver=self.linsolver, engine=self.engine)
         if standing.distrusts:
             engine.distrust()
         return engine
@@ -186,7 +189,13 @@ class ByHand:
         """What a checkpoint and the solver that resumes it must share."""
         names = tuple(event.name for event in self.events)
         system = type(self.system).__name__
-        options = {"method": self.method, "control": self.control, "rule": self.rule, "linsolver": self.linsolver}
+        options = {
+            "method": self.method,
+            "control": self.control,
+            "rule": self.rule,
+            "linsolver": self.linsolver,
+            "engine": self.engine,
+        }
         return {"system": system, **options, "events": names}
 
     def _stands(self) -> Standing:

@@ -8,14 +8,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hhtbench.arguments import real_number
+from hhtbench.arguments import Vector, real_number
 from hhtbench.errors import ProblemError
 from hhtbench.request import StepPlan
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.engine import HostEngine
 from solvers.hht.estimate import Estimator, remembered
-from solvers.hht.laws import fit, growth
+from solvers.hht.laws import CRUMB, fit, growth
 from solvers.hht.state import Memory, State, Step
 
 
@@ -63,6 +63,10 @@ class Prescribed:
         if isinstance(step, Step):
             self.taken, self._left_over = self.taken + 1, False
         return step
+
+    def ahead(self, count: int) -> tuple[Vector, Vector]:
+        """Lengths and ends [s] of up to ``count`` whole steps that come next; none while one is begun already."""
+        return self.plan.ahead(self.taken, 0 if self._left_over else count)
 
     def cut_short(self) -> None:
         """The last step ended early, at an event: what is left of it comes next."""
@@ -164,7 +168,6 @@ class ChronoRule:
 
 
 RULES = ("error", "chrono")
-CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
 
 
 def make_control(*, first_step: Any = None, min_step: Any = None, max_step: Any = None) -> ControlOptions:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function
@@ -18,22 +18,14 @@ from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
 from solvers._finite import explain_nonfinite, inverse_mass_at
 from solvers._start import Failure, points_of
-from solvers.hht.choose import choose
+from solvers.hht.choose import Choice
 from solvers.hht.coefficients import NEAR_HALF, Method
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.laws import EPS, EXTRAPOLATION, TINY, force_at_end, moves_nothing
 from solvers.hht.layout import Layout
 from solvers.hht.newton import Functions, Iteration, Outcome
 from solvers.hht.state import State, Step
 from solvers.hht.weights import known_values
-
-EPS = float(np.finfo(np.float64).eps)
-EXTRAPOLATION = (  # weights of this and of k earlier steps: polynomials of degree k
-    np.ones(1),
-    np.array([2.0, -1.0]),
-    np.array([3.0, -3.0, 1.0]),
-    np.array([4.0, -6.0, 4.0, -1.0]),
-)
-TINY = float(np.finfo(np.float64).tiny)
 
 
 def largest(x: Vector) -> float:
@@ -49,18 +41,22 @@ def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])
 
 
+def layout_of(dynamics: Any, method: Method) -> Layout:
+    """The unknowns of ``method``'s steps."""
+    moving = method.reaction in ("implicit", "midpoint")
+    unknown = moving and (method.coefficients.b != 0.0 or dynamics.structure.mass == "variable")
+    return Layout(dynamics.structure, moving, unknown)
+
+
 class HostEngine:
     """Steps of one method for one system.  Stateless between calls: state in, step or failure out."""
 
-    def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, linsolver: str = "auto") -> None:
+    def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, choice: Choice) -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure = dynamics.structure
-        moving = method.reaction in ("implicit", "midpoint")
-        acts_on_position = method.coefficients.b != 0.0
-        unknown = moving and (acts_on_position or self.structure.mass == "variable")
-        self.layout = Layout(self.structure, moving, unknown)
+        self.layout = layout_of(dynamics, method)
         self.points = points_of(dynamics)  # a NumPy system's callbacks are counted one by one
-        self.choice = choose(dynamics, self.layout, linsolver)
+        self.choice = choice
         self.functions = self._functions(dynamics)
         self._end = compile_function(step_end, self.choice.products or dynamics, self.layout)
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
@@ -171,6 +167,10 @@ class HostEngine:
         self.work.add("residual_evaluations", self.points)
         return state if found.singular or found.residual > 0 else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
 
+    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+        """Which rows (k,) have their multipliers from the acceleration level in ``lam`` and ``mu`` already: here none."""
+        return np.zeros(times.size, dtype=bool)
+
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
         accelerated = abs(h) * max(largest(state.vdot), largest(state.f), largest(state.a))
         sizes = max(state.size_q, abs(h) * state.size_v, TINY), max(state.size_v, accelerated, TINY)
@@ -179,20 +179,18 @@ class HostEngine:
         )
 
     def _guess(self, state: State, h: float) -> Vector:
-        """Unknowns extrapolated from the last two steps of this length, else those of the last."""
+        """Unknowns extrapolated from up to four steps of this length, else those of the last."""
         if state.unknowns is None:
             return self._plain_guess(state)
         if state.earlier is None or state.h != h:
             return state.unknowns
-        if state.earlier.ndim == 1:
-            return 2.0 * state.unknowns - state.earlier
         weights = EXTRAPOLATION[len(state.earlier)]
         return weights[0] * state.unknowns + weights[1:] @ state.earlier
 
     def _earlier(self, state: State, h: float) -> Any:
-        """What :meth:`_guess` will need of the steps before: of a large system three of them, newest first, (k, size)."""
-        if state.h != h or state.unknowns is None or self.choice.coloured is None:
-            return state.unknowns if state.h == h else None
+        """What :meth:`_guess` will need of the steps before: up to three of them, newest first, (k, size)."""
+        if state.h != h or state.unknowns is None:
+            return None
         last = state.unknowns[None, :]
         return last if state.earlier is None else np.concatenate([last, state.earlier[: len(EXTRAPOLATION) - 2]])
 
@@ -213,7 +211,7 @@ class HostEngine:
         a, lam0, lam1 = unknown["a"], unknown.get("lam0", nothing), unknown.get("lam1", nothing)
         mu = unknown.get("mu", nothing)
         alpha = self.method.coefficients.alpha
-        f1 = (a + alpha * state.f) / (1.0 + alpha)  # (H6) solved for f1: no evaluation needed
+        f1 = force_at_end(alpha, a, state.f)
         inverse = self.inverse_mass(t1, q1) if s.mass == "variable" else None
         new = State(
             t=t1,
@@ -241,8 +239,7 @@ class HostEngine:
         """Whether h moves q by less than its roundoff, as far as v and the acceleration tell, (H21)."""
         if self.structure.m == 0:
             return False
-        moved = abs(h) * largest(state.v) + h * h * largest(state.vdot)
-        return moved < EPS * state.size_q or h * h == 0.0
+        return moves_nothing(h, largest(state.v), largest(state.vdot), state.size_q, state.size_v)
 
     def _shortest(self, state: State, h: float, t1: float) -> Step | Outcome:
         """(H21): q and v moved along v and the acceleration, if both levels hold as before: a drive may start from rest."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.laws import allowed, relative_part, relative_tolerance
+from solvers.hht.laws import NOTHING, allowed, relative_part, relative_tolerance
 from solvers.hht.state import State
 
 
@@ -31,8 +31,9 @@ class Tolerances:
     def relative(self, state: State) -> float:
         """The tolerance as a number without unit: the smallest of weight over typical size, of q and of v, at most 1."""
         n = state.q.size
-        of_q = relative_part(state.size_q, self.rtol[:n], self.atol[:n])
-        return relative_tolerance(of_q, relative_part(state.size_v, self.rtol[n:], self.atol[n:]))
+        sizes = (state.size_q, self.rtol[:n], self.atol[:n]), (state.size_v, self.rtol[n:], self.atol[n:])
+        parts = [float(relative_part(*part).min()) if part[0] > NOTHING else math.inf for part in sizes]
+        return relative_tolerance(*parts)
 
 
 def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:

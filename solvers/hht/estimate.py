@@ -11,15 +11,11 @@ from hhtbench.arguments import Vector
 from hhtbench.lowering import compile_function
 from solvers.hht.engine import HostEngine
 from solvers.hht.error import Tolerances
-from solvers.hht.laws import cubic, rms
+from solvers.hht.laws import EPS, GAUSS, ROUNDOFF, cubic, rms
 from solvers.hht.linear import Factor
 from solvers.hht.local_error import levels, pack, raw_errors
 from solvers.hht.state import Memory, State, Step
 from solvers.hht.weights import first_acceleration
-
-GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs most; in the middle not at all
-ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
-EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,16 @@ class History:
         """Append an accepted step."""
         self._append(step.state, step.state.h or 0.0, step.lam_start, step.lam_end, step.mu_half)
 
+    def room(self, count: int) -> Matrix:
+        """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
+        while self._count + count > len(self._rows):
+            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+        return self._rows[self._count : self._count + count]
+
+    def commit(self, count: int) -> None:
+        """``count`` of those rows hold accepted steps now."""
+        self._count += count
+
     def note(self, occurrences: Sequence[Occurrence]) -> None:
         """Append events."""
         for occurrence in occurrences:

@@ -35,6 +35,11 @@ def integrate(course: Course, state: State, stop: float, history: History, max_n
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return End(Status.max_steps, message, state)
+        room = None if max_num_steps is None else max_num_steps - taken
+        state, watch, made = course.march(state, watch, stop, history, room)
+        if made:
+            taken += made
+            continue
         passage = course.next(state, watch, stop)
         if isinstance(passage, Failure):
             return End(passage.status, passage.message, state)
@@ -124,7 +129,9 @@ def recover_multipliers(
         return Multipliers(np.zeros((times.size, 0)), np.zeros((times.size, 0)), "")
     lam, mu = guess
     undetermined = []
-    for i, t in enumerate(times):
+    done = engine.recovered(times, q, v, lam, mu)
+    for i in np.flatnonzero(~done).tolist():
+        t = times[i]
         try:
             found = acceleration_at(engine.acceleration, engine.dynamics, engine.work, float(t), q[i], v[i], (lam[i], mu[i]))
         except NonFiniteValue as error:

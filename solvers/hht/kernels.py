@@ -6,32 +6,34 @@ these loops take a third of it, and a whole solve with its couplings is one call
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
+from hhtbench.lowering.loops import loops
 
-def compiled(function: Any) -> Any:
-    """``function`` compiled, and kept on disk where there is a folder to keep it in."""
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:  # neither the package's folder nor the user's can be written
-        return numba.njit(function)
+compiled, bare = loops(Path(__file__)), loops(Path(__file__), bare=True, inner=True)
 
 
 @compiled
 def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: Any) -> int:
     """LU with partial pivoting of every block in ``storage``, filled from ``values`` (entries,) at ``places`` first.
 
-    ``blocks`` (k, 4): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
+    ``blocks`` (4 k,): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
     another in ``storage``, each with ``2 lower + upper + 1`` numbers.  Returns 0, or the place of a zero pivot, from 1.
     """
     for k in range(places.size):
         storage[places[k]] = values[k]
+    return factor_filled(storage, pivots, blocks)
+
+
+@bare
+def factor_filled(storage: Any, pivots: Any, blocks: Any) -> int:
+    """The same of a ``storage`` that holds the entries already."""
     offset = 0
-    for k in range(blocks.shape[0]):
-        start, count, lower, upper = blocks[k]
+    for k in range(0, blocks.size, 4):
+        start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
         height, main = 2 * lower + upper + 1, lower + upper
         reach = 0
         for j in range(count):
@@ -50,6 +52,7 @@ def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: A
                     at = offset + c * height + main + j - c
                     storage[at], storage[at + pivot] = storage[at + pivot], storage[at]
             inverse = 1.0 / storage[column]
+            storage[column] = inverse  # solves multiply: a division takes as long as ten products
             for i in range(1, below + 1):
                 storage[column + i] *= inverse
             for c in range(j + 1, reach + 1):
@@ -71,10 +74,29 @@ def solve_blocks(
     Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
     rows of what a block takes from unknowns of earlier blocks.
     """
-    y = np.empty(right.size)
+    y, x = np.empty(right.size), np.empty(right.size)
+    solve_into(right, rows, columns, storage, pivots, blocks, starts, places, couplings, y, x)
+    return x
+
+
+@bare
+def solve_into(
+    right: Any,
+    rows: Any,
+    columns: Any,
+    storage: Any,
+    pivots: Any,
+    blocks: Any,
+    starts: Any,
+    places: Any,
+    couplings: Any,
+    y: Any,
+    x: Any,
+) -> None:
+    """The same into ``x`` (size,), with ``y`` (size,) to work in."""
     offset = 0
-    for k in range(blocks.shape[0]):
-        start, count, lower, upper = blocks[k]
+    for k in range(0, blocks.size, 4):
+        start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
         height, main = 2 * lower + upper + 1, lower + upper
         for i in range(start, start + count):
             value = right[rows[i]]
@@ -91,15 +113,13 @@ def solve_blocks(
                 y[at + i] -= value * storage[column + i]
         for j in range(count - 1, -1, -1):
             at, column = start + j, offset + j * height + main
-            value = y[at] / storage[column]
+            value = y[at] * storage[column]
             y[at] = value
             for i in range(1, min(main, j) + 1):
                 y[at - i] -= value * storage[column - i]
         offset += count * height
-    x = np.empty(right.size)
     for i in range(right.size):
         x[columns[i]] = y[i]
-    return x
 
 
 @compiled

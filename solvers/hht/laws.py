@@ -1,7 +1,7 @@
 """The scalar and vector formulas between the steps' equations: plain numbers and arrays in, plain ones out.
 
 One source for every engine: the host engine calls these functions as they are, the native engine compiles the same ones.
-Hence nothing but float64 arguments, arrays (n,) and NumPy, and no keyword arguments.
+Hence no keyword arguments, and operations that take an array (n,) as well as one of its entries.
 """
 
 from __future__ import annotations
@@ -12,8 +12,19 @@ from typing import Any
 import numpy as np
 
 MUCH_SHORTER = 0.01  # of the last step: many growths of 1.5 followed by one such shrink are unstable in the stiff limit
+GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs most; in the middle not at all
+ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
 NOTHING = 1e-300  # a size up to it is none
+CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
+EPS = float(np.finfo(np.float64).eps)
+SHORT = 1e-8  # of the time in which the fastest motion seen crosses the size of q: g over h^2 keeps half its digits
 TINY = float(np.finfo(np.float64).tiny)
+EXTRAPOLATION = (  # weights of this and of k earlier steps: polynomials of degree k
+    np.ones(1),
+    np.array([2.0, -1.0]),
+    np.array([3.0, -3.0, 1.0]),
+    np.array([4.0, -6.0, 4.0, -1.0]),
+)
 
 
 def rescaled(a: Any, f: Any, h: float, last: float) -> Any:
@@ -23,6 +34,22 @@ def rescaled(a: Any, f: Any, h: float, last: float) -> Any:
     if abs(h) < MUCH_SHORTER * abs(last):
         return f
     return f + (h / last) * (a - f)  # (H11)
+
+
+def moves_nothing(h: float, speed: float, acceleration: float, size_q: float, size_v: float) -> bool:
+    """Whether a step of h [s] moves q by less than its roundoff because it is short, (H21), and not because all is at rest.
+
+    ``speed`` and ``acceleration`` are the largest entries now, ``size_q`` and ``size_v`` the largest seen.
+    """
+    if h * h == 0.0:
+        return True
+    short = abs(h) * size_v <= SHORT * size_q
+    return short and abs(h) * speed + h * h * acceleration < EPS * size_q
+
+
+def trapezoidal_start(alpha: float, f0: Any) -> tuple[Any, float]:
+    """a0 (n,) of the first step but for its part in a1, and the weight of that, (H12) by (H6)."""
+    return (1.0 / (1.0 + alpha)) * f0, alpha / (1.0 + alpha)
 
 
 def force_at_end(alpha: float, a: Any, f0: Any) -> Any:
@@ -43,9 +70,9 @@ def allowed(rtol: Any, atol: Any, before: Any, after: Any) -> Any:
     return np.maximum(rtol * np.maximum(np.abs(before), np.abs(after)) + atol, TINY)
 
 
-def relative_part(size: float, rtol: Any, atol: Any) -> float:
-    """The smallest tolerance over the typical ``size`` of q or of v, for (H26); infinity where there is no size."""
-    return float((rtol + atol / size).min()) if size > NOTHING else math.inf
+def relative_part(size: float, rtol: Any, atol: Any) -> Any:
+    """Tolerances over the typical ``size`` of q or of v, for (H26)."""
+    return rtol + atol / size
 
 
 def relative_tolerance(of_q: float, of_v: float) -> float:

@@ -24,6 +24,7 @@ class Factor:
     maps: Any  #: (2n, size): dq1/dx over dv1/dx, an array or sparse rows
     h: float  #: signed step [s] it was made for
     rate: float = 0.0  #: worst contraction per iteration seen with it
+    uses: int = 0  #: solves by the native engine, which inverts what it uses often
     noise: tuple[float, float] = (0.0, 0.0)  #: what one roundoff of the known values changes in q1 and v1; 0: not measured
 
     def solve(self, right: Vector) -> Vector:

@@ -21,6 +21,7 @@ from solvers.hht.choose import KINDS
 from solvers.hht.coefficients import Method, make_method
 from solvers.hht.control import RULES, make_control
 from solvers.hht.engine import HostEngine
+from solvers.hht.engines import ENGINES
 from solvers.hht.events import make_events
 from solvers.hht.run import Run, check_accuracy
 from solvers.hht.stepping import Standing
@@ -56,6 +57,9 @@ class HHT(ByHand):
     linsolver
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
+    engine
+        "native" makes the steps in compiled loops with machine code of the system's functions, "host" in Python, whatever
+        the system; "auto" takes native where it can.  Same formulas, same statuses, values equal to roundoff.
     calc_initcond
         Project an inconsistent start onto both constraint levels instead of refusing it.
     events
@@ -85,6 +89,7 @@ class HHT(ByHand):
         max_step: float | None = None,
         control: str = "error",
         linsolver: str = "auto",
+        engine: str = "auto",
         calc_initcond: bool = False,
         events: Any = None,
     ) -> None:
@@ -102,6 +107,9 @@ class HHT(ByHand):
         if linsolver not in KINDS:
             raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {linsolver!r}.")
         self.linsolver = linsolver
+        if engine not in ENGINES:
+            raise ProblemError(f"engine must be one of {', '.join(ENGINES)}; got {engine!r}.")
+        self.engine = engine
         if not isinstance(calc_initcond, bool):
             raise TypeError(f"calc_initcond must be True or False; got {calc_initcond!r}.")
         self.calc_initcond = calc_initcond
@@ -147,7 +155,15 @@ class HHT(ByHand):
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
         method = self.first_method(controlled=controlled)
         return begin(
-            self.system, method, place, guesses, h, work, calc_initcond=self.calc_initcond, linsolver=self.linsolver
+            self.system,
+            method,
+            place,
+            guesses,
+            h,
+            work,
+            calc_initcond=self.calc_initcond,
+            linsolver=self.linsolver,
+            engine=self.engine,
         )
 
     def first_method(self, *, controlled: bool) -> Method:

@@ -46,7 +46,7 @@ class BandFactor(Factor):
         """The matrix' inverse times ``right`` (size,)."""
         order, c = self.order, self.couplings
         return solve_blocks(
-            right, order.rows, order.columns, self.storage, self.pivots, order.blocks, c.starts, c.places, c.values
+            right, order.rows, order.columns, self.storage, self.pivots, order.blocks.ravel(), c.starts, c.places, c.values
         )
 
     def largest(self, increment: Vector, n: int) -> tuple[float, float]:
@@ -93,23 +93,23 @@ class Band:
         height = 2 * lower + upper + 1
         offset = np.concatenate([[0], np.cumsum(count * height)])
         inside, b = block[i] == block[j], block[j]
-        self._inside = np.flatnonzero(inside)
-        self._places = (offset[b] + (j - start[b]) * height[b] + lower[b] + upper[b] + i - j)[inside]
+        self.inside = np.flatnonzero(inside)
+        self.places = (offset[b] + (j - start[b]) * height[b] + lower[b] + upper[b] + i - j)[inside]
         outside = np.flatnonzero(~inside)
-        self._outside = outside[np.argsort(i[outside], kind="stable")]
-        self._starts = np.searchsorted(i[self._outside], np.arange(size + 1))
-        self._coupled = j[self._outside]
-        self._maps = MapsPattern(pattern, size, own)
+        self.outside = outside[np.argsort(i[outside], kind="stable")]
+        self.starts = np.searchsorted(i[self.outside], np.arange(size + 1))
+        self.coupled = j[self.outside]
+        self.maps = MapsPattern(pattern, size, own)
 
     def factor(self, entries: Vector, h: float) -> Factor | None:
         """``entries``: q1, v1 (2n,), then the entries of the pattern."""
-        values = entries[self._maps.rows :]
+        values = entries[self.maps.rows :]
         storage, pivots = np.zeros(self.order.storage), np.empty(self._size, dtype=np.int64)
-        if factor_blocks(values[self._inside], self._places, storage, pivots, self.order.blocks):
+        if factor_blocks(values[self.inside], self.places, storage, pivots, self.order.blocks.ravel()):
             return None
-        couplings = Couplings(self._starts, self._coupled, values[self._outside])
+        couplings = Couplings(self.starts, self.coupled, values[self.outside])
         return BandFactor(
-            storage=storage, pivots=pivots, order=self.order, couplings=couplings, maps=self._maps.matrix(values), h=h
+            storage=storage, pivots=pivots, order=self.order, couplings=couplings, maps=self.maps.matrix(values), h=h
         )
 
 

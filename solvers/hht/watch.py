@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels
+from hhtbench.lowering import ConstraintLevels, Native
 from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control import Advance, ErrorControlled, Prescribed
@@ -16,7 +19,10 @@ from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.estimate import remembered
 from solvers.hht.events import Crossing, Event, Occurrence, changed_by, scan
+from solvers.hht.history import History
 from solvers.hht.landing import along, land
+from solvers.hht.native.engine import NativeEngine
+from solvers.hht.native.watching import Watched, compiled_events
 from solvers.hht.start import first_state, project
 from solvers.hht.state import State, Step
 
@@ -60,6 +66,29 @@ class Course:
     advance: Advance
     events: tuple[Event, ...] = ()
     prepare: Callable[[State, float], State] | None = None  #: for step control, where a motion begins
+
+    def march(self, state: State, watch: Watch, stop: float, history: History, most: int | None) -> tuple[State, Watch, int]:
+        """As many steps at once as compiled loops make, at most ``most``: where they end, and their number.
+
+        None where the next step needs a closer look, as one with an event does: :meth:`next` makes it.
+        """
+        codes = self.codes
+        if not isinstance(self.engine, NativeEngine) or codes is None or (self.events and watch.values is None):
+            return state, watch, 0
+        try:
+            self.engine.work.check_time()
+            if self.prepare is not None and state.memory is None:
+                state = self.prepare(state, stop)
+        except (BudgetSpent, NonFiniteValue):  # the next step tells
+            return state, watch, 0
+        looks = Watched(self.events, codes, np.zeros(0) if watch.values is None else watch.values)
+        state, made = self.engine.march(state, self.advance, stop, history, most, looks)
+        return state, replace(watch, values=looks.values) if made and self.events else watch, made
+
+    @cached_property
+    def codes(self) -> list[Native] | None:
+        """The event functions in machine code; None where one cannot be compiled."""
+        return compiled_events(self.engine.dynamics, self.events, self.engine.structure.n)
 
     def next(self, state: State, watch: Watch, stop: float) -> Passage | Failure:
         """The next accepted step towards ``stop`` [s]; a spent budget is a failure like others."""

@@ -8,7 +8,7 @@ from typing import Any
 from hhtbench.arguments import Vector
 from solvers._finite import inverse_mass_at
 from solvers.hht.coefficients import Method
-from solvers.hht.laws import rescaled
+from solvers.hht.laws import rescaled, trapezoidal_start
 from solvers.hht.layout import Layout
 from solvers.hht.state import State
 
@@ -18,8 +18,7 @@ def start_of_step(method: Method, state: State, h: float) -> tuple[Vector, float
     if state.h is None:
         if method.start != "trapezoidal":
             return state.a, 0.0
-        alpha = method.coefficients.alpha
-        return (1.0 / (1.0 + alpha)) * state.f, alpha / (1.0 + alpha)  # (H12): by (H6)
+        return trapezoidal_start(method.coefficients.alpha, state.f)
     return (rescaled(state.a, state.f, h, state.h) if method.rescale_a else state.a), 0.0
 
 

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.lowering import compiling
+from hhtbench.lowering.compiling import compiled_pieces
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import diffrax_ode, ida, scipy_ivp
@@ -107,17 +107,17 @@ def test_compiled_code_is_shared_between_tolerances_and_parameters():
         TSIT5.solve(problem("rheonomic", system=Growing(growth=0.3)), Request(**request))
 
     run(rtol=1e-5)
-    before = sum(entry._cache_size() for entry in compiling._compiled.values())
+    before = compiled_pieces()
     run(rtol=1e-7)
     run(rtol=1e-6, atol=1e-9, max_num_steps=3)
     run(rtol=1e-6, max_seconds=5.0)
-    assert sum(entry._cache_size() for entry in compiling._compiled.values()) == before
+    assert compiled_pieces() == before
 
 
 @EVERY
 def test_nothing_compiles_after_the_warm_up(solver):
     asked = Request(rtol=1e-6, t_eval=np.linspace(0, 1, 5))
     solver.warm_up(problem(), asked)
-    before = sum(entry._cache_size() for entry in compiling._compiled.values())
+    before = compiled_pieces()
     assert solver.solve(problem(), asked).success
-    assert sum(entry._cache_size() for entry in compiling._compiled.values()) == before
+    assert compiled_pieces() == before

@@ -255,7 +255,8 @@ def test_an_exception_in_the_jacobian_comes_back_through_c():
 def test_nothing_of_a_library_is_printed(capfd):
     for solver in HOST:
         solver.solve(numpy_ring(force=until(0.5)), LOOSE)
-    failed = ida.solver(form="index3").solve(problem("nonlinear reaction"), Request(rtol=1e-8, max_seconds=20.0))
+    plain = numpy_ring()  # how index 3 fails hangs on roundoff: plain callables give the same on every route
+    failed = ida.solver(form="index3").solve(plain, Request(rtol=2e-8, max_seconds=20.0))
     assert failed.status in (Status.newton_failed, Status.step_too_small)
     assert "Error: " in failed.message, "what IDA prints goes into the message"
     assert capfd.readouterr() == ("", "")

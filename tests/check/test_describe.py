@@ -78,7 +78,7 @@ def test_a_singular_mass_is_augmented_and_no_longer_constant():
 
 
 def test_route_and_derivatives_follow_from_the_kind_of_system():
-    assert set(texts(describe(jax_bead()), "route")) == {"xla"}
+    assert set(texts(describe(jax_bead()), "route")) == {"native"}
     assert "called as declared" in texts(describe(jax_bead()), "computed")["constraint_jacobian"]
     plain = describe(problem({"force": lambda t, q, v: -q}))
     assert set(texts(plain, "route")) == {"numpy"}

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax import Array
 
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, derive, route_of
@@ -11,6 +12,7 @@ from tests.lowering.systems import SPRINGS_NUMPY
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
 TRACED = []  # names of methods, once per trace
+pytestmark = pytest.mark.usefixtures("empty_cache")  # code of an earlier run is not traced at all
 
 
 class Oscillator(System):

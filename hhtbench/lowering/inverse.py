@@ -1,0 +1,42 @@
+"""``inverse``: the inverse of a matrix as one operation that every route knows how to carry out.
+
+``jnp.linalg.inv`` is traced to dozens of operations with whole-number permutations inside, which the native route could
+only guess the meaning of; one primitive says it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+inverse_p = Primitive("hhtbench_inverse")
+
+
+def inverse(x: Any) -> Any:
+    """The inverse of ``x`` (..., n, n), float64; not finite where it is singular."""
+    return inverse_p.bind(jnp.asarray(x))
+
+
+def _by_jax(x: Any) -> Any:
+    return jnp.linalg.inv(x)
+
+
+def _differential(tangents: Any, primals: Any) -> Any:
+    (x,), (x_dot,) = primals, tangents
+    y = inverse(x)
+    return y, -(y @ ad.instantiate_zeros(x_dot) @ y)
+
+
+def _batched(arguments: Any, axes: Any) -> Any:
+    (x,), (axis,) = arguments, axes
+    return inverse(jnp.moveaxis(x, axis, 0)), 0
+
+
+inverse_p.def_impl(_by_jax)
+inverse_p.def_abstract_eval(lambda x: x)
+mlir.register_lowering(inverse_p, mlir.lower_fun(_by_jax, multiple_results=False))
+ad.primitive_jvps[inverse_p] = lambda primals, tangents: _differential(tangents, primals)
+batching.primitive_batchers[inverse_p] = _batched

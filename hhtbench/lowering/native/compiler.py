@@ -1,0 +1,153 @@
+"""``native``: a derived function of a JAX dynamics as machine code."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhtbench.lowering.flattening import Flat, flat_function, jitted
+from hhtbench.lowering.native import disk
+from hhtbench.lowering.native.code import Code, compiled, write
+from hhtbench.lowering.native.emit import CALL, ENTRY
+from hhtbench.lowering.native.machine import load
+from hhtbench.lowering.native.reading import Shapes, pattern_of, read
+from hhtbench.lowering.native.reasons import NotNative
+from hhtbench.lowering.native.sources import source_key
+
+MOST_OPERATIONS = 20_000  # code generation takes about 0.1 ms an operation
+
+
+@dataclass(frozen=True)
+class Native:
+    """Machine code of one function with the parameters of one dynamics."""
+
+    address: int  #: of ``void f(double* out, const double* parameters, const double* a0, ...)``, one pointer per argument
+    block_address: int  #: of ``void f(void** pointers)`` with all of those in a row
+    parameters: np.ndarray  #: (k,) the dynamics' flattened parameters
+    size: int  #: entries of the result
+    shape: tuple[int, ...]  #: of the result
+    varying: np.ndarray  #: (v,) int64, flat places of the entries that depend on arguments or parameters
+    constants: np.ndarray  #: (size,) values of the entries that do not; 0.0 at the others
+    compact: bool  #: True: ``out`` has the varying entries only; False: all of them
+    operations: int  #: scalar operations
+    seconds: dict[str, float] = field(default_factory=dict)  #: trace, lower, generate, load
+    cached: bool = False  #: no code was generated: it was in memory or on disk
+
+
+class _Loaded(NamedTuple):
+    code: Code
+    addresses: tuple[int, ...]
+    seconds: dict[str, float]
+    cached: bool
+
+
+_memory: dict[Any, _Loaded | NotNative] = {}
+_lock = threading.RLock()
+
+
+def native(function: Callable[..., Any], dynamics: Any, *static: Any, shapes: Shapes, compact: bool = False) -> Native:
+    """``function(dynamics, *static, *arrays) -> array`` as machine code for float64 arrays of ``shapes``.
+
+    One piece of code serves all parameter values but exact 0, 1 and -1, which are folded: a full mass matrix that is
+    diagonal costs n products and not n^2.
+
+    Raises
+    ------
+    NotNative
+        The text says why: which primitive has no rule and on which line, or how many operations there are.
+    """
+    flat = flat_function(function, dynamics, *static)
+    parameters = np.ascontiguousarray(flat.parameters)
+    if parameters.dtype != np.float64:
+        raise NotNative(f"parameters of type {parameters.dtype}")
+    shapes = tuple(tuple(int(size) for size in shape) for shape in shapes)
+    pattern = pattern_of(parameters)
+    key = (flat.key, pattern.tobytes(), shapes, compact)
+    with _lock:
+        known = key in _memory
+        if not known:
+            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, compact)
+        loaded = _memory[key]
+    if isinstance(loaded, NotNative):
+        raise loaded
+    return _bound(loaded, parameters, cached=known or loaded.cached)
+
+
+def native_pieces() -> int:
+    """How many functions this process has as machine code, or knows it cannot have."""
+    return len(_memory)
+
+
+def _bound(loaded: _Loaded, parameters: np.ndarray, *, cached: bool) -> Native:
+    code = loaded.code
+    return Native(
+        address=loaded.addresses[0],
+        block_address=loaded.addresses[1],
+        parameters=parameters,
+        size=code.constants.size,
+        shape=code.shape,
+        varying=code.varying,
+        constants=code.constants,
+        compact=code.compact,
+        operations=code.operations,
+        seconds=dict(loaded.seconds),
+        cached=cached,
+    )
+
+
+def _found(
+    function: Any, dynamics: Any, static: Any, flat: Flat, pattern: np.ndarray, shapes: Shapes, compact: bool
+) -> _Loaded | NotNative:
+    """From disk by the sources, else traced and from disk by content, else generated."""
+    seconds = {"trace": 0.0, "lower": 0.0, "generate": 0.0, "load": 0.0}
+    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, compact))
+    code = _kept(name)
+    if isinstance(code, NotNative):
+        return code
+    cached = code is not None
+    if code is None:
+        try:
+            reading = read(jitted(flat), pattern, shapes, MOST_OPERATIONS)
+            written = write(reading, shapes, compact=compact, limit=MOST_OPERATIONS)
+        except NotNative as error:
+            _keep(name, b"no " + error.reason.encode())
+            return error
+        seconds |= {"trace": reading.trace, "lower": reading.lower + written.seconds}
+        content = f"{written.content}.code"
+        code = _read_code(content)
+        cached = code is not None
+        if code is None:
+            began = time.perf_counter()
+            code = compiled(written)
+            seconds["generate"] = time.perf_counter() - began
+            disk.write_file(content, code.to_bytes())
+        _keep(name, b"is " + content.encode())
+    began = time.perf_counter()
+    addresses = load(code.binary, ENTRY, CALL)
+    seconds["load"] = time.perf_counter() - began
+    return _Loaded(code, addresses, seconds, cached)
+
+
+def _kept(name: str | None) -> Code | NotNative | None:
+    """What the sources' name says: code, a reason why there is none, or nothing."""
+    found = None if name is None else disk.read_file(f"{name}.key")
+    if found is None:
+        return None
+    if found.startswith(b"no "):
+        return NotNative(found[3:].decode(errors="replace"))
+    return _read_code(found[3:].decode(errors="replace")) if found.startswith(b"is ") else None
+
+
+def _keep(name: str | None, text: bytes) -> None:
+    if name is not None:
+        disk.write_file(f"{name}.key", text)
+
+
+def _read_code(name: str) -> Code | None:
+    data = disk.read_file(name)
+    return None if data is None else Code.from_bytes(data)

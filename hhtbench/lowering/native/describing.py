@@ -1,0 +1,119 @@
+"""Descriptions of values that are equal in every process for equal meaning, or none."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import sys
+import types
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+
+class NotDescribed(Exception):
+    """A part whose meaning cannot be told from outside."""
+
+
+def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
+    """``value`` as nested tuples of plain values; the modules its classes and functions live in go to ``modules``.
+
+    ``parameters``: arrays of real numbers are described by their shape only.
+
+    Raises
+    ------
+    NotDescribed
+        A function or class made inside a function, a closure, an object of unknown kind.
+    """
+    again = functools.partial(describe, modules=modules, parameters=parameters)
+    if value is None or (
+        isinstance(value, bool | int | float | complex | str | bytes) and type(value).__module__ == "builtins"
+    ):
+        return type(value).__name__, repr(value)
+    if isinstance(value, np.ndarray | np.generic | jax.Array):
+        array = np.asarray(value)
+        content = None if parameters and eqx.is_inexact_array(value) else array.tobytes()
+        return "array", array.shape, str(array.dtype), content
+    if type(value) in (tuple, list):
+        return type(value).__name__, tuple(again(part) for part in value)
+    if type(value) is dict:
+        return "dict", tuple((again(key), again(part)) for key, part in value.items())
+    if type(value) in (set, frozenset):
+        return "set", tuple(sorted(repr(again(part)) for part in value))
+    if isinstance(value, np.dtype):
+        return "dtype", str(value)
+    if isinstance(value, enum.Enum):
+        return "enum", again(type(value)), value.name
+    if isinstance(value, functools.partial):
+        return "partial", again(value.func), again(value.args), again(value.keywords)
+    if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
+        return "name", _name(value, modules)
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return "tuple", again(type(value)), tuple(again(part) for part in value)
+    if dataclasses.is_dataclass(value):
+        fields = tuple((f.name, again(getattr(value, f.name, None))) for f in dataclasses.fields(value))
+        return "object", again(type(value)), fields
+    raise NotDescribed(f"a value of type {type(value).__qualname__}")
+
+
+def _name(value: Any, modules: set[str]) -> str:
+    """Module and name of a class or function, which must be found there."""
+    module, name = getattr(value, "__module__", None), getattr(value, "__qualname__", "<")
+    if module is None or "<" in name:
+        raise NotDescribed(f"{name} was made inside a function")
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    if found is not value:
+        raise NotDescribed(f"{module}.{name} is something else by now")
+    if isinstance(value, type):
+        for base in value.__mro__[1:]:
+            if base is not object:
+                modules.add(base.__module__)
+    modules.add(module)
+    return f"{module}.{name}"
+
+
+def bytecode(value: Any) -> Any:
+    """The code of a function, or of all functions of a class, with their defaults."""
+    if isinstance(value, type):
+        parts = [(name, _code_of(member)) for name, member in sorted(vars(value).items())]
+        return tuple((name, code) for name, code in parts if code is not None)
+    return _code_of(value)
+
+
+def _code_of(value: Any) -> Any:
+    for wrapper in ("__func__", "fget", "method", "__wrapped__"):
+        inner = getattr(value, wrapper, None)
+        if callable(inner):
+            value = inner
+            break
+    code = getattr(value, "__code__", None)
+    if not isinstance(code, types.CodeType):
+        return None
+    return _code(code), repr(getattr(value, "__defaults__", None)) if _plain(getattr(value, "__defaults__", None)) else ""
+
+
+def _plain(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(_plain(part) for part in value)
+    return value is None or isinstance(value, bool | int | float | complex | str | bytes)
+
+
+def _code(code: types.CodeType) -> Any:
+    """Instructions, constants and names."""
+    constants = tuple(_constant(constant) for constant in code.co_consts)
+    return code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars
+
+
+def _constant(value: Any) -> Any:
+    if isinstance(value, types.CodeType):
+        return _code(value)
+    if isinstance(value, tuple):
+        return tuple(_constant(part) for part in value)
+    if isinstance(value, frozenset):
+        return tuple(sorted(repr(part) for part in value))
+    return repr(value)

@@ -1,0 +1,88 @@
+"""From LLVM assembly to object code, and from object code to an address in this process."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from typing import Any
+
+import llvmlite  # type: ignore[import-untyped]
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+LEVEL = 1  # of code generation: 2 and 3 take half as long again for code of the same speed
+_lock = threading.RLock()  # LLVM's global context is one for all threads
+_loaded: list[Any] = []  # engines own the code: they live as long as the process
+_started: list[bool] = []
+
+
+def start() -> None:
+    """Prepare LLVM for this machine."""
+    if not _started:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        _started.append(True)
+
+
+def host() -> str:
+    """Processor and its features, and the versions that make the code: what object code depends on."""
+    features = llvm.get_host_cpu_features().flatten()
+    return (
+        f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
+    )
+
+
+def _target_machine() -> Any:
+    target = llvm.Target.from_default_triple()
+    return target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=LEVEL,
+        reloc="pic",
+        codemodel="jitdefault",
+        jit=True,
+    )
+
+
+def generate(text: str, helpers: str) -> bytes:
+    """Object code of straight-line assembly and of the functions with loops that it calls.
+
+    Straight lines go through no optimisation: the scalar graph has had all that pays, and what is left (SLP vectors) took
+    nine tenths of the time and made Andrews' matrix slower.
+    """
+    with _lock:
+        start()
+        machine = _target_machine()
+        module = _parsed(text, machine)
+        if helpers:
+            loops = _parsed(helpers, machine)
+            builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+            builder.getModulePassManager().run(loops, builder)
+            module.link_in(loops)
+        return bytes(machine.emit_object(module))
+
+
+def _parsed(text: str, machine: Any) -> Any:
+    module = llvm.parse_assembly(text)
+    module.triple = llvm.get_default_triple()
+    module.data_layout = str(machine.target_data)
+    module.verify()
+    return module
+
+
+def load(code: bytes, *names: str) -> tuple[int, ...]:
+    """Addresses of the functions ``names`` of object code, for the rest of the process."""
+    with _lock:
+        start()
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
+        addresses = tuple(engine.get_function_address(name) for name in names)
+        if not all(addresses):
+            raise RuntimeError(f"object code without {names}")
+        _loaded.append(engine)
+        return addresses
+
+
+def caller(address: int) -> Any:
+    """A Python callable of the function behind one pointer; it keeps the interpreter's lock: it is over in microseconds."""
+    return ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(address)

@@ -1,0 +1,76 @@
+"""Which route a function takes, and the record of what was chosen and why."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.reduced import ReducedDynamics
+
+ROUTES = ("auto", "native", "xla")
+VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
+MOST_UNKNOWNS = 60  # n + m + p: above it, code of tens of thousands of operations takes seconds to generate
+REMEMBERED = 64  # dynamics whose routes are remembered
+
+
+@dataclass(frozen=True)
+class Route:
+    """How one function is computed."""
+
+    function: str
+    route: str  #: "native", "xla" or "numpy"
+    reason: str
+    operations: int | None = None  #: scalar operations, of the native route
+
+
+_records: dict[int, tuple[Any, dict[Any, Route]]] = {}
+
+
+def route_of(dynamics: Any) -> str:
+    """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
+    inner = dynamics
+    while isinstance(inner, AugmentedDynamics | ReducedDynamics):
+        inner = inner.inner
+    return "numpy" if isinstance(inner, NumpyDynamics) else "xla"
+
+
+def wanted_route(route: str | None) -> str:
+    """The route asked for by the argument, else by the environment, else "auto".
+
+    Raises
+    ------
+    ProblemError
+        There is no such route.
+    """
+    source = "route" if route is not None else VARIABLE
+    wanted = route if route is not None else os.environ.get(VARIABLE) or "auto"
+    if wanted not in ROUTES:
+        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
+    return wanted
+
+
+def too_large(dynamics: Any) -> str | None:
+    """Why the native route would not pay for a system of this size, or None."""
+    s = dynamics.structure
+    unknowns = s.n + s.m + s.p
+    if unknowns <= MOST_UNKNOWNS:
+        return None
+    return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code without loops would be long"
+
+
+def record(dynamics: Any, key: Any, route: Route) -> None:
+    """Remember a choice."""
+    if id(dynamics) not in _records:
+        while len(_records) >= REMEMBERED:
+            _records.pop(next(iter(_records)), None)
+        _records[id(dynamics)] = (dynamics, {})  # kept, so that its id stays its own
+    _records[id(dynamics)][1][key] = route
+
+
+def routes(dynamics: Any) -> tuple[Route, ...]:
+    """Of every function of ``dynamics`` that has been called so far: its route and why."""
+    return tuple(_records.get(id(dynamics), (None, {}))[1].values())

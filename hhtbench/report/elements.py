@@ -1,0 +1,26 @@
+"""Tables as HTML."""
+
+from __future__ import annotations
+
+from html import escape
+
+from hhtbench.report.tables import Cell, Table
+
+LONG = 44  # characters; a longer cell may wrap
+
+
+def html_table(table: Table, caption: str = "") -> str:
+    """The table in a box that scrolls sideways; "None." where it has no rows."""
+    if not table.rows:
+        return "<p>None.</p>" if not caption else f"<p><b>{escape(caption)}</b>: none.</p>"
+    head = "".join(f'<th scope="col">{escape(header)}</th>' for header in table.headers)
+    body = "\n".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
+    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>{note}'
+
+
+def _html_cell(cell: Cell) -> str:
+    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "short") if part)
+    detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
+    return f'<td class="{classes}">{escape(cell.text)}{detail}</td>'

@@ -1,0 +1,26 @@
+"""The decorator of the compiled loops, and the laws that they share with the host engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hhtbench.lowering.loops import loops
+from solvers.hht import kernels, laws
+
+HERE = Path(__file__).parent
+SOURCES = HERE, Path(laws.__file__), Path(kernels.__file__)
+called = loops(*SOURCES, bare=True)
+compiled = loops(*SOURCES, bare=True, inner=True)
+inlined = loops(*SOURCES, bare=True, inline=True)
+compiled_with_arrays = loops(*SOURCES)
+
+allowed = compiled(laws.allowed)
+cubic = compiled(laws.cubic)
+fit = compiled(laws.fit)
+force_at_end = compiled(laws.force_at_end)
+growth = compiled(laws.growth)
+moves_nothing = compiled(laws.moves_nothing)
+relative_part = compiled(laws.relative_part)
+relative_tolerance = compiled(laws.relative_tolerance)
+rescaled = compiled(laws.rescaled)
+trapezoidal_start = compiled(laws.trapezoidal_start)

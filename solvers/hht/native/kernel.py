@@ -1,0 +1,318 @@
+"""One system's machine code and arrays for the compiled loops, and the way from a State to those arrays and back."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering import Native, native
+from hhtbench.lowering.kkt import kkt_terms
+from hhtbench.lowering.patterns import Pattern
+from solvers._finite import inverse_mass_at
+from solvers.hht.blocks import Order, find_order
+from solvers.hht.coefficients import Method
+from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.layout import Layout
+from solvers.hht.linear import Factor
+from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
+from solvers.hht.native.newton import INVERTED
+from solvers.hht.native.tables import (
+    ACCELERATION,
+    BEFORE,
+    BUILT,
+    COUPLINGS,
+    FACTOR_H,
+    FUNCTIONS,
+    HEADERS,
+    INVERSE,
+    LAM,
+    MAPS,
+    MEMORY,
+    MU,
+    NUMBER,
+    O_R1,
+    OWN,
+    PIVOTS,
+    RATE,
+    ROLLING,
+    STORAGE,
+    USES,
+    VARIABLE,
+    VDOT,
+    X_EARLIER,
+    X_LAST,
+    A,
+    F,
+    Memory,
+    N,
+    Q,
+    V,
+    floats,
+    integers,
+    memory,
+)
+from solvers.hht.sparse import Band, BandFactor, Couplings
+from solvers.hht.state import Memory as StepMemory
+from solvers.hht.state import State
+from solvers.hht.weights import packed_known
+
+KEPT = 16  # kernels that are remembered: ordering a matrix takes a millisecond
+_kernels: dict[Any, tuple[Any, Kernel]] = {}
+_lock = threading.Lock()
+
+
+def kernel_for(dynamics: Any, method: Method, layout: Layout) -> Kernel:
+    """The :class:`Kernel`, remembered for the same dynamics."""
+    key = id(dynamics), replace(method, start="f0")
+    with _lock:
+        if key not in _kernels:
+            made = Kernel(dynamics, method, layout)
+            while len(_kernels) >= KEPT:
+                _kernels.pop(next(iter(_kernels)))
+            _kernels[key] = dynamics, made  # the dynamics is kept, so that its id stays its own
+        return _kernels[key][1]
+
+
+class Kernel:
+    """Code and arrays of one method for one system; its functions are compiled when it is made.
+
+    Raises
+    ------
+    NotNative
+        A function of the system cannot be compiled to machine code.
+    """
+
+    def __init__(self, dynamics: Any, method: Method, layout: Layout) -> None:
+        s = layout.structure
+        self.layout, self.dynamics = layout, dynamics
+        self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
+        variable = s.mass == "variable"
+        given = 4 + 4 * s.n + (s.n * s.n if variable else 0)
+        x, packed = (layout.size,), (layout.packed_size,)
+        self._known = native(packed_known, dynamics, self.method, layout, shapes=((given,),))
+        self._residual = native(step_residual, dynamics, layout, shapes=(x, packed))
+        self._matrix = native(step_residual_and_matrix, dynamics, layout, shapes=(x, packed), compact=True)
+        self._end = native(step_end, dynamics, layout, shapes=(x, packed))
+        self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
+        self._raw: Native | None = None
+        self._levels: Native | None = None
+        self.analysis = Entries(self._matrix, layout)
+        self._given = given
+
+    def code(self, *, controlled: bool) -> list[int]:
+        """Addresses of functions and parameters; those of the error estimate only where step control needs them."""
+        if controlled and self._raw is None:
+            s, count = self.layout.structure, len(SCALARS) + sum(inputs(self.layout).values())
+            self._raw = native(raw_errors, self.dynamics, self.method, self.layout, shapes=((count,),))
+            if s.constrained:
+                self._levels = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
+        parts = (self._known, self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels)
+        pairs = [(0, 0) if part is None else (part.address, part.parameters.ctypes.data) for part in parts]
+        return [number for pair in pairs for number in pair]
+
+    def memory(self, events: Mapping[str, Any], count: int) -> Memory:
+        """Room for the loops of one engine with ``count`` event functions; no state is in it yet."""
+        s, size, analysis = self.layout.structure, self.layout.size, self.analysis
+        n, m, p = s.n, s.m, s.p
+        raw = len(SCALARS) + sum(inputs(self.layout).values())
+        full = n * n if s.mass == "variable" else 0
+        lengths = {
+            "number": 6,
+            "q": n,
+            "v": n,
+            "a": n,
+            "f": n,
+            "lam": m,
+            "mu": p,
+            "vdot": n,
+            "inverse": full,
+            "x_last": size,
+            "x_earlier": 3 * size,
+            "memory": 4,
+            "before": n,
+            "acceleration": n,
+            "rolling": n,
+            "given": self._given,
+            "packed": self.layout.packed_size,
+            "x": size,
+            "residual": size,
+            "computed": analysis.slots.size,
+            "values": size + analysis.flat.size,
+            "right": size,
+            "work": size,
+            "increment": size,
+            "change": 2 * n,
+            "end": 4 * n if m else 2 * n,
+            "end_inverse": n * n,
+            "raw_given": raw,
+            "raw": 3 * n,
+            "place": 1 + 2 * n,
+            "levels": 2 * m + p,
+            "error": 2 * n,
+            "once": n,
+            "weights": 2 * n,
+            "rtol": 2 * n,
+            "atol": 2 * n,
+            "storage": 2 * analysis.order.storage,
+            "factor_h": 2,
+            "rate": 2,
+            "uses": 2,
+            "built": 2,
+            "couplings": 2 * analysis.band.outside.size,
+            "maps": 2 * (analysis.flat.size - analysis.own),
+            "inverse_matrix": 2 * size * size if size <= INVERTED else 0,
+            "constants": 10,
+            "event": 1,
+            "event_values": count,
+            "event_ends": count,
+        }
+        contents = {name: np.zeros(length) for name, length in lengths.items()} | {"values": analysis.values}
+        header = np.zeros(len(HEADERS) + 2 * len(FUNCTIONS), dtype=np.int64)
+        z = memory(contents, {"header": header, "pivots": np.zeros(2 * size)} | analysis.places | dict(events))
+        offsets, at = {}, 0
+        for name, length in self.layout.unknowns.items():
+            offsets[name], at = at, at + length
+        z.i[N : N + 4] = n, m, p, size
+        z.i[O_R1 : O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
+        z.i[VARIABLE], z.i[OWN] = full > 0, analysis.own
+        return z
+
+    def kkt(self) -> Native:
+        """Residual and matrix of the acceleration level, :func:`hhtbench.lowering.kkt.kkt_terms`."""
+        s = self.layout.structure
+        return native(kkt_terms, self.dynamics, shapes=((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
+
+    def load(self, z: Memory, state: State) -> None:
+        """Put ``state`` into the loops' memory."""
+        x, earlier, memory = state.unknowns, state.earlier, state.memory
+        kept = self.analysis.load(state.factor, z)
+        known = 0 if x is None else 1 + (0 if earlier is None else len(earlier))
+        floats(z, NUMBER)[:] = state.t, state.h or 0.0, state.size_q, state.size_v, known, -1.0 if kept is None else kept
+        vectors: dict[int, Any] = {
+            Q: state.q,
+            V: state.v,
+            A: state.a,
+            F: state.f,
+            LAM: state.lam,
+            MU: state.mu,
+            VDOT: state.vdot,
+        }
+        vectors |= {X_LAST: x, X_EARLIER: earlier}
+        if self.layout.structure.mass == "variable" and state.inverse_mass is not None:
+            vectors[INVERSE] = state.inverse_mass.ravel()
+        if memory is not None:
+            error, rolling = -1.0 if memory.error is None else memory.error, memory.velocity_reaction
+            floats(z, MEMORY)[:] = memory.h_next, memory.last, error, rolling is not None
+            vectors |= {BEFORE: memory.earlier, ACCELERATION: memory.acceleration, ROLLING: rolling}
+        for name, values in vectors.items():
+            if values is not None:
+                floats(z, name)[: values.size] = values.ravel()
+
+    def store(self, z: Memory, before: State) -> State:
+        """The state that the loops left in their memory; ``before`` is the one they began with."""
+        t, h, size_q, size_v, known, kept = floats(z, NUMBER).tolist()
+        memory, own = None, lambda name: floats(z, name).copy()
+        if before.memory is not None:
+            h_next, last, error, rolling = floats(z, MEMORY).tolist()
+            memory = StepMemory(
+                h_next=h_next,
+                last=last,
+                earlier=own(BEFORE),
+                acceleration=own(ACCELERATION),
+                velocity_reaction=own(ROLLING) if rolling else None,
+                error=None if error < 0.0 else error,
+            )
+        n = self.layout.structure.n
+        return State(
+            t=t,
+            q=own(Q),
+            v=own(V),
+            a=own(A),
+            f=own(F),
+            h=h,
+            lam=own(LAM),
+            mu=own(MU),
+            vdot=own(VDOT),
+            inverse_mass=own(INVERSE).reshape(n, n) if before.inverse_mass is not None else None,
+            unknowns=own(X_LAST),
+            earlier=own(X_EARLIER).reshape(3, -1)[: int(known) - 1] if known > 1.0 else None,
+            factor=self.analysis.store(z, int(kept)),
+            size_q=size_q,
+            size_v=size_v,
+            memory=memory,
+        )
+
+
+class Entries:
+    """Newton's matrix by the entries that its code computes: blocks of bands, whatever its size."""
+
+    kind = "band"
+
+    def __init__(self, matrix: Native, layout: Layout) -> None:
+        size = layout.size
+        computed = np.zeros(matrix.size, dtype=bool)
+        computed[matrix.varying] = True
+        flat = np.flatnonzero(computed | (matrix.constants != 0.0))
+        flat = flat[flat >= size] - size  # entries of matrix and maps, row by row
+        rows, columns = flat // size, flat % size
+        shape = (size + 2 * layout.structure.n, size)
+        self.pattern = Pattern(shape, rows, columns, np.zeros(size, dtype=np.int32), 1)
+        self.own = int(np.searchsorted(rows, size))
+        self.order: Order = find_order(rows[: self.own], columns[: self.own], size)
+        self.reason = f"{self.own} entries; blocks of {self.order.text} diagonals after reverse Cuthill-McKee"
+        self.band = Band(self.pattern, size, self.order, self.reason)
+        self.flat, self.size = flat, size
+        place = np.full(matrix.size, -1)
+        place[:size] = np.arange(size)
+        place[size + flat] = size + np.arange(flat.size)
+        self.slots = place[matrix.varying].astype(np.int64)
+        self.values = np.concatenate([matrix.constants[:size], matrix.constants[size + flat]])
+
+    def factor(self, entries: Vector, h: float) -> Factor | None:
+        """For the host engine: ``entries`` are [matrix; dq1/dx; dv1/dx] (size + 2n, size), row by row."""
+        return self.band.factor(np.concatenate([np.zeros(self.band.maps.rows), entries[self.flat]]), h)
+
+    @property
+    def places(self) -> dict[str, Any]:
+        """Sections of integers for the compiled loops."""
+        band, own = self.band, self.own
+        starts = np.searchsorted(self.pattern.rows[own:] - self.size, np.arange(band.maps.rows + 1))
+        named = {"slots": self.slots, "inside": band.inside, "places": band.places, "outside": band.outside}
+        named |= {"starts": band.starts, "coupled": band.coupled, "rows": self.order.rows, "columns": self.order.columns}
+        return named | {"blocks": self.order.blocks, "map_starts": starts, "map_columns": self.pattern.columns[own:]}
+
+    def load(self, factor: Factor | None, z: Memory) -> int | None:
+        """Put a factorisation of this analysis into slot 0; None for one of another."""
+        if not isinstance(factor, BandFactor):
+            return None
+        theirs, ours = factor.order, self.order
+        if not (np.array_equal(theirs.rows, ours.rows) and np.array_equal(theirs.blocks, ours.blocks)):
+            return None
+        for name, values in ((STORAGE, factor.storage), (COUPLINGS, factor.couplings.values), (MAPS, factor.maps.data)):
+            floats(z, name)[: values.size] = values
+        integers(z, PIVOTS)[: self.size] = factor.pivots
+        floats(z, FACTOR_H)[0], floats(z, RATE)[0] = factor.h, factor.rate
+        floats(z, USES)[0], floats(z, BUILT)[:] = factor.uses, 0.0
+        return 0
+
+    def store(self, z: Memory, slot: int) -> Factor | None:
+        """The factorisation in ``slot``."""
+        if slot < 0:
+            return None
+        storage, couplings, maps = (np.split(floats(z, name), 2)[slot].copy() for name in (STORAGE, COUPLINGS, MAPS))
+        band = self.band
+        return BandFactor(
+            storage=storage,
+            pivots=np.split(integers(z, PIVOTS), 2)[slot].copy(),
+            order=self.order,
+            couplings=Couplings(band.starts, band.coupled, couplings),
+            maps=band.maps.matrix(np.concatenate([np.zeros(self.own), maps])),
+            h=float(floats(z, FACTOR_H)[slot]),
+            rate=float(floats(z, RATE)[slot]),
+            uses=int(floats(z, USES)[slot]),
+        )

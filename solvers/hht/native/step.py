@@ -1,0 +1,180 @@
+"""One step in a compiled loop: known values, guess, Newton's iteration, the end of the step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.hht.laws import EXTRAPOLATION, TINY
+from solvers.hht.native.calls import invoke
+from solvers.hht.native.compiled import compiled, force_at_end, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.native.newton import newton
+from solvers.hht.native.parts import address, part, put, top
+from solvers.hht.native.tables import (
+    ALPHA,
+    C_END,
+    C_INVERSE,
+    C_KNOWN,
+    CONSTANTS,
+    CONVERGED,
+    ELSEWHERE,
+    END,
+    END_INVERSE,
+    FACTOR,
+    GIVEN,
+    INVERSE,
+    KNOWN,
+    LAM,
+    MU,
+    NUMBER,
+    O_LAM0,
+    O_LAM1,
+    O_MU,
+    O_R1,
+    O_RK,
+    PACKED,
+    PLACE,
+    RATE,
+    RESCALE_A,
+    SIZE_Q,
+    SIZE_V,
+    TRAPEZOIDAL,
+    VARIABLE,
+    VDOT,
+    X_EARLIER,
+    X_LAST,
+    A,
+    F,
+    H,
+    M,
+    N,
+    P,
+    Q,
+    T,
+    V,
+    X,
+)
+
+WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (4 - weights.size) for weights in EXTRAPOLATION)
+
+
+@compiled
+def start_of_step(z: Any, h: Any, i: Any) -> Any:
+    """Entry i of a0 and the weight with which a1 takes part in it: :func:`solvers.hht.weights.start_of_step`."""
+    last, a, f = part(z, NUMBER)[H], part(z, A)[i], part(z, F)[i]
+    if last == 0.0:
+        if z.i[TRAPEZOIDAL]:
+            return trapezoidal_start(part(z, CONSTANTS)[ALPHA], f)
+        return a, 0.0
+    if z.i[RESCALE_A]:
+        return rescaled(a, f, h, last), 0.0
+    return a, 0.0
+
+
+@compiled
+def guess(z: Any, h: Any) -> None:
+    """Unknowns to begin with, as :meth:`solvers.hht.engine.HostEngine._guess` finds them."""
+    x, last, earlier, number = part(z, X), part(z, X_LAST), part(z, X_EARLIER), part(z, NUMBER)
+    size, count = x.size, int(number[KNOWN]) - 1
+    if count > 0 and number[H] == h:
+        weights = WEIGHTS_OF[count]
+        for i in range(size):
+            x[i] = weights[0] * last[i]
+        for k in range(count):
+            for i in range(size):
+                x[i] += weights[1 + k] * earlier[k * size + i]
+    elif number[KNOWN] > 0.0:
+        put(x, 0, last)
+    else:
+        plain_guess(z, x)
+
+
+@compiled
+def plain_guess(z: Any, x: Any) -> None:
+    """Unknowns from the state alone: its accelerations and multipliers."""
+    vdot, f, told = part(z, VDOT), part(z, F), z.i[M] == 0 or z.i[P] == 0
+    put(x, 0, part(z, A))
+    for i in range(z.i[N]):
+        reaction = vdot[i] - f[i] if told else 0.0
+        if z.i[O_R1] >= 0:
+            x[z.i[O_R1] + i] = reaction
+        if z.i[O_RK] >= 0:
+            x[z.i[O_RK] + i] = reaction
+    if z.i[O_LAM0] >= 0:
+        put(x, z.i[O_LAM0], part(z, LAM))
+        put(x, z.i[O_LAM1], part(z, LAM))
+    if z.i[O_MU] >= 0:
+        put(x, z.i[O_MU], part(z, MU))
+
+
+@compiled
+def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
+    """(how it ended, slot, worst contraction) of a step of h [s] to t1; what it found is in X and END."""
+    number = part(z, NUMBER)
+    size_q, size_v, speed, acceleration = number[SIZE_Q], number[SIZE_V], top(part(z, V)), top(part(z, VDOT))
+    if z.i[M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v):
+        return ELSEWHERE, -1, 0.0
+    give(z, h, t1)
+    invoke(z.i[C_KNOWN], (address(z, PACKED), z.i[C_KNOWN + 1], address(z, GIVEN)))
+    guess(z, h)
+    accelerated = abs(h) * max(acceleration, top(part(z, F)), top(part(z, A)))
+    typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
+    ended, slot, rate = newton(z, int(number[FACTOR]), h, typical_q, typical_v, counts)
+    if ended == CONVERGED:
+        invoke(z.i[C_END], (address(z, END), z.i[C_END + 1], address(z, X), address(z, PACKED)))
+        if z.i[VARIABLE]:
+            place = part(z, PLACE)
+            place[0] = t1
+            put(place, 1, part(z, END)[: z.i[N]])
+            at = address(z, PLACE)
+            invoke(z.i[C_INVERSE], (address(z, END_INVERSE), z.i[C_INVERSE + 1], at, at + 8))
+    return ended, slot, rate
+
+
+@compiled
+def give(z: Any, h: Any, t1: Any) -> None:
+    """Fill what :func:`solvers.hht.weights.packed_known` takes, in its order."""
+    given = part(z, GIVEN)
+    given[0], given[1], given[2] = part(z, NUMBER)[T], h, t1
+    k = put(given, 4, part(z, Q))
+    k = put(given, k, part(z, V))
+    k = put(given, k, part(z, F))
+    for i in range(z.i[N]):
+        given[k + i], given[3] = start_of_step(z, h, i)
+    put(given, k + z.i[N], part(z, INVERSE))
+
+
+@compiled
+def accept(z: Any, h: Any, t1: Any, slot: Any, rate: Any, row: Any) -> None:
+    """Make the end of the attempt the state, and write it to ``row`` as :class:`~solvers.hht.history.History` keeps it."""
+    n, x, end, number = z.i[N], part(z, X), part(z, END), part(z, NUMBER)
+    q, v, a, f, vdot, alpha = part(z, Q), part(z, V), part(z, A), part(z, F), part(z, VDOT), part(z, CONSTANTS)[ALPHA]
+    row[0], row[1] = t1, h
+    same = number[KNOWN] > 0.0 and number[H] == h
+    for i in range(n):
+        vdot[i] = (end[n + i] - v[i]) / h
+        f[i] = force_at_end(alpha, x[i], f[i])
+        q[i], v[i], a[i] = end[i], end[n + i], x[i]
+    earlier, last, size = part(z, X_EARLIER), part(z, X_LAST), x.size
+    known = min(number[KNOWN] + 1.0, 4.0) if same else 1.0
+    if same:
+        for i in range(3 * size - 1, size - 1, -1):
+            earlier[i] = earlier[i - size]
+        put(earlier, 0, last)
+    put(last, 0, x)
+    k = put(row, 2, q)
+    k = put(row, k, v)
+    k = put(row, k, a)
+    if z.i[M] > 0:
+        lam, m = part(z, LAM), z.i[M]
+        put(lam, 0, x[z.i[O_LAM1] : z.i[O_LAM1] + m])
+        k = put(row, k, x[z.i[O_LAM0] : z.i[O_LAM0] + m])
+        k = put(row, k, lam)
+    if z.i[P] > 0:
+        mu = part(z, MU)
+        put(mu, 0, x[z.i[O_MU] : z.i[O_MU] + z.i[P]])
+        put(row, k, mu)
+    if z.i[VARIABLE]:
+        put(part(z, INVERSE), 0, part(z, END_INVERSE))
+    part(z, RATE)[slot] = rate
+    number[T], number[H], number[KNOWN], number[FACTOR] = t1, h, known, slot
+    number[SIZE_Q], number[SIZE_V] = max(number[SIZE_Q], top(q)), max(number[SIZE_V], top(v))

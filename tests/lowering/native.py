@@ -1,0 +1,38 @@
+"""Native code and XLA side by side, for functions of plain arrays."""
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from hhtbench.lowering import native
+from hhtbench.lowering.native.calling import NativeCall
+
+
+class Nothing(eqx.Module):
+    """A dynamics without parameters."""
+
+
+class Holding(eqx.Module):
+    """A dynamics with one array of parameters."""
+
+    values: jax.Array
+
+
+def shapes_of(arrays):
+    return tuple(np.shape(array) for array in arrays)
+
+
+def native_value(function, *arrays, dynamics=Nothing()):  # noqa: B008 - it holds nothing
+    """``function(dynamics, *arrays)`` by machine code, and the code."""
+    code = native(function, dynamics, shapes=shapes_of(arrays))
+    return NativeCall(code, shapes_of(arrays))(*arrays), code
+
+
+def agree(function, *arrays, rtol=1e-14, atol=0.0):
+    """Machine code and XLA give the same numbers, NaN and infinities included."""
+    arrays = [np.asarray(array, dtype=float) for array in arrays]
+    value, code = native_value(lambda dynamics, *x: function(*x), *arrays)
+    expected = np.asarray(jax.jit(function)(*arrays))
+    assert value.shape == expected.shape
+    np.testing.assert_allclose(value, expected, rtol=rtol, atol=atol)
+    return code

@@ -1,0 +1,140 @@
+"""Every derived function that a solver uses, of every problem of the library: machine code and XLA give the same values.
+
+One packed function per problem goes to XLA, which compiles for seconds; the native route compiles each function by itself.
+"""
+
+import importlib
+from importlib.metadata import entry_points
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench
+from hhtbench.lowering import NotNative, derive, native, route_of
+from hhtbench.lowering.flattening import flat_function
+from hhtbench.lowering.kkt import kkt_terms
+from hhtbench.lowering.levels import level_terms
+from hhtbench.lowering.native.calling import NativeCall
+from solvers._finite import inverse_mass_at
+from solvers.forms import FORMS
+from solvers.forms.form import refusal
+from solvers.forms.layout import Layout as FormLayout
+from solvers.forms.layout import jacobian_function, residual_function
+from solvers.forms.underlying import rhs_function, rhs_jacobian_function
+from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.engine import force_and_inverse_mass
+from solvers.hht.layout import Layout
+
+NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
+ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order
+OF_SOLVES = 1e-9  # after a solve with a matrix of condition 1e4
+LARGE = 35  # n + m + p from which the matrices are left out: XLA takes minutes for all of them
+NEVER = {"fekete": "42", "bricard": "", "flyball_governor": ""}
+
+
+def dynamics_of(problem):
+    return derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
+
+
+def points_of(problem):
+    """(t, q, v, generator) at the start and near it."""
+    for seed in (0, 1):
+        draw = np.random.default_rng(seed)
+        near = 1e-3 * seed * draw.normal(size=(2, problem.q0.size))
+        scale = np.broadcast_to(problem.scales.q, problem.q0.shape), np.broadcast_to(problem.scales.v, problem.q0.shape)
+        yield problem.t_span[0] + 0.1 * seed, problem.q0 + near[0] * scale[0], problem.v0 + near[1] * scale[1], draw
+
+
+def step_arguments(layout, t, q, v, draw):
+    """Unknowns and known values of a step from (t, q, v) as a solver packs them."""
+    scalars = {"h": 0.01, "t1": t + 0.01, "t0": t, "t_stage": t + 0.01, "t_half": t + 0.005, "alpha": -0.2, "theta": 1.0}
+    values = scalars | {name: 1e-3 for name in layout.scalars if name not in scalars}
+    places = {"q_known": q, "q0": q, "q_stage": q, "q_half": q, "v_known": v, "v0": v}
+    for name, shape in layout.arrays.items():
+        values[name] = places.get(name, draw.normal(size=shape))
+    return draw.normal(size=layout.size), layout.pack(values)
+
+
+def functions_of(problem, dynamics):
+    """name -> (function, static options, arguments at two points, tolerance)."""
+    s, found = dynamics.structure, {}
+    small, unknowns = s.n + s.m + s.p < LARGE, s.n + s.m + s.p
+    points = list(points_of(problem))
+
+    def add(function, static, arguments, tolerance=ROUNDOFF, name=""):
+        found[function.__name__ + name] = function, static, [arguments(*point) for point in points], tolerance
+
+    for moving in (True, False):
+        layout = Layout(s, moving, moving and s.mass == "variable")
+        step = lambda *point, layout=layout: step_arguments(layout, *point)  # noqa: E731
+        add(step_residual, (layout,), step, name=f" {moving}")
+        add(step_end, (layout,), step, name=f" {moving}")
+        if small:
+            add(step_residual_and_matrix, (layout,), step, name=f" {moving}")
+    add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))
+    add(force_and_inverse_mass, (), lambda t, q, v, _: (t, q, v), OF_SOLVES)
+    add(inverse_mass_at, (), lambda t, q, v, _: (t, q), OF_SOLVES)
+    if s.constrained:
+        add(level_terms, (), lambda t, q, v, _: (t, q, v))
+    for form in FORMS:
+        if refusal(form, s) is not None or not small:
+            continue
+        if form == "ode":
+            add(rhs_function, (), lambda t, q, v, _: (t, np.concatenate([q, v])), OF_SOLVES)
+            add(rhs_jacobian_function, (), lambda t, q, v, _: (t, np.concatenate([q, v])), OF_SOLVES)
+            continue
+        layout = FormLayout(form, s)
+        at = lambda t, q, v, draw, layout=layout: form_arguments(layout, t, q, v, draw)  # noqa: E731
+        add(residual_function, (layout,), at, name=f" {form}")
+        add(jacobian_function, (layout,), lambda *point, at=at: (*at(*point), 3.0), name=f" {form}")
+    return found
+
+
+def form_arguments(layout, t, q, v, draw):
+    y = draw.normal(size=layout.size)
+    y[layout.blocks["q"]], y[layout.blocks["v"]] = q, v
+    return t, y, draw.normal(size=layout.size)
+
+
+def by_xla(dynamics, functions):
+    """name -> values at both points, all by one compilation."""
+    flats = {name: flat_function(function, dynamics, *static) for name, (function, static, *_) in functions.items()}
+
+    def everything(parameters, arguments):
+        return {name: jnp.ravel(flat.function(parameters, *arguments[name])) for name, flat in flats.items()}
+
+    compiled = jax.jit(everything)
+    parameters = next(iter(flats.values())).parameters
+    at = [{name: entry[2][i] for name, entry in functions.items()} for i in (0, 1)]
+    return [jax.tree.map(np.asarray, compiled(parameters, arguments)) for arguments in at]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_machine_code_and_xla_give_the_same_values(name):
+    problem = hhtbench.load_problem(name)
+    dynamics = dynamics_of(problem)
+    if route_of(dynamics) == "numpy" or dynamics.inverse_mass is None and dynamics.structure.mass == "constant":
+        pytest.skip("plain callables, or a singular mass")
+    functions = functions_of(problem, dynamics)
+    expected, missing = by_xla(dynamics, functions), []
+    for label, (function, static, arguments, tolerance) in functions.items():
+        shapes = tuple(np.shape(argument) for argument in arguments[0])
+        try:
+            call = NativeCall(native(function, dynamics, *static, shapes=shapes), shapes)
+        except NotNative as error:
+            missing.append((label, error.reason))
+            continue
+        for values, known in zip(arguments, expected, strict=True):
+            got = call(*values).ravel()
+            size = np.abs(known[label]).max(initial=0.0)
+            assert np.isfinite(size), label
+            np.testing.assert_allclose(got, known[label], rtol=0.0, atol=tolerance * size, err_msg=label)
+    assert len(missing) <= len(functions) // 3, missing
+    assert all("operations" in reason for _, reason in missing), missing
+
+
+def test_the_library_is_all_there():
+    assert len(NAMES) >= 32
+    assert importlib.util.find_spec("problems.andrews") is not None

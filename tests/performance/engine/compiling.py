@@ -1,0 +1,73 @@
+"""Section 2: how long a system takes to become machine code, in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from tests.performance.engine.ours import ENGINE
+
+LIMITS = {"pendulum": 1.5, "andrews": 5.0}  # with an empty cache [s]
+CACHED = 0.2  # from the disk cache [s]
+PATIENCE = 300.0  # of one process [s]
+OTHER = {"pendulum": "andrews", "andrews": "pendulum"}
+
+
+def measure_compiling() -> list[dict[str, Any]]:
+    """One line a scene: an empty cache, a cache that only another system has filled, a cache filled by itself."""
+    found: dict[str, dict[str, dict[str, float] | str]] = {name: {} for name in LIMITS}
+    for first, second in OTHER.items():
+        with tempfile.TemporaryDirectory() as folder:
+            found[first]["empty"] = _probe(first, Path(folder))
+            found[second]["other"] = _probe(second, Path(folder))
+            found[second]["own"] = _probe(second, Path(folder))
+    return [_line(name, times) for name, times in found.items()]
+
+
+def _line(name: str, times: dict[str, dict[str, float] | str]) -> dict[str, Any]:
+    failed = [value for value in times.values() if isinstance(value, str)]
+    line: dict[str, Any] = {
+        "scene": name,
+        "limit": LIMITS[name],
+        "cached_limit": CACHED,
+        "note": "; ".join(dict.fromkeys(failed)),
+    }
+    if failed:
+        return {**line, **dict.fromkeys(("imports_s", "empty_s", "other_s", "cached_s", "solve_s", "holds"))}
+    cost = {kind: t["first"] - t["second"] for kind, t in times.items() if not isinstance(t, str)}
+    own = times["own"]
+    assert not isinstance(own, str)
+    return {
+        **line,
+        "imports_s": own["imports"],
+        "empty_s": cost["empty"],
+        "other_s": cost["other"],
+        "cached_s": cost["own"],
+        "solve_s": own["second"],
+        "holds": bool(cost["empty"] <= LIMITS[name] and cost["own"] <= CACHED),
+    }
+
+
+def _probe(name: str, cache: Path) -> dict[str, float] | str:
+    """Times of one process with ``cache`` as its only cache; or why there are none."""
+    own = {
+        "HHTBENCH_CACHE": str(cache),
+        "JAX_COMPILATION_CACHE_DIR": str(cache / "xla"),
+        "NUMBA_CACHE_DIR": str(cache / "numba"),
+        "OMP_NUM_THREADS": "1",
+    }
+    command = [sys.executable, "-m", "tests.performance.engine.probe", name]
+    try:
+        done = subprocess.run(
+            command, env={**os.environ, **own}, capture_output=True, text=True, check=False, timeout=PATIENCE
+        )
+    except subprocess.TimeoutExpired:
+        return f"{name} ({ENGINE}) took more than {PATIENCE:.0f} s"
+    if done.returncode:
+        return f"{name} ({ENGINE}) failed: {(done.stderr.strip() or 'no message').splitlines()[-1][:200]}"
+    return dict(json.loads(done.stdout.splitlines()[-1]))

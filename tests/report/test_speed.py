@@ -1,0 +1,158 @@
+"""The page "speed": what is compared, ratios, times, drift, labelled axes, and no link where it is not there."""
+
+import json
+import re
+from dataclasses import asdict
+
+import pytest
+
+from hhtbench.errors import ProblemError
+from hhtbench.report import write_comparison
+from hhtbench.report.speed import contest_rows, contest_table, everyone_table, summary
+from hhtbench.report.speed_page import write_speed
+from hhtbench.report.words import times
+from tests.analysis.laws import failed, law
+from tests.report.conftest import COMMAND
+
+SETTINGS = (1e-1, 1e-2, 1e-3, 1e-4)
+RUNS = [
+    *law("hht(alpha=-0.05)", 10.0, 2, SETTINGS, 1e-15),
+    *law("projected(method=DOP853)", 40.0, 2, SETTINGS, 2e-16),
+    *law("scipy(method=DOP853)", 5.0, 2, SETTINGS, 3e-4),
+    failed("ida(form=index3)", 1e-2, "newton_failed", "the corrector <did> not converge"),
+]
+RUNS[4].timing["callbacks"] = {"functions": 0.4, "guards": 0.25, "calls": 10, "microseconds": 9.0}
+RUNS[4].timing["start_s"] = 2e-3
+STEP = {
+    "scene": "pendulum",
+    "h": 1e-3,
+    "steps": 4000,
+    "ours_s": 4.06e-7,
+    "c_s": 5e-7,
+    "ratio": 0.812,
+    "clock_ratio": 0.83,
+    "limit": 1.0,
+    "start_s": 1e-3,
+    "difference": 2e-15,
+    "iterations": 2.0,
+    "c_iterations": 2.1,
+    "holds": True,
+    "note": "",
+}
+COMPILED = {"scene": "pendulum", "limit": 1.5, "cached_limit": 0.2, "note": "", "imports_s": 1.0, "holds": True}
+CHAIN = {"h": 1e-4, "steps": 400, "note": "", "ours_s": 1e-6, "theirs_s": 2e-6, "clock_ratio": 0.5, "solver": "EXUdense"}
+SPEED = {
+    "schema": 1,
+    "engine": "native",
+    "created": "2026-11-22T01:00:00Z",
+    "environment": {"python": "3.11", "processor": "<Test> & Co"},
+    "seconds": 12.0,
+    "steps": [STEP],
+    "compiling": [COMPILED | {"empty_s": 1.2, "other_s": 0.7, "cached_s": 0.15, "solve_s": 0.001}],
+    "chains": [
+        CHAIN | {"links": 1, "ratio": 0.2, "limit": 0.25, "error": 1e-9, "their_error": 2e-9, "holds": True},
+        CHAIN | {"links": 10, "ratio": 0.73, "limit": 0.5, "error": 1e-8, "their_error": 2e-8, "holds": False},
+    ],
+    "runs": [asdict(row) for row in RUNS],
+}
+
+
+def written(folder, speed=SPEED):
+    (folder / "speed.json").write_text(json.dumps(speed), encoding="utf-8")
+    assert write_speed(folder, COMMAND)
+    return (folder / "speed.html").read_text(encoding="utf-8").partition("<footer>")[0]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("speed"))
+
+
+def test_page_says_what_is_compared_and_shows_times_ratios_and_limits(page):
+    for text in (
+        "hand-written C",
+        "Exudyn",
+        "machine code",
+        "0.812",
+        "limit 1",
+        "0.406 \N{MICRO SIGN}s",
+        "EXUdense",
+        "limit 1.5 s",
+        '"native"',
+    ):
+        assert text in page, text
+    assert re.search(r'<td class="good short">0\.2<small>limit 0\.25', page)
+    assert re.search(r'<td class="bad short">0\.73<small>limit 0\.5', page), "a broken limit is shown as one"
+    assert "&lt;Test&gt; &amp; Co" in page
+
+
+def test_page_draws_every_error_with_labelled_axes(page):
+    figures = [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', page)]
+    assert len(figures) == 3
+    for figure in figures:
+        assert figure["layout"]["xaxis"]["title"]["text"] == "processor time of one solve [s]"
+        assert figure["layout"]["yaxis"]["title"]["text"] == "problem"
+        assert figure["data"][0]["name"] == "HHT"
+        assert all(len(trace["x"]) == 1 for trace in figure["data"])
+    low, high = figures[0]["layout"]["xaxis"]["range"]
+    assert low < -3.31 < -3.0 < high, "0.5 ms to 4 ms"
+
+
+def test_page_shows_drift_and_that_an_explicit_method_is_faster(page):
+    assert f"explicit DOP853 on the underlying ODE is faster than HHT on 1, typically {times(2)}" in page
+    assert f"HHT {times(2)} its time; drift 3.0e-04" in page
+    assert f"HHT faster by {times(4)}" in page
+
+
+def test_who_fails_says_why_on_the_page(page):
+    assert "newton_failed 1 of 1" in page
+    assert "the corrector &lt;did&gt; not converge" in page
+
+
+def test_shares_of_callbacks_are_shown(page):
+    assert re.search(r"projected\(method=DOP853\)</td>.*?>2 ms<.*?40%.*?25%.*?35%", page, re.DOTALL)
+
+
+def test_sections_that_were_not_measured_are_named(tmp_path):
+    page = written(tmp_path, {**SPEED, "chains": [], "runs": []})
+    assert "Not measured in this run: Time per step beside Exudyn, At equal error" in page
+    assert "EXUdense" not in page
+
+
+def test_a_missing_compiler_is_told_and_nothing_is_called_broken(tmp_path):
+    names = ("c_s", "ratio", "clock_ratio", "difference", "iterations", "c_iterations", "holds")
+    line = STEP | dict.fromkeys(names) | {"note": "there is no C compiler"}
+    page = written(tmp_path, {**SPEED, "steps": [line]})
+    assert "there is no C compiler" in page
+    assert "not measured<small>limit 1<" in page
+
+
+def test_the_comparison_links_to_the_page_only_where_it_is(rows, tmp_path):
+    write_comparison(rows, tmp_path, COMMAND)
+    assert "speed.html" not in (tmp_path / "index.html").read_text(encoding="utf-8")
+    written(tmp_path)
+    write_comparison(rows, tmp_path, COMMAND)
+    assert 'href="speed.html"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+    (tmp_path / "speed.json").unlink()
+    write_comparison(rows, tmp_path, COMMAND)
+    assert "speed.html" not in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert not (tmp_path / "speed.html").exists(), "a page without its numbers would be an old one"
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"engine": "native", "steps": [{}]}'])
+def test_a_file_that_is_not_speed_is_refused_with_the_way_out(tmp_path, text):
+    (tmp_path / "speed.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ProblemError, match="make bench-engine"):
+        write_speed(tmp_path, COMMAND)
+
+
+def test_tables_hold_every_solver_and_every_error():
+    rows = contest_rows(SPEED)
+    assert [row[0].text for row in everyone_table(rows, "pendulum").rows] == [
+        "hht(alpha=-0.05)",
+        "ida(form=index3)",
+        "scipy(method=DOP853)",
+        "projected(method=DOP853)",
+    ]
+    assert [row[1].text for row in contest_table(rows).rows] == ["1e-02", "1e-03", "1e-04"]
+    assert len(summary(rows)) == 3
