@@ -19,6 +19,7 @@ from hhtbench.lowering import (
     Levels,
     Structure,
     augment,
+    compile_function,
     constraint_rank,
     derive,
     mass_is_singular,
@@ -118,8 +119,16 @@ def undetermined(dynamics: Any, place: Place) -> Failure | None:
 def _mass_is_singular(dynamics: Any, place: Place) -> bool:
     if dynamics.structure.mass == "constant" and isinstance(dynamics.constant_mass, Diagonal):
         return dynamics.inverse_mass is None
-    mass = np.asarray(dynamics.mass(*as_arguments(dynamics, place.t, place.q)))
+    if dynamics.structure.mass == "constant":
+        mass = np.asarray(dynamics.constant_mass)
+    else:
+        mass = compile_function(mass_at, dynamics)(place.t, place.q)
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
+
+
+def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+    """M (n, n)."""
+    return dynamics.mass(t, q)
 
 
 def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -44,6 +44,17 @@ class Advance(Protocol):
         """From ``state`` towards ``stop`` [s], never past it."""
 
 
+@runtime_checkable
+class Planned(Advance, Protocol):
+    """Knows the lengths of its steps beforehand, so that many can be made at once."""
+
+    def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
+        """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop``."""
+
+    def made(self, count: int) -> None:
+        """``count`` of those have been made."""
+
+
 class Prescribed:
     """The steps of a plan, one after the other."""
 
@@ -64,9 +75,13 @@ class Prescribed:
             self.taken, self._left_over = self.taken + 1, False
         return step
 
-    def ahead(self, count: int) -> tuple[Vector, Vector]:
+    def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
         """Lengths and ends [s] of up to ``count`` whole steps that come next; none while one is begun already."""
         return self.plan.ahead(self.taken, 0 if self._left_over else count)
+
+    def made(self, count: int) -> None:
+        """``count`` of those have been made."""
+        self.taken += count
 
     def cut_short(self) -> None:
         """The last step ended early, at an event: what is left of it comes next."""

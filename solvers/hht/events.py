@@ -37,7 +37,8 @@ class Event:
     Parameters
     ----------
     function
-        ``(t, q, v)`` with q, v (n,) to a number.
+        ``(t, q, v)`` with q, v (n,) to a number.  The native engine compiles one that JAX can trace and that refers to
+        nothing that changes; any other keeps the steps in the host engine.
     direction
         1: only zeros with a rising function, along the integration, so also where time runs backward; -1: falling; 0: both.
     terminal

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import real_number
+from hhtbench.arguments import Vector, real_number
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure
 from hhtbench.result import Status
@@ -64,11 +64,23 @@ class Constant:
     engine: HostEngine
     h: float  #: signed [s]
 
-    def __call__(self, state: State, stop: float) -> Step | Failure:
-        """The next step."""
+    def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
+        """Length and end [s] of the next step, (1,) each."""
+        h, t1 = self._next(state, stop)
+        return np.array([h]), np.array([t1])
+
+    def made(self, count: int) -> None:
+        """Nothing is kept of them."""
+
+    def _next(self, state: State, stop: float) -> tuple[float, float]:
         h, t1 = self.h, state.t + self.h
         if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -CRUMB * abs(h):
-            h, t1 = stop - state.t, stop
+            return stop - state.t, stop
+        return h, t1
+
+    def __call__(self, state: State, stop: float) -> Step | Failure:
+        """The next step."""
+        h, t1 = self._next(state, stop)
         if state.t + h == state.t:
             return no_advance(state.t, h)
         self.engine.work.check_time()

@@ -72,8 +72,7 @@ class Course:
 
         None where the next step needs a closer look, as one with an event does: :meth:`next` makes it.
         """
-        codes = self.codes
-        if not isinstance(self.engine, NativeEngine) or codes is None or (self.events and watch.values is None):
+        if not isinstance(self.engine, NativeEngine) or self._codes is None or (self.events and watch.values is None):
             return state, watch, 0
         try:
             self.engine.work.check_time()
@@ -81,12 +80,23 @@ class Course:
                 state = self.prepare(state, stop)
         except (BudgetSpent, NonFiniteValue):  # the next step tells
             return state, watch, 0
-        looks = Watched(self.events, codes, np.zeros(0) if watch.values is None else watch.values)
+        looks = self._looks(watch)
         state, made = self.engine.march(state, self.advance, stop, history, most, looks)
         return state, replace(watch, values=looks.values) if made and self.events else watch, made
 
+    def _in_machine_code(self, state: State, stop: float) -> Step | None:
+        """The next step from compiled loops, with the events it may have; None: the host engine makes it."""
+        if not isinstance(self.engine, NativeEngine):
+            return None
+        self.engine.work.check_time()
+        return self.engine.one(state, self.advance, stop, self._looks(Watch()))
+
+    def _looks(self, watch: Watch) -> Watched:
+        events = self.events if self._codes is not None else ()
+        return Watched(events, self._codes or [], np.zeros(len(events)) if watch.values is None else watch.values)
+
     @cached_property
-    def codes(self) -> list[Native] | None:
+    def _codes(self) -> list[Native] | None:
         """The event functions in machine code; None where one cannot be compiled."""
         return compiled_events(self.engine.dynamics, self.events, self.engine.structure.n)
 
@@ -95,7 +105,7 @@ class Course:
         try:
             if self.prepare is not None and state.memory is None:
                 state = self.prepare(state, stop)
-            step = self.advance(state, stop)
+            step = self._in_machine_code(state, stop) or self.advance(state, stop)
             if isinstance(step, Failure) or not self.events:
                 return step if isinstance(step, Failure) else Passage(step, watch)
             return self._watched(state, step, watch)

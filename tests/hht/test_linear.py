@@ -14,9 +14,9 @@ from hhtbench.lowering.patterns import Pattern
 from problems import planar_chain
 from solvers._start import Place, dynamics_for
 from solvers.hht.blocks import find_order
-from solvers.hht.choose import analyse
+from solvers.hht.choose import analyse, choose
 from solvers.hht.coefficients import make_method
-from solvers.hht.engine import HostEngine
+from solvers.hht.engine import HostEngine, layout_of
 from solvers.hht.sparse import Band, Splu
 from solvers.hht.start import first_state
 from solvers.hht.state import Step
@@ -34,7 +34,8 @@ KINDS = ("dense", "band", "sparse")
 
 def begun(problem, kind, h, method=METHOD):
     place = Place(problem.t_span[0], problem.q0, problem.v0)
-    engine = HostEngine(dynamics_for(problem.system, place), method, Work(), linsolver=kind)
+    dynamics = dynamics_for(problem.system, place)
+    engine = HostEngine(dynamics, method, Work(), choice=choose(dynamics, layout_of(dynamics, method), kind))
     return engine, first_state(engine, place, problem.lam_guess, problem.mu_guess, h)
 
 

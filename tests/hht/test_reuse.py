@@ -13,7 +13,7 @@ MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at leas
 
 
 def solve(problem, steps):
-    return HHT(problem.system, alpha=-0.05).solve(problem.t_span, problem.q0, problem.v0, steps=steps)
+    return HHT(problem.system, alpha=-0.05, engine="host").solve(problem.t_span, problem.q0, problem.v0, steps=steps)
 
 
 def with_new_matrices(*arguments, **options):

@@ -1,6 +1,7 @@
 """Every derived function that a solver uses, of every problem of the library: machine code and XLA give the same values.
 
-One packed function per problem goes to XLA, which compiles for seconds; the native route compiles each function by itself.
+XLA compiles one function per problem that calls all of them, without optimisation; both routes share their traces.  Its
+seconds are what this costs, so problems take turns with the matrices of the forms.
 """
 
 import importlib
@@ -13,7 +14,7 @@ import pytest
 
 import hhtbench
 from hhtbench.lowering import NotNative, derive, native, route_of
-from hhtbench.lowering.flattening import flat_function
+from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.kkt import kkt_terms
 from hhtbench.lowering.levels import level_terms
 from hhtbench.lowering.native.calling import NativeCall
@@ -31,7 +32,7 @@ NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")}
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order
 OF_SOLVES = 1e-9  # after a solve with a matrix of condition 1e4
 LARGE = 35  # n + m + p from which the matrices are left out: XLA takes minutes for all of them
-NEVER = {"fekete": "42", "bricard": "", "flyball_governor": ""}
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}  # the same operations
 
 
 def dynamics_of(problem):
@@ -49,9 +50,9 @@ def points_of(problem):
 
 def step_arguments(layout, t, q, v, draw):
     """Unknowns and known values of a step from (t, q, v) as a solver packs them."""
-    scalars = {"h": 0.01, "t1": t + 0.01, "t0": t, "t_stage": t + 0.01, "t_half": t + 0.005, "alpha": -0.2, "theta": 1.0}
+    scalars = {"h": 0.5, "t1": t + 0.01, "t0": t, "t_stage": t + 0.01, "t_half": t + 0.005, "alpha": -0.2, "theta": 0.5}
     values = scalars | {name: 1e-3 for name in layout.scalars if name not in scalars}
-    places = {"q_known": q, "q0": q, "q_stage": q, "q_half": q, "v_known": v, "v0": v}
+    places = {"q_known": q, "q0": q, "q_stage": 0.5 * q if layout.moving else q, "q_half": q, "v_known": v, "v0": v}
     for name, shape in layout.arrays.items():
         values[name] = places.get(name, draw.normal(size=shape))
     return draw.normal(size=layout.size), layout.pack(values)
@@ -60,7 +61,7 @@ def step_arguments(layout, t, q, v, draw):
 def functions_of(problem, dynamics):
     """name -> (function, static options, arguments at two points, tolerance)."""
     s, found = dynamics.structure, {}
-    small, unknowns = s.n + s.m + s.p < LARGE, s.n + s.m + s.p
+    small, unknowns, turn = s.n + s.m + s.p < LARGE, s.n + s.m + s.p, NAMES.index(problem.name)
     points = list(points_of(problem))
 
     def add(function, static, arguments, tolerance=ROUNDOFF, name=""):
@@ -71,24 +72,27 @@ def functions_of(problem, dynamics):
         step = lambda *point, layout=layout: step_arguments(layout, *point)  # noqa: E731
         add(step_residual, (layout,), step, name=f" {moving}")
         add(step_end, (layout,), step, name=f" {moving}")
-        if small:
+        if small and (moving or turn % 3 == 0):
             add(step_residual_and_matrix, (layout,), step, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))
     add(force_and_inverse_mass, (), lambda t, q, v, _: (t, q, v), OF_SOLVES)
     add(inverse_mass_at, (), lambda t, q, v, _: (t, q), OF_SOLVES)
     if s.constrained:
         add(level_terms, (), lambda t, q, v, _: (t, q, v))
-    for form in FORMS:
-        if refusal(form, s) is not None or not small:
-            continue
+    forms = [form for form in FORMS if refusal(form, s) is None] if small else []
+    for i, form in enumerate(forms):
+        with_matrix = i == turn % len(forms)
         if form == "ode":
-            add(rhs_function, (), lambda t, q, v, _: (t, np.concatenate([q, v])), OF_SOLVES)
-            add(rhs_jacobian_function, (), lambda t, q, v, _: (t, np.concatenate([q, v])), OF_SOLVES)
+            packed = lambda t, q, v, _: (t, np.concatenate([q, v]))  # noqa: E731
+            add(rhs_function, (), packed, OF_SOLVES)
+            if with_matrix:
+                add(rhs_jacobian_function, (), packed, OF_SOLVES)
             continue
         layout = FormLayout(form, s)
         at = lambda t, q, v, draw, layout=layout: form_arguments(layout, t, q, v, draw)  # noqa: E731
         add(residual_function, (layout,), at, name=f" {form}")
-        add(jacobian_function, (layout,), lambda *point, at=at: (*at(*point), 3.0), name=f" {form}")
+        if with_matrix:
+            add(jacobian_function, (layout,), lambda *point, at=at: (*at(*point), 3.0), name=f" {form}")
     return found
 
 
@@ -103,11 +107,11 @@ def by_xla(dynamics, functions):
     flats = {name: flat_function(function, dynamics, *static) for name, (function, static, *_) in functions.items()}
 
     def everything(parameters, arguments):
-        return {name: jnp.ravel(flat.function(parameters, *arguments[name])) for name, flat in flats.items()}
+        return {name: jnp.ravel(jitted(flat)(parameters, *arguments[name])) for name, flat in flats.items()}
 
-    compiled = jax.jit(everything)
     parameters = next(iter(flats.values())).parameters
-    at = [{name: entry[2][i] for name, entry in functions.items()} for i in (0, 1)]
+    at = [{name: [np.asarray(x) for x in entry[2][i]] for name, entry in functions.items()} for i in (0, 1)]
+    compiled = jax.jit(everything).lower(parameters, at[0]).compile(compiler_options=QUICKLY)
     return [jax.tree.map(np.asarray, compiled(parameters, arguments)) for arguments in at]
 
 
@@ -129,7 +133,10 @@ def test_machine_code_and_xla_give_the_same_values(name):
         for values, known in zip(arguments, expected, strict=True):
             got = call(*values).ravel()
             size = np.abs(known[label]).max(initial=0.0)
-            assert np.isfinite(size), label
+            if not np.isfinite(size):
+                assert (name, label[:3]) == ("redundant_pendulum", "rhs"), "a KKT matrix is singular there only"
+                assert not np.isfinite(got).all()
+                continue
             np.testing.assert_allclose(got, known[label], rtol=0.0, atol=tolerance * size, err_msg=label)
     assert len(missing) <= len(functions) // 3, missing
     assert all("operations" in reason for _, reason in missing), missing

@@ -11,7 +11,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from solvers.hht.choose import Choice
 from solvers.hht.coefficients import Method
-from solvers.hht.control import Advance, ControlOptions, ErrorControlled, Prescribed
+from solvers.hht.control import Advance, ControlOptions, ErrorControlled, Planned
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.native.kernel import Kernel
@@ -36,7 +36,7 @@ from solvers.hht.native.tables import (
 )
 from solvers.hht.native.watching import Watched
 from solvers.hht.newton import NewtonOptions
-from solvers.hht.state import State
+from solvers.hht.state import State, Step
 
 FIRST, MOST = 64, 65_536  # steps of a loop: few at first, so that one that is slow can be interrupted
 SLOW = 0.05  # [s] of one loop, above which the next is no longer: budgets and the user's interrupt are looked at between
@@ -58,13 +58,37 @@ class NativeEngine(HostEngine):
     ) -> tuple[State, int]:
         """The state after as many steps towards ``stop`` [s] as the loops make, at most ``most``, and their number.
 
-        None are made where the host engine has to look: after a failure, without a step's memory, under another rule.
-        An event ends the loops before its step; ``watched.values`` are then those of its beginning.
+        They end before a step with an event, or one that Newton's plain iteration does not make: :meth:`one` is for those,
+        or the host engine.  ``watched.values`` are then those at the end of the last step.
         """
         count = self._most if most is None else min(self._most, most)
-        lengths, ends, control = np.zeros(1), np.zeros(1), PRESCRIBED
-        if isinstance(advance, Prescribed):
-            lengths, ends = advance.ahead(count)
+        started = time.perf_counter()
+        state, made = self._marched(state, advance, stop, history.room(count), watched)
+        if made:
+            history.commit(made)
+            self.work.add("steps_accepted", made)
+        slow = time.perf_counter() - started > SLOW
+        self._most = max(FIRST, self._most // 2) if slow else min(2 * self._most, MOST)
+        return state, made
+
+    def one(self, state: State, advance: Advance, stop: float, watched: Watched) -> Step | None:
+        """The next step, whatever events it has; None where it is the host engine's."""
+        s = self.structure
+        rows = np.zeros((1, 2 + 3 * s.n + 2 * s.m + s.p))
+        after, made = self._marched(state, advance, stop, rows, watched, watching=False)
+        if not made:
+            return None
+        lam_start, lam_end, mu = np.split(rows[0, 2 + 3 * s.n :], [s.m, 2 * s.m])
+        return Step(state=after, lam_start=lam_start, lam_end=lam_end, mu_half=mu)
+
+    def _marched(
+        self, state: State, advance: Advance, stop: float, rows: Matrix, watched: Watched, *, watching: bool = True
+    ) -> tuple[State, int]:
+        """The state after as many steps as fit into ``rows``, or fewer; none by a rule that the loops do not know."""
+        count, lengths, ends, control = len(rows), np.zeros(1), np.zeros(1), PRESCRIBED
+        planned = advance if isinstance(advance, Planned) else None
+        if planned is not None:
+            lengths, ends = planned.ahead(state, stop, count)
             count = lengths.size
         elif isinstance(advance, ErrorControlled) and state.memory is not None:
             control = _control(advance.options, stop)
@@ -72,23 +96,18 @@ class NativeEngine(HostEngine):
             count = 0
         if self.distrusts or not count:
             return state, 0
-        started = time.perf_counter()
-        z, rows, tally = self._loaded(state, watched), history.room(count), np.zeros(len(COUNTS), dtype=np.int64)
+        z, tally = self._loaded(state, watched), np.zeros(len(COUNTS), dtype=np.int64)
         if control.controlled:
             tolerances = advance.estimator.tolerances  # type: ignore[attr-defined]
             floats(z, RTOL)[:], floats(z, ATOL)[:] = tolerances.rtol, tolerances.atol
         z.i[CODE : CODE + 2 * len(FUNCTIONS)] = self.kernel.code(controlled=control.controlled)
-        made = march(z, control, lengths, ends, rows, tally, tally.copy())
-        slow = time.perf_counter() - started > SLOW
-        self._most = max(FIRST, self._most // 2) if slow else min(2 * self._most, MOST)
+        made = march(z, control._replace(watching=watching), lengths, ends, rows[:count], tally, tally.copy())
         if not made:
             return state, 0
-        if isinstance(advance, Prescribed):
-            advance.taken += made
-        history.commit(made)
+        if planned is not None:
+            planned.made(made)
         for name, amount in zip(COUNTS, tally.tolist(), strict=True):
             self.work.add(name, amount)
-        self.work.add("steps_accepted", made)
         watched.values = floats(z, EVENT_VALUES).copy()
         return self.kernel.store(z, state), made
 
@@ -125,7 +144,7 @@ class NativeEngine(HostEngine):
 def _control(o: ControlOptions, stop: float) -> Control:
     names = ("min_step", "max_step", "target", "integral", "proportional", "growth", "shrink", "least", "spacings")
     values = {name: float(getattr(o, name)) for name in names}
-    return Control(controlled=True, stop=float(stop), keep=o.keep, **values)
+    return Control(controlled=True, watching=True, stop=float(stop), keep=o.keep, **values)
 
 
 PRESCRIBED = _control(ControlOptions(), 0.0)._replace(controlled=False)

@@ -89,7 +89,7 @@ def one(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
             return False
         factor = max(c.shrink, (c.target / size) ** (1 / 3)) if rejected == 0 else c.shrink
         h, rejected = max(abs(h) * factor, smallest), rejected + 1
-    if not quiet(z, t1, counts):
+    if c.watching and not quiet(z, t1, counts):
         return False
     if c.controlled:
         h_next = abs(h) * growth(c, size, memory[LAST_ERROR], rejected > 0)

@@ -82,6 +82,7 @@ class Control(NamedTuple):
     """Constants of step control, named as in :class:`~solvers.hht.control.ControlOptions`."""
 
     controlled: bool
+    watching: bool  #: whether a step with an event is left to the host engine
     stop: float  #: [s]
     min_step: float
     max_step: float

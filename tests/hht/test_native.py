@@ -1,0 +1,164 @@
+"""The native engine against the host engine: the same steps, counters, statuses and events, for every problem and option."""
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench import ProblemError, Status
+from solvers.hht import HHT, Event, engines
+from solvers.hht.native.engine import NativeEngine
+from tests.hht.scenes import Q0, SYSTEMS, V0
+
+CLOSE = 1e-9  # of the largest: roundoff of both engines, carried over the steps
+HOST_ONLY = {"bricard", "fekete", "flyball_governor"}  # too many operations for machine code
+NAMES = [name for name in hb.list_problems() if name not in HOST_ONLY]
+METHODS = [
+    {"alpha": -0.3},
+    {"alpha": -0.3, "b": 0.25},
+    {"alpha": -0.15, "reaction": "predictor"},
+    {"alpha": -0.15, "reaction": "midpoint"},
+    {"alpha": 0.0, "reaction": "midpoint_predictor"},
+    {"alpha": -0.1, "start": "shifted"},
+    {"alpha": -0.2, "start": "trapezoidal", "rescale_a": False},
+]
+MIXED = ["jay_negrut_pendulum", "andrews", "rolling_disk_incline", "jay_negrut_test1", "knife_edge", "oscillator_chain"]
+
+
+def both(problem, options=None, span=None, events=None, **request):
+    guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+    solve = lambda engine: HHT(problem.system, engine=engine, events=events, **(options or {})).solve(  # noqa: E731
+        span or problem.t_span, problem.q0, problem.v0, **guesses, **request
+    )
+    return solve("native"), solve("host")
+
+
+def assert_same(native, host, close=CLOSE):
+    assert native.status is host.status, (native.message, host.message)
+    assert native.t.size == host.t.size
+    assert native.counters.steps_accepted == host.counters.steps_accepted
+    for name in ("q", "v", "lam", "mu"):
+        ours, theirs = getattr(native, name), getattr(host, name)
+        bound = close * (1.0 if name in "qv" else 1e3) * max(float(np.abs(theirs).max(initial=0.0)), 1e-12)
+        assert np.abs(ours - theirs).max(initial=0.0) <= bound, name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_problem_moves_the_same_with_constant_steps_and_under_error_control(name):
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span
+    h = 1e-4 * (t1 - t0)
+    native, host = both(problem, span=(t0, t0 + 30 * h), step=h)
+    assert_same(native, host)
+    assert native.counters.newton_iterations == pytest.approx(host.counters.newton_iterations, abs=3)
+    assert_same(*both(problem, rtol=1e-4, max_num_steps=30), close=1e-7)  # steps follow the error, roundoff follows them
+
+
+@pytest.mark.parametrize("options", METHODS, ids=str)
+@pytest.mark.parametrize("name", MIXED)
+def test_every_method_moves_the_same(name, options):
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span
+    lengths = 1e-4 * (t1 - t0) * np.resize([1.0, 1.0, 0.5, 1.4, 1.4, 1.4], 24)
+    assert_same(*both(problem, options, span=(t0, t0 + float(lengths.sum())), steps=lengths))
+    assert_same(*both(problem, options, rtol=1e-3, max_num_steps=12), close=1e-7)
+
+
+def test_time_runs_backward_the_same():
+    problem = hb.load_problem("jay_negrut_pendulum")
+    assert_same(*both(problem, span=(0.0, -0.2), step=1e-3))
+    assert_same(*both(problem, span=(0.0, -0.2), rtol=1e-4), close=1e-7)
+
+
+def test_the_loops_make_the_steps(monkeypatch):
+    """Not one of a thousand is left to the host engine."""
+    monkeypatch.setattr("solvers.hht.engine.HostEngine.step", None)
+    problem = hb.load_problem("jay_negrut_pendulum")
+    solution = HHT(problem.system, engine="native").solve((0.0, 1.0), problem.q0, problem.v0, step=1e-3)
+    assert solution.success
+    assert HHT(problem.system, engine="native").solve((0.0, 1.0), problem.q0, problem.v0, rtol=1e-4).success
+
+
+def test_events_come_at_the_same_times_and_quiet_steps_stay_in_the_loops(monkeypatch):
+    height = Event(lambda t, q, v: q[1] + 0.3)
+    bounce = Event(lambda t, q, v: q[0] - 0.4, change=lambda t, q, v: (q, -v))
+    for how in ({"step": 0.01}, {"rtol": 1e-5}):
+        native, host = (
+            HHT(SYSTEMS["jax"], engine=engine, events=[height, bounce]).solve((0.0, 2.0), Q0, V0, **how)
+            for engine in ("native", "host")
+        )
+        assert [t.size for t in native.t_events] == [t.size for t in host.t_events]
+        assert sum(t.size for t in native.t_events) > 1
+        for ours, theirs in zip(native.t_events, host.t_events, strict=True):
+            assert np.abs(ours - theirs).max(initial=0.0) < 1e-9
+        assert native.counters.event_evaluations > 0
+    calls = []
+    monkeypatch.setattr(
+        "solvers.hht.watch.scan", lambda *arguments: calls.append(1) or pytest.fail("a quiet step was scanned")
+    )
+    far = Event(lambda t, q, v: q[0] - 1e3)
+    watched = HHT(SYSTEMS["jax"], engine="native", events=far)
+    watched.init_step(0.0, Q0, V0, step=0.01)
+    assert not calls
+
+
+def test_a_function_that_keeps_something_between_calls_is_called_in_python():
+    calls = []
+    event = Event(lambda t, q, v: calls.append(float(t)) or q[0] - 1e3)
+    solution = HHT(SYSTEMS["jax"], engine="native", events=event).solve((0.0, 0.2), Q0, V0, step=0.01)
+    assert solution.counters.event_evaluations == len(calls) > 20
+
+
+@pytest.mark.parametrize("request_", [{"max_evaluations": 100}, {"max_num_steps": 17}, {"max_seconds": 0.05}], ids=str)
+def test_budgets_end_in_the_same_status_with_all_steps_kept(request_):
+    problem = hb.load_problem("jay_negrut_pendulum")
+    steps = 1000 if "max_seconds" not in request_ else 20_000_000
+    native, host = both(problem, steps=steps, t_eval=None if steps == 1000 else [0.0], **request_)
+    assert native.status is host.status
+    assert native.status in (Status.evaluation_budget, Status.max_steps, Status.deadline)
+    if "max_seconds" not in request_:
+        assert_same(native, host)
+        assert native.counters.residual_evaluations == host.counters.residual_evaluations
+
+
+def test_stepping_by_hand_and_from_a_checkpoint_gives_the_bits_of_one_solve():
+    problem = hb.load_problem("andrews")
+    whole = HHT(problem.system, engine="native").solve((0.0, 2e-3), problem.q0, problem.v0, rtol=1e-4)
+    hht = HHT(problem.system, engine="native")
+    hht.init_step(0.0, problem.q0, problem.v0, rtol=1e-4)
+    rows = [hht.state.q]
+    while hht.state.t < 2e-3:
+        if len(rows) == 7:
+            saved, hht = hht.checkpoint(), HHT(problem.system, engine="native")
+            hht.resume(saved)
+        hht.step(tstop=2e-3)
+        rows.append(hht.state.q)
+    assert np.array_equal(np.array(rows), whole.q)
+
+
+def test_auto_takes_native_for_small_systems_and_says_why_not_elsewhere():
+    pendulum = hb.load_problem("jay_negrut_pendulum")
+    hht = HHT(pendulum.system)
+    hht.init_step(0.0, pendulum.q0, pendulum.v0, step=1e-3)
+    assert isinstance(hht._engine, NativeEngine)
+    with pytest.raises(ProblemError, match="a NumpySystem is called in Python; write it as a System"):
+        HHT(SYSTEMS["numpy"], engine="native").solve((0.0, 0.1), Q0, V0, step=0.01)
+    with pytest.raises(ProblemError, match="engine must be one of auto, host, native"):
+        HHT(pendulum.system, engine="fortran")
+    with pytest.raises(ProblemError, match="linsolver"):
+        HHT(pendulum.system, engine="native", linsolver="sparse").solve((0.0, 0.1), pendulum.q0, pendulum.v0, step=0.01)
+
+
+def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion(monkeypatch):
+    problem = hb.load_problem("andrews")
+    runs = [both(problem, span=(0.0, 1e-3), step=h) for h in (2e-6, 5e-5)]  # kept over many steps, over few
+    for native, host in runs:
+        assert_same(native, host, close=1e-8)
+    assert runs[0][0].counters.factorisations < runs[0][0].counters.steps_accepted / 10
+
+
+def test_the_largest_system_is_a_rule_that_can_be_seen(monkeypatch):
+    monkeypatch.setattr(engines, "LARGEST", 3)
+    pendulum = hb.load_problem("jay_negrut_pendulum")
+    hht = HHT(pendulum.system)
+    hht.init_step(0.0, pendulum.q0, pendulum.v0, step=1e-3)
+    assert not isinstance(hht._engine, NativeEngine)
