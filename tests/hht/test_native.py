@@ -6,6 +6,7 @@ import pytest
 import hhtbench as hb
 from hhtbench import ProblemError, Status
 from solvers.hht import HHT, Event, engines
+from solvers.hht.events import scan
 from solvers.hht.native.engine import NativeEngine
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
@@ -78,7 +79,7 @@ def test_the_loops_make_the_steps(monkeypatch):
     assert HHT(problem.system, engine="native").solve((0.0, 1.0), problem.q0, problem.v0, rtol=1e-4).success
 
 
-def test_events_come_at_the_same_times_and_quiet_steps_stay_in_the_loops(monkeypatch):
+def test_events_come_at_the_same_times():
     height = Event(lambda t, q, v: q[1] + 0.3)
     bounce = Event(lambda t, q, v: q[0] - 0.4, change=lambda t, q, v: (q, -v))
     for how in ({"step": 0.01}, {"rtol": 1e-5}):
@@ -91,14 +92,16 @@ def test_events_come_at_the_same_times_and_quiet_steps_stay_in_the_loops(monkeyp
         for ours, theirs in zip(native.t_events, host.t_events, strict=True):
             assert np.abs(ours - theirs).max(initial=0.0) < 1e-9
         assert native.counters.event_evaluations > 0
-    calls = []
-    monkeypatch.setattr(
-        "solvers.hht.watch.scan", lambda *arguments: calls.append(1) or pytest.fail("a quiet step was scanned")
-    )
-    far = Event(lambda t, q, v: q[0] - 1e3)
-    watched = HHT(SYSTEMS["jax"], engine="native", events=far)
-    watched.init_step(0.0, Q0, V0, step=0.01)
-    assert not calls
+
+
+def test_steps_without_an_event_stay_in_the_loops(monkeypatch):
+    """Only the first step, which may begin on a zero, is looked at from Python."""
+    scans = []
+    monkeypatch.setattr("solvers.hht.watch.scan", lambda *arguments: scans.append(1) or scan(*arguments))
+    far = Event(lambda t, q, v: q[0] - 1e3, samples=3)
+    solution = HHT(SYSTEMS["jax"], engine="native", events=far).solve((0.0, 1.0), Q0, V0, steps=1000)
+    assert len(scans) == 1
+    assert solution.counters.event_evaluations == 4 * 1000 + 1
 
 
 def test_a_function_that_keeps_something_between_calls_is_called_in_python():
@@ -148,12 +151,11 @@ def test_auto_takes_native_for_small_systems_and_says_why_not_elsewhere():
         HHT(pendulum.system, engine="native", linsolver="sparse").solve((0.0, 0.1), pendulum.q0, pendulum.v0, step=0.01)
 
 
-def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion(monkeypatch):
-    problem = hb.load_problem("andrews")
-    runs = [both(problem, span=(0.0, 1e-3), step=h) for h in (2e-6, 5e-5)]  # kept over many steps, over few
-    for native, host in runs:
-        assert_same(native, host, close=1e-8)
-    assert runs[0][0].counters.factorisations < runs[0][0].counters.steps_accepted / 10
+def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion():
+    """26 unknowns: an inverse after 13 solves."""
+    native, host = both(hb.load_problem("andrews"), span=(0.0, 1e-4), step=2e-7)
+    assert_same(native, host)
+    assert native.counters.factorisations < native.counters.linear_solves / 26
 
 
 def test_the_largest_system_is_a_rule_that_can_be_seen(monkeypatch):
