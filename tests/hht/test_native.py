@@ -101,7 +101,7 @@ def test_steps_without_an_event_stay_in_the_loops(monkeypatch):
     far = Event(lambda t, q, v: q[0] - 1e3, samples=3)
     solution = HHT(SYSTEMS["jax"], engine="native", events=far).solve((0.0, 1.0), Q0, V0, steps=1000)
     assert len(scans) == 1
-    assert solution.counters.event_evaluations == 4 * 1000 + 1
+    assert solution.counters.event_evaluations == 4 * 1000 + 2  # the start, and a look at where the motion leaves it to
 
 
 def test_a_function_that_keeps_something_between_calls_is_called_in_python():
@@ -155,7 +155,7 @@ def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion():
     """26 unknowns: an inverse after 13 solves."""
     native, host = both(hb.load_problem("andrews"), span=(0.0, 1e-4), step=2e-7)
     assert_same(native, host)
-    assert native.counters.factorisations < native.counters.linear_solves / 26
+    assert native.counters.factorisations < native.counters.linear_solves / 13
 
 
 def test_the_largest_system_is_a_rule_that_can_be_seen(monkeypatch):
