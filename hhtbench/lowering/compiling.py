@@ -20,7 +20,7 @@ from hhtbench.lowering.caching import cache_directory, use_disk_cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
 from hhtbench.lowering.native import NotNative, native
-from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.calling import Shapes, native_call
 from hhtbench.lowering.native.compiler import native_pieces
 from hhtbench.lowering.routes import Route, record, route_of, too_large, wanted_route
 
@@ -31,8 +31,6 @@ __all__ = ["cache_directory", "compile_function", "compiled_pieces", "flat_funct
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 SMALL = "the system is small and every operation is known"
-FLOAT = np.dtype(np.float64)
-Shapes = tuple[tuple[int, ...], ...]
 
 
 def compile_function(
@@ -61,37 +59,31 @@ def compile_function(
         reason = "the functions are plain callables on NumPy arrays"
         record(dynamics, (function, static), Route(_name(function), "numpy", reason))
         return partial(function, dynamics, *static)
-    return Compiled(function, dynamics, static, wanted)
+    compiled = _Compiled(function, dynamics, static, wanted)
+
+    def call(*arguments: Any) -> np.ndarray:
+        value = compiled.last(*arguments)
+        return compiled.any(*arguments) if value is None else value
+
+    return call
 
 
-class Compiled:
+def _nothing(*_: Any) -> None:
+    return None
+
+
+class _Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
     def __init__(self, function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], route: str) -> None:
         self._function, self._dynamics, self._static, self._route = function, dynamics, static, route
         self._flat = flat_function(function, dynamics, *static)
-        self._calls: dict[Shapes, Callable[..., np.ndarray]] = {}  #: native calls, or XLA's where there is none
-        self._shapes: Shapes = ()  #: of the last native call
-        self._call: Callable[..., np.ndarray] | None = None  #: that call
+        self._calls: dict[Shapes, Callable[..., np.ndarray | None] | None] = {}  #: machine code, or None: XLA
+        self.last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
 
-    def __call__(self, *arguments: Any) -> np.ndarray:
-        """The value at ``arguments``: numbers and arrays."""
-        call = self._call
-        if call is not None and len(arguments) == len(self._shapes):
-            for argument, shape in zip(arguments, self._shapes, strict=True):
-                kind = type(argument)
-                if kind is np.ndarray:
-                    if argument.shape != shape or argument.dtype is not FLOAT:
-                        break
-                elif kind is not float or shape != ():
-                    break
-            else:
-                return call(*arguments)
-        return self._any(*arguments)
-
-    def _any(self, *arguments: Any) -> np.ndarray:
-        """The same for arguments of other shapes or types than the last."""
+    def any(self, *arguments: Any) -> np.ndarray:
+        """The value at ``arguments`` of any shapes and types."""
         try:
             return self._routed(*arguments)
         except TRACED_AS_VALUE as error:
@@ -102,16 +94,17 @@ class Compiled:
         if arrays is None:
             return self._by_xla(*arguments)
         shapes = tuple(array.shape for array in arrays)
-        call = self._calls.get(shapes)
-        if call is None:
-            call = self._calls[shapes] = self._choose(shapes)
-        if isinstance(call, NativeCall):
-            self._call, self._shapes = call, shapes
-            return call(*arrays)
-        return call(*arguments)
+        if shapes not in self._calls:
+            self._calls[shapes] = self._choose(shapes)
+        call = self._calls[shapes]
+        value = None if call is None else call(*arrays)
+        if call is None or value is None:
+            return self._by_xla(*arguments)
+        self.last = call
+        return value
 
-    def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray]:
-        """Machine code where that pays and is known how, else XLA; the reason is recorded."""
+    def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None] | None:
+        """Machine code where that pays and is known how, else None for XLA; the reason is recorded."""
         reason = too_large(self._dynamics) if self._route == "auto" else None
         if reason is None:
             try:
@@ -122,9 +115,9 @@ class Compiled:
                 reason = error.reason
             else:
                 self._record(shapes, "native", SMALL, code.operations)
-                return NativeCall(code, shapes)
+                return native_call(code, shapes)
         self._record(shapes, "xla", reason)
-        return self._by_xla
+        return None
 
     def _by_xla(self, *arguments: Any) -> np.ndarray:
         if self._xla is None:

@@ -13,7 +13,7 @@ from hhtbench.lowering.reduced import ReducedDynamics
 
 ROUTES = ("auto", "native", "xla")
 VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
-MOST_UNKNOWNS = 60  # n + m + p: above it, code of tens of thousands of operations takes seconds to generate
+MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
 REMEMBERED = 64  # dynamics whose routes are remembered
 
 

@@ -152,10 +152,10 @@ def test_auto_takes_native_for_small_systems_and_says_why_not_elsewhere():
 
 
 def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion():
-    """26 unknowns: an inverse after 13 solves."""
-    native, host = both(hb.load_problem("andrews"), span=(0.0, 1e-4), step=2e-7)
+    """7 unknowns: an inverse after 11 solves."""
+    native, host = both(hb.load_problem("jay_negrut_pendulum"), step=1e-3)
     assert_same(native, host)
-    assert native.counters.factorisations < native.counters.linear_solves / 13
+    assert native.counters.factorisations < native.counters.linear_solves / 22
 
 
 def test_the_largest_system_is_a_rule_that_can_be_seen(monkeypatch):

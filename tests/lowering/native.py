@@ -5,7 +5,7 @@ import jax
 import numpy as np
 
 from hhtbench.lowering import native
-from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.calling import native_call
 
 
 class Nothing(eqx.Module):
@@ -25,7 +25,7 @@ def shapes_of(arrays):
 def native_value(function, *arrays, dynamics=Nothing()):  # noqa: B008 - it holds nothing
     """``function(dynamics, *arrays)`` by machine code, and the code."""
     code = native(function, dynamics, shapes=shapes_of(arrays))
-    return NativeCall(code, shapes_of(arrays))(*arrays), code
+    return native_call(code, shapes_of(arrays))(*arrays), code
 
 
 def agree(function, *arrays, rtol=1e-14, atol=0.0):

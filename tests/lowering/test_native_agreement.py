@@ -17,7 +17,7 @@ from hhtbench.lowering import NotNative, derive, native, route_of
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.kkt import kkt_terms
 from hhtbench.lowering.levels import level_terms
-from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.calling import native_call
 from solvers._finite import inverse_mass_at
 from solvers.forms import FORMS
 from solvers.forms.form import refusal
@@ -119,14 +119,14 @@ def by_xla(dynamics, functions):
 def test_machine_code_and_xla_give_the_same_values(name):
     problem = hhtbench.load_problem(name)
     dynamics = dynamics_of(problem)
-    if route_of(dynamics) == "numpy" or dynamics.inverse_mass is None and dynamics.structure.mass == "constant":
+    if route_of(dynamics) == "numpy" or (dynamics.inverse_mass is None and dynamics.structure.mass == "constant"):
         pytest.skip("plain callables, or a singular mass")
     functions = functions_of(problem, dynamics)
     expected, missing = by_xla(dynamics, functions), []
     for label, (function, static, arguments, tolerance) in functions.items():
         shapes = tuple(np.shape(argument) for argument in arguments[0])
         try:
-            call = NativeCall(native(function, dynamics, *static, shapes=shapes), shapes)
+            call = native_call(native(function, dynamics, *static, shapes=shapes), shapes)
         except NotNative as error:
             missing.append((label, error.reason))
             continue

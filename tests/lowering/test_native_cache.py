@@ -11,7 +11,7 @@ import pytest
 
 import hhtbench.lowering.native.compiler  # noqa: F401 - by its module below
 from hhtbench.lowering import NotNative, native
-from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.calling import native_call
 from hhtbench.lowering.native.sources import source_key
 from tests.lowering.native import Holding, Nothing
 
@@ -40,10 +40,10 @@ SCRIPT = """
 import numpy as np
 import hhtbench
 from hhtbench.lowering import native
-from hhtbench.lowering.native.calling import NativeCall
+from hhtbench.lowering.native.calling import native_call
 from mechanism import Mechanism, force_of
 code = native(force_of, Mechanism(), shapes=((2,),))
-print(*NativeCall(code, ((2,),))(np.array([1.0, 2.0])), code.cached)
+print(*native_call(code, ((2,),))(np.array([1.0, 2.0])), code.cached)
 """
 
 
@@ -76,10 +76,11 @@ def value_afresh(monkeypatch, function=cubed, dynamics=Nothing()):  # noqa: B008
     from hhtbench.lowering import flattening
 
     monkeypatch.setattr(compiler, "_memory", {})
+    monkeypatch.setattr(compiler, "_last", {})
     monkeypatch.setattr(flattening, "_jitted", {})
     TRACED.clear()
     code = native(function, dynamics, shapes=((2,),))
-    return NativeCall(code, ((2,),))(X), code.cached, len(TRACED)
+    return native_call(code, ((2,),))(X), code.cached, len(TRACED)
 
 
 def test_a_replaced_constant_is_seen(monkeypatch, empty_cache):
@@ -126,6 +127,7 @@ def sorted_entries(dynamics, x):
 def test_a_refusal_is_remembered_too(monkeypatch, empty_cache):
     for traces in (1, 0):
         monkeypatch.setattr(compiler, "_memory", {})
+        monkeypatch.setattr(compiler, "_last", {})
         TRACED.clear()
         with pytest.raises(NotNative, match="sort"):
             native(sorted_entries, Nothing(), shapes=((2,),))

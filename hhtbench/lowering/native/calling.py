@@ -1,8 +1,9 @@
-"""Calls of machine code from Python with NumPy arrays, at a fraction of a microsecond."""
+"""Calls of machine code from Python with NumPy arrays, at about a microsecond."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,39 +11,49 @@ import numpy as np
 from hhtbench.lowering.native.compiler import Native
 from hhtbench.lowering.native.machine import caller
 
+FLOAT = np.dtype(np.float64)
+Shapes = tuple[tuple[int, ...], ...]
+
 
 class _Buffers(NamedTuple):
-    """Memory of one thread: arguments are copied in and the result is copied out."""
+    """Memory of one thread: arguments are copied in, the result is copied out."""
 
-    places: tuple[np.ndarray, ...]
+    places: tuple[tuple[np.ndarray, tuple[int, ...]], ...]  #: of every argument, with its shape
     result: np.ndarray
     block: int  #: address of the pointers to the result, the parameters and every argument
-    pointers: np.ndarray  #: that block
+    pointers: np.ndarray  #: those pointers
 
 
-class NativeCall:
-    """``call(*arrays) -> array``: a fresh array each time.  Arguments are float64 arrays or numbers of the known shapes."""
+def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | None]:
+    """``call(*arguments) -> fresh array``, or None where an argument is not a float or a float64 array of its shape.
 
-    def __init__(self, native: Native, shapes: tuple[tuple[int, ...], ...]) -> None:
-        self._native, self._shapes = native, shapes
-        self._code = caller(native.block_address)
-        self._local = threading.local()
+    A closure: a method of an object costs a tenth of a microsecond more.
+    """
+    code, local, count = caller(native.block_address), threading.local(), len(shapes)
 
-    def __call__(self, *arguments: Any) -> np.ndarray:
-        """The result at ``arguments``, which are of the right shapes: nothing is checked here."""
+    def call(*arguments: Any) -> np.ndarray | None:
         try:
-            places, result, block, _ = self._local.buffers
+            places, result, block, _ = local.buffers
         except AttributeError:
-            places, result, block, _ = self._local.buffers = self._buffers()
-        for place, argument in zip(places, arguments, strict=False):
+            places, result, block, _ = local.buffers = _buffers(native, shapes)
+        if len(arguments) != count:
+            return None
+        for argument, (place, shape) in zip(arguments, places, strict=False):
+            if type(argument) is np.ndarray:
+                if argument.dtype is not FLOAT or argument.shape != shape:
+                    return None
+            elif shape or type(argument) is not float:
+                return None
             place[...] = argument
-        self._code(block)
+        code(block)
         return result.copy()
 
-    def _buffers(self) -> _Buffers:
-        """A cache line lies between any two arrays."""
-        places = tuple(np.zeros(shape) for shape in self._shapes)
-        result = np.zeros(self._native.shape)
-        arrays = (result, self._native.parameters, *places)
-        pointers = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
-        return _Buffers(places, result, pointers.ctypes.data, pointers)
+    return call
+
+
+def _buffers(native: Native, shapes: Shapes) -> _Buffers:
+    places = tuple((np.zeros(shape), shape) for shape in shapes)
+    result = np.zeros(native.shape)
+    arrays = (result, native.parameters, *(place for place, _ in places))
+    pointers = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+    return _Buffers(places, result, pointers.ctypes.data, pointers)

@@ -15,9 +15,10 @@ from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
 from hhtbench.lowering.native.emit import CALL, ENTRY
 from hhtbench.lowering.native.machine import load
-from hhtbench.lowering.native.reading import Shapes, pattern_of, read
+from hhtbench.lowering.native.reading import Reading, Shapes, pattern_of, read
 from hhtbench.lowering.native.reasons import NotNative
 from hhtbench.lowering.native.sources import source_key
+from hhtbench.lowering.native.stages import staged
 
 MOST_OPERATIONS = 20_000  # code generation takes about 0.1 ms an operation
 
@@ -47,14 +48,20 @@ class _Loaded(NamedTuple):
 
 
 _memory: dict[Any, _Loaded | NotNative] = {}
+_last: dict[Any, Reading] = {}
 _lock = threading.RLock()
 
 
-def native(function: Callable[..., Any], dynamics: Any, *static: Any, shapes: Shapes, compact: bool = False) -> Native:
+def native(
+    function: Callable[..., Any], dynamics: Any, *static: Any, shapes: Shapes, compact: bool = False, stage: str = "whole"
+) -> Native:
     """``function(dynamics, *static, *arrays) -> array`` as machine code for float64 arrays of ``shapes``.
 
     One piece of code serves all parameter values but exact 0, 1 and -1, which are folded: a full mass matrix that is
     diagonal costs n products and not n^2.
+
+    ``stage``: "early" gives what does not depend on the first array, "late" the result from all arrays and that, see
+    :mod:`~hhtbench.lowering.native.stages`.
 
     Raises
     ------
@@ -67,11 +74,11 @@ def native(function: Callable[..., Any], dynamics: Any, *static: Any, shapes: Sh
         raise NotNative(f"parameters of type {parameters.dtype}")
     shapes = tuple(tuple(int(size) for size in shape) for shape in shapes)
     pattern = pattern_of(parameters)
-    key = (flat.key, pattern.tobytes(), shapes, compact)
+    key = (flat.key, pattern.tobytes(), shapes, compact, stage)
     with _lock:
         known = key in _memory
         if not known:
-            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, compact)
+            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, compact, stage)
         loaded = _memory[key]
     if isinstance(loaded, NotNative):
         raise loaded
@@ -101,19 +108,26 @@ def _bound(loaded: _Loaded, parameters: np.ndarray, *, cached: bool) -> Native:
 
 
 def _found(
-    function: Any, dynamics: Any, static: Any, flat: Flat, pattern: np.ndarray, shapes: Shapes, compact: bool
+    function: Any,
+    dynamics: Any,
+    static: Any,
+    flat: Flat,
+    pattern: np.ndarray,
+    shapes: Shapes,
+    compact: bool,
+    stage: str,
 ) -> _Loaded | NotNative:
     """From disk by the sources, else traced and from disk by content, else generated."""
     seconds = {"trace": 0.0, "lower": 0.0, "generate": 0.0, "load": 0.0}
-    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, compact))
+    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, compact, stage))
     code = _kept(name)
     if isinstance(code, NotNative):
         return code
     cached = code is not None
     if code is None:
         try:
-            reading = read(jitted(flat), pattern, shapes, MOST_OPERATIONS)
-            written = write(reading, shapes, compact=compact, limit=MOST_OPERATIONS)
+            reading, taken = staged(_read(flat, pattern, shapes), shapes, stage)
+            written = write(reading, taken, compact=compact, limit=MOST_OPERATIONS)
         except NotNative as error:
             _keep(name, b"no " + error.reason.encode())
             return error
@@ -123,7 +137,10 @@ def _found(
         cached = code is not None
         if code is None:
             began = time.perf_counter()
-            code = compiled(written)
+            try:
+                code = compiled(written)
+            except RuntimeError as error:  # LLVM's word for whatever it cannot do; another version may
+                return NotNative(f"LLVM does not generate code for it: {error}")
             seconds["generate"] = time.perf_counter() - began
             disk.write_file(content, code.to_bytes())
         _keep(name, b"is " + content.encode())
@@ -131,6 +148,16 @@ def _found(
     addresses = load(code.binary, ENTRY, CALL)
     seconds["load"] = time.perf_counter() - began
     return _Loaded(code, addresses, seconds, cached)
+
+
+def _read(flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
+    """The scalar graph; that of the last function is remembered, for its other stage."""
+    key = (flat.key, pattern.tobytes(), shapes)
+    if key not in _last:
+        found = read(jitted(flat), pattern, shapes, MOST_OPERATIONS)
+        _last.clear()
+        _last[key] = found
+    return _last[key]
 
 
 def _kept(name: str | None) -> Code | NotNative | None:

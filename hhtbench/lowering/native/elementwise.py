@@ -9,7 +9,7 @@ from jax import lax
 
 from hhtbench.lowering.native.graph import ONE, ZERO, Graph, Ids
 from hhtbench.lowering.native.reasons import NotNative
-from hhtbench.lowering.native.scalars import ARITHMETIC, COMPARISONS, FOLDS, INTRINSICS, LIBM
+from hhtbench.lowering.native.scalars import ARITHMETIC, COMPARISONS, FOLDS, INTRINSICS, LIBM, NUMPY
 from hhtbench.lowering.native.values import Nodes, Value, as_numbers, lift, numbers, settled
 from hhtbench.lowering.native.walk import KNOWN, Walk, rule
 
@@ -158,9 +158,10 @@ def _same_all(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
 
 def _known_functions() -> None:
     """NumPy functions for known inputs: an eager JAX operation costs a compilation of 20 ms for every new shape."""
-    for name in (*LIBM, *INTRINSICS, *COMPARISONS, "atan2", "pow"):
-        if name in FOLDS and not name.startswith("round"):
-            KNOWN[name] = _vectorised(name)
+    for name in (*LIBM, *INTRINSICS, *COMPARISONS, "atan2"):
+        if not name.startswith("round"):
+            KNOWN[name] = _plain(NUMPY[name])
+    KNOWN["pow"] = _plain(np.vectorize(FOLDS["pow"], otypes=[float]))
     simple = {
         "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative, "square": np.square,
         "max": np.maximum, "min": np.minimum, "not": np.logical_not, "sign": np.sign, "is_finite": np.isfinite,
@@ -180,11 +181,6 @@ def _known_functions() -> None:
     KNOWN["select_n"] = lambda equation, which, *cases: np.choose(np.asarray(which, dtype=np.int64), cases)
     for name in ("copy", "copy_p", "stop_gradient"):
         KNOWN[name] = lambda equation, x: x
-
-
-def _vectorised(name: str) -> Any:
-    function = np.vectorize(FOLDS[name], otypes=[bool if name in COMPARISONS else float])
-    return lambda equation, *arrays: function(*arrays)
 
 
 def _plain(function: Any) -> Any:

@@ -40,10 +40,10 @@ def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
             elif node not in seen:
                 seen.add(node)
                 stack.append((node, True))
-                stack.extend((operand, False) for operand in reversed(_needs(graph, node)) if operand not in seen)
+                stack.extend((operand, False) for operand in reversed(needs(graph, node)) if operand not in seen)
 
 
-def _needs(graph: Graph, node: int) -> tuple[int, ...]:
+def needs(graph: Graph, node: int) -> tuple[int, ...]:
     """The operands that are nodes."""
     operation, operands = graph.operation[node], graph.operands[node]
     if operation in ("constant", "parameter", "argument"):
@@ -56,14 +56,16 @@ def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
     writer = _Writer(graph)
     places: dict[int, list[int]] = {}
     for place, node in enumerate(outputs):
-        places.setdefault(node, []).append(place)
-    for node in ordered(graph, outputs):
+        if node not in graph.number:
+            places.setdefault(node, []).append(place)
+    table = writer.constants(outputs) if len(outputs) > sum(map(len, places.values())) else ""
+    for node in ordered(graph, [node for node in outputs if node not in graph.number]):
         writer.node(node)
         for place in places.get(node, ()):
             writer.store(place, node)
     read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
     body = [f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind {{", *writer.scratch, *writer.lines, "  ret void", "}"]
-    text = "\n".join([*body, _wrapper(arguments), *sorted(writer.declarations)])
+    text = "\n".join([table, *body, _wrapper(arguments), *sorted(writer.declarations)])
     return Emitted(text, "\n".join(writer.helpers[key] for key in sorted(writer.helpers)), writer.operations)
 
 
@@ -118,6 +120,18 @@ class _Writer:
         """One number from memory."""
         self.lines.append(f"  %g{node} = getelementptr double, ptr {base}, i64 {place}")
         self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
+
+    def constants(self, outputs: list[int]) -> str:
+        """Entries that are known, in one copy from a table, which is returned; the others are overwritten.
+
+        Stores of ten thousand zeros one by one took LLVM minutes.
+        """
+        entries = (self.name(node) if node in self.graph.number else "0.0" for node in outputs)
+        table = f"[{len(outputs)} x double]"
+        self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+        self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * len(outputs)}, i1 false)")
+        values = ", ".join(f"double {entry}" for entry in entries)
+        return f"@constants = private unnamed_addr constant {table} [{values}], align 64"
 
     def store(self, place: int, node: int) -> None:
         """One number to the result."""

@@ -62,8 +62,9 @@ class Graph:
         array = np.asarray(values)
         if array.dtype == bool:
             return np.where(array, TRUE, FALSE).astype(np.int64)
-        flat = [self.constant(value) for value in array.astype(np.float64).ravel().tolist()]
-        return np.array(flat, dtype=np.int64).reshape(array.shape)
+        bits, places = np.unique(array.astype(np.float64).view(np.int64), return_inverse=True)
+        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int64)
+        return nodes[places].reshape(array.shape)
 
     def neg(self, x: int) -> int:
         """-x."""
@@ -195,7 +196,7 @@ class Graph:
         operation = self.operation[node]
         return operation in COMPARISONS or operation in LOGIC or operation in ("true", "false", "select_truth")
 
-    def elementwise(self, name: str, *operands: Ids) -> Ids:
+    def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
         """``apply`` entry by entry."""
         arrays = np.broadcast_arrays(*operands)
         shape, apply = arrays[0].shape, self.apply
@@ -203,13 +204,6 @@ class Graph:
             return _quick(self, name, *arrays)
         columns = [array.ravel().tolist() for array in arrays]
         return np.array([apply(name, *entry) for entry in zip(*columns, strict=True)], dtype=np.int64).reshape(shape)
-
-    def total(self, nodes: list[int]) -> int:
-        """The sum, in order."""
-        result = ZERO
-        for node in nodes:
-            result = self.add(result, node)
-        return result
 
 
 def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:

@@ -53,7 +53,7 @@ def _power(x: Any, y: Any) -> Any:
         return np.power(x, y)
 
 
-_NUMPY: dict[str, Callable[..., Any]] = {
+NUMPY: dict[str, Callable[..., Any]] = {
     "abs": np.abs,
     "acos": np.arccos,
     "acosh": np.arccosh,
@@ -94,4 +94,4 @@ _NUMPY: dict[str, Callable[..., Any]] = {
     "gt": np.greater,
     "ge": np.greater_equal,
 }
-FOLDS = {name: _folded(function) for name, function in _NUMPY.items()}
+FOLDS = {name: _folded(function) for name, function in NUMPY.items()}

@@ -54,16 +54,14 @@ def _as_matrices(equation: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarra
 def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
     """Rows of x times rows of y, summed in order; structural zeros cost nothing."""
     add, mul = graph.add, graph.mul
-    present = y != ZERO
-    rows, columns = x.tolist(), y.tolist()
-    result = [[ZERO] * len(columns) for _ in rows]
-    for i, row in enumerate(rows):
-        places = np.flatnonzero(x[i] != ZERO)
-        for j in np.flatnonzero(present[:, places].any(axis=1)).tolist():
-            column, total = columns[j], ZERO
-            for k in places[present[j, places]].tolist():
-                total = add(total, mul(row[k], column[k]))
-            result[i][j] = total
+    result = [[ZERO] * len(y) for _ in range(len(x))]
+    for left, right in zip(x.T, y.T, strict=True):
+        columns = np.flatnonzero(right != ZERO).tolist()
+        factors = right.tolist()
+        for i in np.flatnonzero(left != ZERO).tolist():
+            row, factor = result[i], int(left[i])
+            for j in columns:
+                row[j] = add(row[j], mul(factor, factors[j]))
     return result
 
 

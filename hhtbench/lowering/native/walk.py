@@ -44,7 +44,7 @@ class Walk:
 
         def read(atom: Any) -> Value:
             if isinstance(atom, Literal):
-                return np.asarray(atom.val, dtype=np.dtype(atom.aval.dtype))
+                return np.asarray(atom.val, dtype=np.dtype(atom.aval.dtype))  # type: ignore[attr-defined]
             return environment[atom]
 
         for equation in jaxpr.eqns:

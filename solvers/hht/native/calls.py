@@ -1,4 +1,4 @@
-"""Calls of machine code by its address from compiled loops."""
+"""Calls of machine code by its address, and parts of arrays, for compiled loops."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
 
 
 def _invoke(typingctx: Any, address: Any, pointers: Any) -> Any:
@@ -23,3 +25,26 @@ def _invoke(typingctx: Any, address: Any, pointers: Any) -> Any:
 
 
 invoke: Any = intrinsic(_invoke)  #: (address, pointers) -> None
+
+
+def _view(typingctx: Any, array: Any, start: Any, count: Any) -> Any:
+    """``array[start : start + count]`` for indices that are known to lie inside: slices of Numba look at every case."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = signature.args[0]
+        whole, part = make_array(kind)(context, builder, arguments[0]), make_array(kind)(context, builder)
+        size = context.get_constant(types.intp, 8)
+        populate_array(
+            part,
+            data=builder.gep(whole.data, [arguments[1]]),
+            shape=cgutils.pack_array(builder, [arguments[2]]),
+            strides=cgutils.pack_array(builder, [size]),
+            itemsize=size,
+            meminfo=None,
+        )
+        return part._getvalue()
+
+    return array(array, types.int64, types.int64), generate
+
+
+view: Any = intrinsic(_view)  #: (array of 8-byte entries, start, count) -> a part of it

@@ -38,7 +38,7 @@ from solvers.hht.native.watching import Watched
 from solvers.hht.newton import NewtonOptions
 from solvers.hht.state import State, Step
 
-FIRST, MOST = 64, 65_536  # steps of a loop: few at first, so that one that is slow can be interrupted
+FIRST, MOST = 512, 65_536  # steps of a loop: fewer at first, so that one that is slow can be interrupted
 SLOW = 0.05  # [s] of one loop, above which the next is no longer: budgets and the user's interrupt are looked at between
 UNLIMITED = 2**62
 FEW = 20  # output rows below which their multipliers are found one by one: no further code is needed for them
@@ -68,7 +68,7 @@ class NativeEngine(HostEngine):
             history.commit(made)
             self.work.add("steps_accepted", made)
         slow = time.perf_counter() - started > SLOW
-        self._most = max(FIRST, self._most // 2) if slow else min(2 * self._most, MOST)
+        self._most = max(FIRST // 8, self._most // 8) if slow else min(8 * self._most, MOST)
         return state, made
 
     def one(self, state: State, advance: Advance, stop: float, watched: Watched) -> Step | None:

@@ -17,6 +17,7 @@ from solvers._finite import inverse_mass_at
 from solvers.hht.blocks import Order, find_order
 from solvers.hht.coefficients import Method
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
 from solvers.hht.linear import Factor
 from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
@@ -95,8 +96,13 @@ class Kernel:
         given = 4 + 4 * s.n + (s.n * s.n if variable else 0)
         x, packed = (layout.size,), (layout.packed_size,)
         self._known = native(packed_known, dynamics, self.method, layout, shapes=((given,),))
-        self._residual = native(step_residual, dynamics, layout, shapes=(x, packed))
-        self._matrix = native(step_residual_and_matrix, dynamics, layout, shapes=(x, packed), compact=True)
+        self._residual_early, self._residual = (
+            native(step_residual, dynamics, layout, shapes=(x, packed), stage=stage) for stage in ("early", "late")
+        )
+        self._matrix_early, self._matrix = (
+            native(step_residual_and_matrix, dynamics, layout, shapes=(x, packed), compact=stage == "late", stage=stage)
+            for stage in ("early", "late")
+        )
         self._end = native(step_end, dynamics, layout, shapes=(x, packed))
         self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
         self._raw: Native | None = None
@@ -112,6 +118,7 @@ class Kernel:
             if s.constrained:
                 self._levels = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
         parts = (self._known, self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels)
+        parts += (self._residual_early, self._matrix_early)
         pairs = [(0, 0) if part is None else (part.address, part.parameters.ctypes.data) for part in parts]
         return [number for pair in pairs for number in pair]
 
@@ -132,12 +139,14 @@ class Kernel:
             "vdot": n,
             "inverse": full,
             "x_last": size,
-            "x_earlier": 3 * size,
+            "x_earlier": HIGHEST * size,
             "memory": 4,
             "before": n,
             "acceleration": n,
             "rolling": n,
             "given": self._given,
+            "early": self._residual_early.size,
+            "early_matrix": self._matrix_early.size,
             "packed": self.layout.packed_size,
             "x": size,
             "residual": size,
@@ -240,7 +249,7 @@ class Kernel:
             vdot=own(VDOT),
             inverse_mass=own(INVERSE).reshape(n, n) if before.inverse_mass is not None else None,
             unknowns=own(X_LAST),
-            earlier=own(X_EARLIER).reshape(3, -1)[: int(known) - 1] if known > 1.0 else None,
+            earlier=own(X_EARLIER).reshape(HIGHEST, -1)[: int(known) - 1] if known > 1.0 else None,
             factor=self.analysis.store(z, int(kept)),
             size_q=size_q,
             size_v=size_v,

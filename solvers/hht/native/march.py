@@ -67,8 +67,9 @@ def one(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
     """The next accepted step, as the host's controls take it; False: the host engine must, from the same state."""
     memory, t = part(z, MEMORY), part(z, NUMBER)[T]
     h, t1, asked, size, rejected = length, end, 0.0, 0.0, 0
-    smallest = max(c.min_step, c.spacings * np.spacing(abs(t)))
+    smallest = 0.0
     if c.controlled:
+        smallest = max(c.min_step, c.spacings * np.spacing(abs(t)))
         h = max(min(memory[H_NEXT], c.max_step), c.min_step)
     while True:
         asked = abs(h)

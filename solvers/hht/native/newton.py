@@ -16,6 +16,7 @@ from solvers.hht.native.parts import address, half, half_of_pivots, indices, par
 from solvers.hht.native.tables import (
     BLOCKS,
     BUILT,
+    C_EARLY_MATRIX,
     C_MATRIX,
     C_RESIDUAL,
     COLUMNS,
@@ -25,6 +26,8 @@ from solvers.hht.native.tables import (
     COUPLED,
     COUPLINGS,
     DIVERGED,
+    EARLY,
+    EARLY_MATRIX,
     EVALUATIONS,
     FACTOR_H,
     FACTORISATIONS,
@@ -72,6 +75,8 @@ INVERTED = (
     48  # unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
 )
 
+OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse is that of making it
+
 
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
@@ -93,10 +98,10 @@ def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
 
 @compiled
 def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """The same for Newton's iteration, with an inverse once a kept matrix has served as often as half of that costs."""
+    """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
     uses, size = part(z, USES), z.i[SIZE]
     uses[slot] += 1.0
-    if size > INVERTED or 2.0 * uses[slot] <= size:
+    if size > INVERTED or uses[slot] <= OFTEN * size:
         solve(z, slot, right, out)
         return
     if part(z, BUILT)[slot] == 0.0:
@@ -155,7 +160,9 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 def factorise(z: Any, slot: Any, h: Any) -> Any:
     """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
     values, computed, slots, size = part(z, VALUES), part(z, COMPUTED), indices(z, SLOTS), z.i[SIZE]
-    invoke(z.i[C_MATRIX], (address(z, COMPUTED), z.i[C_MATRIX + 1], address(z, X), address(z, PACKED)))
+    x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY_MATRIX)
+    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, packed))
+    invoke(z.i[C_MATRIX], (address(z, COMPUTED), z.i[C_MATRIX + 1], x, packed, early))
     total = 0.0
     for k in range(slots.size):
         values[slots[k]] = computed[k]
@@ -183,6 +190,13 @@ def factorise(z: Any, slot: Any, h: Any) -> Any:
 
 
 @compiled
+def evaluate(z: Any) -> None:
+    """The residual at the iterate."""
+    x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY)
+    invoke(z.i[C_RESIDUAL], (address(z, RESIDUAL), z.i[C_RESIDUAL + 1], x, packed, early))
+
+
+@compiled
 def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
     """(how it ended, slot of the last matrix, its worst contraction); ``kept`` is the slot of the state's matrix, or -1."""
     o, increment, residual = part(z, CONSTANTS), part(z, INCREMENT), part(z, RESIDUAL)
@@ -192,7 +206,7 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
     worst = part(z, RATE)[slot] if slot >= 0 else 0.0
     fresh = stood = typical = False
     last, before, taken = math.inf, math.inf, 0
-    typical_q, typical_v = size_q, size_v
+    per_q = per_v = 0.0
     for _ in range(z.i[MAX_ITERATIONS]):
         counts[NEWTON] += 1
         if counts[RESIDUALS] >= z.i[EVALUATIONS]:
@@ -206,14 +220,14 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
                 return ended, -1, 0.0
             slot, worst, fresh, last = spare, 0.0, True, math.inf
         else:
-            invoke(z.i[C_RESIDUAL], (address(z, RESIDUAL), z.i[C_RESIDUAL + 1], address(z, X), address(z, PACKED)))
+            evaluate(z)
         counts[SOLVES] += 1
         solve_often(z, slot, residual, increment)
         in_q, in_v = moved_by(z, slot, increment)
         finite = math.isfinite(in_q + in_v)
         if finite and not typical:
-            typical_q, typical_v, typical = size_if(size_q, in_q), size_if(size_v, in_v), True
-        moved = max(in_q / typical_q, in_v / typical_v)
+            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
+        moved = max(in_q * per_q, in_v * per_v)
         if not (finite and math.isfinite(moved)):
             if fresh:
                 return NONFINITE, -1, 0.0
@@ -254,8 +268,7 @@ def size_if(size: Any, change: Any) -> Any:
 @compiled
 def converged(moved: Any, rate: Any, tolerance: Any, margin: Any) -> Any:
     """Whether the last increment, or with a margin what contraction leaves of it, is small enough."""
-    left = moved * rate / (1.0 - rate) if 0.0 < rate < 1.0 else moved
-    return moved <= tolerance or left <= margin * tolerance
+    return moved <= tolerance or (0.0 < rate < 1.0 and moved * rate <= margin * tolerance * (1.0 - rate))
 
 
 @compiled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from solvers.hht.native.calls import view
 from solvers.hht.native.compiled import compiled, inlined
 from solvers.hht.native.tables import BASE, FLOATS, PIVOTS
 
@@ -13,23 +14,20 @@ INTEGER = len(FLOATS)
 @inlined
 def part(z: Any, name: Any) -> Any:
     """The floats of a section."""
-    start = z.i[2 * name]
-    return z.w[start : start + z.i[2 * name + 1]]
+    return view(z.w, z.i[2 * name], z.i[2 * name + 1])
 
 
 @inlined
 def half(z: Any, name: Any, slot: Any) -> Any:
     """One of the two slots of a section of floats."""
     count = z.i[2 * name + 1] // 2
-    start = z.i[2 * name] + slot * count
-    return z.w[start : start + count]
+    return view(z.w, z.i[2 * name] + slot * count, count)
 
 
 @inlined
 def indices(z: Any, name: Any) -> Any:
     """The integers of a section."""
-    start = z.i[2 * (INTEGER + name)]
-    return z.i[start : start + z.i[2 * (INTEGER + name) + 1]]
+    return view(z.i, z.i[2 * (INTEGER + name)], z.i[2 * (INTEGER + name) + 1])
 
 
 @inlined
@@ -59,6 +57,5 @@ def top(x: Any) -> Any:
 @inlined
 def half_of_pivots(z: Any, slot: Any) -> Any:
     """The pivots of one of the two slots."""
-    both = indices(z, PIVOTS)
-    count = both.size // 2
-    return both[slot * count : (slot + 1) * count]
+    count = z.i[2 * (INTEGER + PIVOTS) + 1] // 2
+    return view(z.i, z.i[2 * (INTEGER + PIVOTS)] + slot * count, count)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.laws import EXTRAPOLATION, TINY
+from solvers.hht.laws import EXTRAPOLATION, HIGHEST, TINY
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled, force_at_end, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.native.newton import newton
 from solvers.hht.native.parts import address, part, put, top
 from solvers.hht.native.tables import (
     ALPHA,
+    C_EARLY,
     C_END,
     C_INVERSE,
     C_KNOWN,
     CONSTANTS,
     CONVERGED,
+    EARLY,
     ELSEWHERE,
     END,
     END_INVERSE,
@@ -54,7 +56,7 @@ from solvers.hht.native.tables import (
     X,
 )
 
-WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (4 - weights.size) for weights in EXTRAPOLATION)
+WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST + 1 - weights.size) for weights in EXTRAPOLATION)
 
 
 @compiled
@@ -115,6 +117,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
         return ELSEWHERE, -1, 0.0
     give(z, h, t1)
     invoke(z.i[C_KNOWN], (address(z, PACKED), z.i[C_KNOWN + 1], address(z, GIVEN)))
+    invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], address(z, X), address(z, PACKED)))
     guess(z, h)
     accelerated = abs(h) * max(acceleration, top(part(z, F)), top(part(z, A)))
     typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
@@ -155,9 +158,9 @@ def accept(z: Any, h: Any, t1: Any, slot: Any, rate: Any, row: Any) -> None:
         f[i] = force_at_end(alpha, x[i], f[i])
         q[i], v[i], a[i] = end[i], end[n + i], x[i]
     earlier, last, size = part(z, X_EARLIER), part(z, X_LAST), x.size
-    known = min(number[KNOWN] + 1.0, 4.0) if same else 1.0
+    known = min(number[KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
     if same:
-        for i in range(3 * size - 1, size - 1, -1):
+        for i in range(HIGHEST * size - 1, size - 1, -1):
             earlier[i] = earlier[i - size]
         put(earlier, 0, last)
     put(last, 0, x)
