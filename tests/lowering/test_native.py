@@ -130,7 +130,7 @@ def rolled(x):
         return (state, count + 1), state * count
 
     (last, _), rows = lax.scan(turn, (x, 0), jnp.stack([x, 2 * x, 3 * x]))
-    return jnp.concatenate([last, rows.ravel(), lax.scan(turn, (x, 1), jnp.ones((2, 4)), reverse=True)[1].ravel()])
+    return jnp.concatenate([last, rows.ravel(), lax.scan(turn, (x, 1), jnp.stack([x, 3 * x]), reverse=True)[1].ravel()])
 
 
 @jax.custom_vjp
@@ -202,6 +202,13 @@ def test_linear_algebra_is_that_of_jax(family):
     agree(lambda x: jnp.concatenate([ALGEBRA[name](x).ravel() for name in family]), X, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.parametrize("transform", [jax.jacfwd, jax.jacrev, jax.vmap, lambda f: jax.vmap(f, in_axes=2, out_axes=1)])
+def test_the_inverse_is_that_of_jax_under_every_transformation(transform):
+    batch = jnp.stack([spread(jnp.asarray(X)) + i * jnp.eye(4) for i in range(4)], axis=2)
+    batch = batch[:, :, 0] if transform in (jax.jacfwd, jax.jacrev) else batch
+    np.testing.assert_allclose(transform(inverse)(batch), transform(jnp.linalg.inv)(batch), rtol=1e-9, atol=1e-11)
+
+
 def test_the_inverse_of_a_singular_matrix_is_not_finite():
     value, _ = native_value(lambda d, x: inverse(jnp.outer(x, x)), np.array([1.0, 2.0]))
     assert not np.isfinite(value).all()
@@ -262,7 +269,7 @@ def test_trivial_operations_vanish():
         *(lambda x: x * 1.0, lambda x: x + 0.0, lambda x: x * 0.0, lambda x: 0.0 / x, lambda x: x - 0.0),
         *(lambda x: x / 1.0, lambda x: x**1, lambda x: jnp.where(True, x, 1 / x), lambda x: jnp.where(x > 0, x, x)),
         *(lambda x: 0.0 * jnp.sin(x), lambda x: jnp.sin(2.0) * 0.0 + x, lambda x: jnp.maximum(x, x), lambda x: x**0),
-        lambda x: jnp.negative(-x),
+        *(lambda x: jnp.negative(-x), lambda x: x * -0.0, lambda x: x - 1 * x * 0),
     ]
     for i, function in enumerate(trivial):
         assert operations(function, X) == 0, i

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hhtbench.lowering.native.compiler  # noqa: F401 - by its module below
-from hhtbench.lowering import NotNative, native
+from hhtbench.lowering import NotNative, flattening, native
 from hhtbench.lowering.native.calling import native_call
 from hhtbench.lowering.native.sources import source_key
 from tests.lowering.native import Holding, Nothing
@@ -71,14 +71,16 @@ def cubed(dynamics, x):
     return FACTOR * x**3
 
 
+def forget(monkeypatch):
+    """As if the process were new."""
+    for module, name in ((compiler, "_memory"), (compiler, "_last"), (flattening, "_jitted")):
+        monkeypatch.setattr(module, name, {})
+    TRACED.clear()
+
+
 def value_afresh(monkeypatch, function=cubed, dynamics=Nothing()):  # noqa: B008 - it holds nothing
     """Value, whether no code was generated, and how often it was traced, as if the process were new."""
-    from hhtbench.lowering import flattening
-
-    monkeypatch.setattr(compiler, "_memory", {})
-    monkeypatch.setattr(compiler, "_last", {})
-    monkeypatch.setattr(flattening, "_jitted", {})
-    TRACED.clear()
+    forget(monkeypatch)
     code = native(function, dynamics, shapes=((2,),))
     return native_call(code, ((2,),))(X), code.cached, len(TRACED)
 
@@ -126,9 +128,7 @@ def sorted_entries(dynamics, x):
 
 def test_a_refusal_is_remembered_too(monkeypatch, empty_cache):
     for traces in (1, 0):
-        monkeypatch.setattr(compiler, "_memory", {})
-        monkeypatch.setattr(compiler, "_last", {})
-        TRACED.clear()
+        forget(monkeypatch)
         with pytest.raises(NotNative, match="sort"):
             native(sorted_entries, Nothing(), shapes=((2,),))
         assert len(TRACED) == traces

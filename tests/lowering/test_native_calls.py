@@ -201,6 +201,16 @@ class Counting(System):
         return q * sum(range(q[0].astype(int)))
 
 
+def branching_force(dynamics, t, q, v):
+    return dynamics.force(t, q, v) if t > 0 else q
+
+
+@pytest.mark.parametrize("route", ["auto", "xla"])
+def test_python_control_flow_in_a_function_of_a_dynamics_is_explained(route):
+    with pytest.raises(ProblemError, match=r"return dynamics\.force\(t, q, v\) if t > 0 else q"):
+        compile_function(branching_force, derive(Spring(), 0.0, Q, V), route=route)(1.0, Q, V)
+
+
 @pytest.mark.parametrize(
     ("system", "line"),
     [

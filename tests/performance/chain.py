@@ -70,7 +70,7 @@ class Ours:
         problem = planar_chain.problem(n_links=links)
         method = make_method(alpha=(RHO - 1.0) / (RHO + 1.0), b=0.0, reaction="implicit", rescale_a=True, start="f0")
         place = Place(0.0, problem.q0, problem.v0)
-        started = begin(problem.system, method, place, (None, None), h, Work(), calc_initcond=False)
+        started = begin(problem.system, method, place, (None, None), h, Work(), calc_initcond=False, engine="host")
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
         self.engine.step(self.state, h, h)  # compiles

@@ -61,14 +61,12 @@ def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
 
 def _name(value: Any, modules: set[str]) -> str:
     """Module and name of a class or function, which must be found there."""
-    module, name = getattr(value, "__module__", None), getattr(value, "__qualname__", "<")
-    if module is None or "<" in name:
-        raise NotDescribed(f"{name} was made inside a function")
+    module, name = str(getattr(value, "__module__", None)), str(getattr(value, "__qualname__", "unknown"))
     found: Any = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
     if found is not value:
-        raise NotDescribed(f"{module}.{name} is something else by now")
+        raise NotDescribed(f"{module}.{name} is not there: it was made inside a function, or replaced")
     if isinstance(value, type):
         for base in value.__mro__[1:]:
             if base is not object:

@@ -103,7 +103,7 @@ def _installed(package: str) -> str:
     module = sys.modules.get(package)
     file = getattr(module, "__file__", None)
     changed = Path(file).stat().st_mtime_ns if file and Path(file).exists() else 0
-    return f"{getattr(module, '__version__', '')} {changed}"
+    return f"{getattr(module, '__dict__', {}).get('__version__', '')} {changed}"
 
 
 def _path(module: ModuleType) -> Path:
