@@ -22,7 +22,7 @@ from solvers.hht.events import Crossing, Event, Occurrence, changed_by, scan
 from solvers.hht.history import History
 from solvers.hht.landing import along, land
 from solvers.hht.native.engine import NativeEngine
-from solvers.hht.native.watching import Watched, compiled_events
+from solvers.hht.native.watching import CompiledEvents, Watched
 from solvers.hht.start import first_state, project
 from solvers.hht.state import State, Step
 
@@ -95,10 +95,14 @@ class Course:
         events = self.events if self._codes is not None else ()
         return Watched(events, self._codes or [], np.zeros(len(events)) if watch.values is None else watch.values)
 
-    @cached_property
+    @property
     def _codes(self) -> list[Native] | None:
         """The event functions in machine code; None where one cannot be compiled."""
-        return compiled_events(self.engine.dynamics, self.events, self.engine.structure.n)
+        return self._compiled.codes
+
+    @cached_property
+    def _compiled(self) -> CompiledEvents:
+        return CompiledEvents(self.engine.dynamics, self.events, self.engine.structure.n)
 
     def next(self, state: State, watch: Watch, stop: float) -> Passage | Failure:
         """The next accepted step towards ``stop`` [s]; a spent budget is a failure like others."""

@@ -7,11 +7,15 @@ import enum
 import functools
 import sys
 import types
+from collections import namedtuple
+from pathlib import PurePath
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+
+SLOTS = (types.MemberDescriptorType, types.GetSetDescriptorType, type(vars(namedtuple("_", "x"))["x"]))
 
 
 class NotDescribed(Exception):
@@ -43,12 +47,19 @@ def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
         return "dict", tuple((again(key), again(part)) for key, part in value.items())
     if type(value) in (set, frozenset):
         return "set", tuple(sorted(repr(again(part)) for part in value))
+    if isinstance(value, types.ModuleType):
+        modules.add(value.__name__)
+        return "module", value.__name__
+    if isinstance(value, PurePath):
+        return "path", str(value)
     if isinstance(value, np.dtype):
         return "dtype", str(value)
     if isinstance(value, enum.Enum):
         return "enum", again(type(value)), value.name
     if isinstance(value, functools.partial):
         return "partial", again(value.func), again(value.args), again(value.keywords)
+    if isinstance(value, types.BuiltinFunctionType) and value.__module__ is None:
+        return "builtin", value.__qualname__
     if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
         return "name", _name(value, modules)
     if isinstance(value, tuple) and hasattr(value, "_fields"):
@@ -76,11 +87,22 @@ def _name(value: Any, modules: set[str]) -> str:
 
 
 def bytecode(value: Any) -> Any:
-    """The code of a function, or of all functions of a class, with their defaults."""
-    if isinstance(value, type):
-        parts = [(name, _code_of(member)) for name, member in sorted(vars(value).items())]
-        return tuple((name, code) for name, code in parts if code is not None)
-    return _code_of(value)
+    """The code of a function with defaults and closure, or of all functions of a class and its other attributes.
+
+    Raises
+    ------
+    NotDescribed
+        An attribute or something enclosed whose meaning cannot be told.
+    """
+    if not isinstance(value, type):
+        return _code_of(value)
+    parts = []
+    for name, member in sorted(vars(value).items()):
+        code = _code_of(member)
+        if code is None and not name.startswith(("__", "_abc_")) and not isinstance(member, SLOTS):
+            code = describe(member, set(), parameters=False)
+        parts.append((name, code))
+    return tuple((name, code) for name, code in parts if code is not None)
 
 
 def _code_of(value: Any) -> Any:
@@ -92,13 +114,16 @@ def _code_of(value: Any) -> Any:
     code = getattr(value, "__code__", None)
     if not isinstance(code, types.CodeType):
         return None
-    return _code(code), repr(getattr(value, "__defaults__", None)) if _plain(getattr(value, "__defaults__", None)) else ""
+    if code.co_filename == "<string>":  # written by dataclasses: the fields say the same
+        return _code(code)
+    given = getattr(value, "__defaults__", None), getattr(value, "__kwdefaults__", None)
+    return _code(code), describe(given, set(), parameters=False), _enclosed(value)
 
 
-def _plain(value: Any) -> bool:
-    if isinstance(value, tuple):
-        return all(_plain(part) for part in value)
-    return value is None or isinstance(value, bool | int | float | complex | str | bytes)
+def _enclosed(function: Any) -> Any:
+    """What a function holds of the function that made it."""
+    cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    return tuple(_code_of(cell) or describe(cell, set(), parameters=False) for cell in cells)
 
 
 def _code(code: types.CodeType) -> Any:

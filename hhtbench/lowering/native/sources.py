@@ -29,7 +29,8 @@ from hhtbench.lowering.native.machine import host
 
 LARGEST_CONSTANT = 10_000  # entries of a module-level array that are read; who keeps more in a module gets no name
 OWN = "hhtbench.lowering."  # always looked at, as a whole: what is traced and how code is written is decided there
-STEADY = ("hhtbench.",)  # nobody replaces what these modules hold: their files are enough
+STEADY = ("hhtbench.", "solvers.")  # nobody replaces what these modules hold: their files are enough
+NUMBERLESS = ("__future__", "typing", "logging", "re", "collections.abc")  # no value of their types can enter a formula
 FOREIGN = frozenset({"equinox", "jax", "jaxlib", "numpy", "scipy"}) | sys.stdlib_module_names - {"__main__"}
 STARTED = time.time()  # a file changed after that may not be what this process runs
 _IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+\(?([^#\n]*)|import[ \t]+([^#\n]+))", re.MULTILINE)
@@ -154,7 +155,13 @@ def _absolute(source: str, package: str) -> str:
 
 
 def _contents(module: ModuleType) -> list[Any]:
-    """Simple constants and the code of functions and classes: these may have been replaced since the file was read."""
+    """What a module holds now: it may have been read from elsewhere, or replaced since.
+
+    Raises
+    ------
+    NotDescribed
+        There is something whose meaning cannot be told.
+    """
     found: list[Any] = []
     for name, value in sorted(vars(module).items()):
         if name.startswith("__"):
@@ -163,9 +170,19 @@ def _contents(module: ModuleType) -> list[Any]:
             if getattr(value, "size", 0) > LARGEST_CONSTANT:
                 raise NotDescribed(f"{module.__name__}.{name} is a large array")
             found.append((name, _constant(value)))
-        elif getattr(value, "__module__", None) == module.__name__:
+        elif getattr(value, "__module__", None) == module.__name__ and callable(value):
             found.append((name, bytecode(value)))
+        elif not isinstance(value, ModuleType) and not _is_named(value):
+            found.append((name, describe(value, set(), parameters=False)))
     return found
+
+
+def _is_named(value: Any) -> bool:
+    """A class or function of another module: what it means is told there."""
+    name = str(getattr(value, "__module__", ""))
+    found = getattr(sys.modules.get(name), getattr(value, "__name__", ""), None)
+    named = callable(value) and (found is value or name.partition(".")[0] in FOREIGN)
+    return named or type(value).__module__ in NUMBERLESS
 
 
 def _constant(value: Any) -> Any:

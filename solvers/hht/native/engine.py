@@ -14,6 +14,7 @@ from solvers.hht.coefficients import Method
 from solvers.hht.control import Advance, ControlOptions, ErrorControlled, Planned
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
+from solvers.hht.linear import Dense
 from solvers.hht.native.kernel import Kernel
 from solvers.hht.native.march import march
 from solvers.hht.native.recover import recover
@@ -25,6 +26,7 @@ from solvers.hht.native.tables import (
     EVALUATIONS,
     EVENT_VALUES,
     FUNCTIONS,
+    INTEGERS,
     MAX_ITERATIONS,
     NEWTON_CONSTANTS,
     RESCALE_A,
@@ -33,6 +35,7 @@ from solvers.hht.native.tables import (
     Control,
     Memory,
     floats,
+    integers,
 )
 from solvers.hht.native.watching import Watched
 from solvers.hht.newton import NewtonOptions
@@ -52,6 +55,12 @@ class NativeEngine(HostEngine):
         self._memory: Memory | None = None
         super().__init__(dynamics, method, work, fallback, choice=Choice(kernel.analysis, None, None))
         self._most = FIRST
+
+    def distrust(self) -> str:
+        """Give up the declared derivatives: what they leave out is missing in the pattern of the machine code too."""
+        size = self.layout.size
+        self.choice = Choice(Dense(size, "the declared derivatives were given up"), None, None)
+        return super().distrust()
 
     def march(
         self, state: State, advance: Advance, stop: float, history: History, most: int | None, watched: Watched
@@ -113,7 +122,7 @@ class NativeEngine(HostEngine):
 
     def _loaded(self, state: State, watched: Watched) -> Memory:
         """The loops' memory with state, budget and the values of the event functions."""
-        if self._memory is None:
+        if self._memory is None or floats(self._memory, EVENT_VALUES).size != len(watched.events):
             self._memory = self.kernel.memory(watched.sections(), len(watched.events))
             z, c, o = self._memory, self.method.coefficients, NewtonOptions()
             floats(z, CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in NEWTON_CONSTANTS)]
@@ -123,6 +132,8 @@ class NativeEngine(HostEngine):
         z.i[EVALUATIONS] = UNLIMITED if limit is None else limit - self.work.tally["residual_evaluations"]
         self.kernel.load(z, state)
         floats(z, EVENT_VALUES)[:] = watched.values
+        for name, values in watched.sections().items():
+            integers(z, INTEGERS.index(name))[:] = values
         return z
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:

@@ -64,7 +64,7 @@ from solvers.hht.weights import packed_known
 
 KEPT = 16  # kernels that are remembered: ordering a matrix takes a millisecond
 _kernels: dict[Any, tuple[Any, Kernel]] = {}
-_lock = threading.Lock()
+_lock = threading.RLock()
 
 
 def kernel_for(dynamics: Any, method: Method, layout: Layout) -> Kernel:
@@ -107,20 +107,26 @@ class Kernel:
         self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
         self._raw: Native | None = None
         self._levels: Native | None = None
+        self._controlled = False  #: whether those two are there
         self.analysis = Entries(self._matrix, layout)
         self._given = given
 
     def code(self, *, controlled: bool) -> list[int]:
         """Addresses of functions and parameters; those of the error estimate only where step control needs them."""
-        if controlled and self._raw is None:
-            s, count = self.layout.structure, len(SCALARS) + sum(inputs(self.layout).values())
-            self._raw = native(raw_errors, self.dynamics, self.method, self.layout, shapes=((count,),))
-            if s.constrained:
-                self._levels = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
-        parts = (self._known, self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels)
-        parts += (self._residual_early, self._matrix_early)
+        if controlled and not self._controlled:
+            with _lock:  # kernels are shared between solvers, and these between threads
+                self._prepare_control()
+        late = self._known, self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels
+        parts = *late, self._residual_early, self._matrix_early
         pairs = [(0, 0) if part is None else (part.address, part.parameters.ctypes.data) for part in parts]
         return [number for pair in pairs for number in pair]
+
+    def _prepare_control(self) -> None:
+        s, count = self.layout.structure, len(SCALARS) + sum(inputs(self.layout).values())
+        self._raw = native(raw_errors, self.dynamics, self.method, self.layout, shapes=((count,),))
+        if s.constrained:
+            self._levels = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
+        self._controlled = True
 
     def memory(self, events: Mapping[str, Any], count: int) -> Memory:
         """Room for the loops of one engine with ``count`` event functions; no state is in it yet."""

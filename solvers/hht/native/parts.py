@@ -51,6 +51,8 @@ def top(x: Any) -> Any:
     for i in range(x.size):
         if not abs(x[i]) <= size:
             size = abs(x[i])
+            if size != size:
+                return size
     return size
 
 

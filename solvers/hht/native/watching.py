@@ -10,62 +10,80 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native, native
 from solvers.hht.events import Event
 
 
-def event_value(dynamics: Any, function: Callable[..., Any], t: Any, q: Any, v: Any) -> Any:
-    """The value of an event function, (1,)."""
+def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
+    """The value of an event function, (1,); ``seen`` tells functions apart that refer to other numbers by now."""
     return dynamics.xp.asarray(function(t, q, v), dtype=float).reshape(1)
 
 
-def compiled_events(dynamics: Any, events: Sequence[Event], n: int) -> list[Native] | None:
-    """Machine code of every event function; None where one keeps something between calls, or JAX cannot trace it."""
-    if not all(looks_pure(event.function) for event in events):
-        return None
-    try:
-        return [native(event_value, dynamics, event.function, shapes=((), (n,), (n,))) for event in events]
-    except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
-        return None
+class CompiledEvents:
+    """Machine code of event functions, as long as what they refer to stays."""
+
+    def __init__(self, dynamics: Any, events: Sequence[Event], n: int) -> None:
+        self._functions = [event.function for event in events]
+        self._seen = [seen_by(function) for function in self._functions]
+        self._codes: list[Native] | None = None
+        if None in self._seen:
+            return
+        shapes = (), (n,), (n,)
+        try:
+            self._codes = [
+                native(event_value, dynamics, function, seen, shapes=shapes)
+                for function, seen in zip(self._functions, self._seen, strict=True)
+            ]
+        except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
+            return
+
+    @property
+    def codes(self) -> list[Native] | None:
+        """Of every event; None where one cannot be compiled, or refers to another number than before."""
+        return self._codes if self._seen == [seen_by(function) for function in self._functions] else None
 
 
-CONSTANTS = (
-    int,
-    float,
-    str,
-    type(None),
-    np.generic,
-    np.ndarray,
-    jax.Array,
-    eqx.Module,
-    ModuleType,
-    BuiltinFunctionType,
-    type,
-)
+NUMBERS = (int, float, str, type(None))
+LIBRARIES = ("jax", "numpy", "math")  # what their modules hold stays
+BUILTINS = (abs, min, max, float, int, len, range, sum, pow, round)
 DEEPEST = 4  # functions that call one another
 
 
-def looks_pure(function: Any, depth: int = 0) -> bool:
-    """Whether nothing that ``function`` refers to is of a kind that could change between two calls, as far as can be seen.
+def seen_by(function: Any, depth: int = 0) -> tuple[Any, ...] | None:
+    """The numbers that ``function`` refers to; None where it refers to anything that could change unseen.
 
     A list that it appends to, say, would grow once, when it is traced, and never again.
     """
     if isinstance(function, MethodType) or not isinstance(function, FunctionType) or depth > DEEPEST:
-        return False
+        return None
     names = inspect.getclosurevars(function)
     values = [*names.nonlocals.values(), *names.globals.values(), *(function.__defaults__ or ())]
-    return all(_constant(value, depth) for value in values)
+    called = [value for value in names.builtins.values() if value not in BUILTINS]
+    seen = [_seen(value, depth) for value in values]
+    return None if called or None in seen else tuple(seen)
 
 
-def _constant(value: Any, depth: int) -> bool:
+def _seen(value: Any, depth: int) -> tuple[Any, ...] | None:
+    """What there is to see of one value."""
+    if isinstance(value, NUMBERS):
+        return type(value).__name__, value
     if isinstance(value, tuple):
-        return all(_constant(entry, depth) for entry in value)
-    if isinstance(value, FunctionType):
-        return value.__module__.startswith("jax") or looks_pure(value, depth + 1)
-    return isinstance(value, CONSTANTS) or type(value).__module__.split(".")[0] in ("jax", "jaxlib", "numpy")
+        parts = tuple(_seen(part, depth) for part in value)
+        return None if None in parts else parts
+    if isinstance(value, FunctionType) and not _of_a_library(value.__module__):
+        return seen_by(value, depth + 1)
+    name = value.__name__ if isinstance(value, ModuleType) else type(value).__module__
+    owner = getattr(value, "__module__", None) if callable(value) else None
+    fixed = isinstance(value, (ModuleType, FunctionType, BuiltinFunctionType)) or callable(value)
+    if isinstance(value, jax.Array | eqx.Module) or (fixed and _of_a_library(owner or name)):
+        return "fixed", id(value)
+    return None
+
+
+def _of_a_library(module: str | None) -> bool:
+    return (module or "").partition(".")[0] in LIBRARIES
 
 
 @dataclass
