@@ -21,7 +21,7 @@ from solvers._start import Failure, points_of
 from solvers.hht.choose import Choice
 from solvers.hht.coefficients import NEAR_HALF, Method
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
-from solvers.hht.laws import EPS, EXTRAPOLATION, TINY, force_at_end, moves_nothing
+from solvers.hht.laws import EPS, EXTRAPOLATION, HIGHEST, TINY, force_at_end, moves_nothing
 from solvers.hht.layout import Layout
 from solvers.hht.newton import Functions, Iteration, Outcome
 from solvers.hht.state import State, Step
@@ -41,6 +41,12 @@ def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])
 
 
+def foretold(unknowns: Vector, earlier: Matrix) -> int:
+    """The degree of the polynomial through ``earlier`` (k, size) steps that would have told ``unknowns`` (size,) best."""
+    errors = [largest(unknowns - weights @ earlier[: weights.size]) for weights in EXTRAPOLATION[: len(earlier)]]
+    return int(np.argmin(errors))
+
+
 def layout_of(dynamics: Any, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
     moving = method.reaction in ("implicit", "midpoint")
@@ -50,6 +56,8 @@ def layout_of(dynamics: Any, method: Method) -> Layout:
 
 class HostEngine:
     """Steps of one method for one system.  Stateless between calls: state in, step or failure out."""
+
+    why = "host"  #: which engine this is, and why
 
     def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, choice: Choice) -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
@@ -179,20 +187,20 @@ class HostEngine:
         )
 
     def _guess(self, state: State, h: float) -> Vector:
-        """Unknowns extrapolated from up to four steps of this length, else those of the last."""
+        """Unknowns extrapolated from steps of this length, else those of the last."""
         if state.unknowns is None:
             return self._plain_guess(state)
         if state.earlier is None or state.h != h:
             return state.unknowns
-        weights = EXTRAPOLATION[len(state.earlier)]
-        return weights[0] * state.unknowns + weights[1:] @ state.earlier
+        weights = EXTRAPOLATION[foretold(state.unknowns, state.earlier)]
+        return weights[0] * state.unknowns + weights[1:] @ state.earlier[: weights.size - 1]
 
     def _earlier(self, state: State, h: float) -> Any:
-        """What :meth:`_guess` will need of the steps before: up to three of them, newest first, (k, size)."""
+        """What :meth:`_guess` will need of the steps before, newest first, (k, size)."""
         if state.h != h or state.unknowns is None:
             return None
         last = state.unknowns[None, :]
-        return last if state.earlier is None else np.concatenate([last, state.earlier[: len(EXTRAPOLATION) - 2]])
+        return last if state.earlier is None else np.concatenate([last, state.earlier[: HIGHEST - 1]])
 
     def _plain_guess(self, state: State) -> Vector:
         """Unknowns from the state alone: its accelerations and multipliers."""

@@ -36,14 +36,17 @@ def make_engine(
         ``engine="native"`` for a system that cannot be compiled; the text says why, and the way out.
     """
     dynamics = counted_dynamics(dynamics_for(system, place), work)
-    fallback = _fallback(system, place, work)
+    fallback, reason = _fallback(system, place, work), "asked for"
     if engine != "host":
         try:
             return NativeEngine(dynamics, method, work, fallback, kernel=_kernel(dynamics, method, linsolver, engine))
         except NotNative as error:
             if engine == "native":
                 raise ProblemError(f'engine="native" cannot serve this system: {error}. Take engine="auto".') from error
-    return HostEngine(dynamics, method, work, fallback, choice=choose(dynamics, layout_of(dynamics, method), linsolver))
+            reason = str(error)
+    made = HostEngine(dynamics, method, work, fallback, choice=choose(dynamics, layout_of(dynamics, method), linsolver))
+    made.why = f"host: {reason}"
+    return made
 
 
 def _kernel(dynamics: Any, method: Method, linsolver: str, engine: str) -> Kernel:

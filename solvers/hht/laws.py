@@ -19,9 +19,9 @@ CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the
 EPS = float(np.finfo(np.float64).eps)
 SHORT = 1e-8  # of the time in which the fastest motion seen crosses the size of q: g over h^2 keeps half its digits
 TINY = float(np.finfo(np.float64).tiny)
-HIGHEST = 4  # degree of the extrapolated guess: each degree doubles the roundoff it carries on, 31 times its size then
+HIGHEST = 5  # unknowns of earlier steps that are kept, and one more than the degree of an extrapolated guess
 EXTRAPOLATION = tuple(  # weights of this and of k earlier steps: polynomials of degree k
-    np.array([-((-1.0) ** j) * math.comb(k + 1, j) for j in range(1, k + 2)]) for k in range(HIGHEST + 1)
+    np.array([-((-1.0) ** j) * math.comb(k + 1, j) for j in range(1, k + 2)]) for k in range(HIGHEST)
 )
 
 

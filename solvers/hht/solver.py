@@ -110,6 +110,7 @@ class HHT(ByHand):
         if engine not in ENGINES:
             raise ProblemError(f"engine must be one of {', '.join(ENGINES)}; got {engine!r}.")
         self.engine = engine
+        self.engine_used = ""  #: by the last run: "native", or "host" and why
         if not isinstance(calc_initcond, bool):
             raise TypeError(f"calc_initcond must be True or False; got {calc_initcond!r}.")
         self.calc_initcond = calc_initcond
@@ -154,17 +155,10 @@ class HHT(ByHand):
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
         method = self.first_method(controlled=controlled)
-        return begin(
-            self.system,
-            method,
-            place,
-            guesses,
-            h,
-            work,
-            calc_initcond=self.calc_initcond,
-            linsolver=self.linsolver,
-            engine=self.engine,
-        )
+        options = {"calc_initcond": self.calc_initcond, "linsolver": self.linsolver, "engine": self.engine}
+        started = begin(self.system, method, place, guesses, h, work, **options)  # type: ignore[arg-type]
+        self.engine_used = "" if started.engine is None else started.engine.why
+        return started
 
     def first_method(self, *, controlled: bool) -> Method:
         """The method with the auxiliary acceleration of its first step: under error control the default differs."""

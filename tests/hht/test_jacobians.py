@@ -34,8 +34,8 @@ def free(change):
     return NumpySystem(force=stiff_force, force_jacobians=claiming(change).force_jacobians)
 
 
-def run(system, alpha=-0.3, end=0.1, **options):
-    return HHT(system, alpha=alpha).solve((0.0, end), Q0, V0, step=0.005, **options)
+def run(system, alpha=-0.3, **options):
+    return HHT(system, alpha=alpha).solve((0.0, 0.1), Q0, V0, step=0.005, **options)
 
 
 SCENES = {"pendulum": claiming, "free": free}
@@ -72,9 +72,9 @@ def test_a_force_jacobian_of_another_function_is_survived_or_named_but_never_wro
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_sign_of_a_stiff_force_jacobian_brings_the_fallback_with_a_warning(scene):
     with pytest.warns(UserWarning, match="failed with the declared .*force_jacobians.* and converged without"):
-        wrong, longer = (run(SCENES[scene](lambda x: -x), end=end) for end in (0.1, 0.5))
-    assert wrong.success and longer.success
-    assert wrong.counters.steps_rejected_newton == longer.counters.steps_rejected_newton  # the derived ones stay in use
+        wrong = run(SCENES[scene](lambda x: -x))
+    assert wrong.success
+    assert wrong.counters.steps_rejected_newton <= 2  # of 20 steps: the derived ones stay in use
 
 
 @pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")

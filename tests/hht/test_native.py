@@ -1,5 +1,8 @@
 """The native engine against the host engine: the same steps, counters, statuses and events, for every problem and option."""
 
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -143,6 +146,10 @@ def test_auto_takes_native_for_small_systems_and_says_why_not_elsewhere():
     hht = HHT(pendulum.system)
     hht.init_step(0.0, pendulum.q0, pendulum.v0, step=1e-3)
     assert isinstance(hht._engine, NativeEngine)
+    assert hht.engine_used == "native"
+    plain = HHT(SYSTEMS["numpy"])
+    plain.solve((0.0, 0.1), Q0, V0, step=0.01)
+    assert plain.engine_used == "host: a NumpySystem is called in Python; write it as a System with jax.numpy"
     with pytest.raises(ProblemError, match="a NumpySystem is called in Python; write it as a System"):
         HHT(SYSTEMS["numpy"], engine="native").solve((0.0, 0.1), Q0, V0, step=0.01)
     with pytest.raises(ProblemError, match="engine must be one of auto, host, native"):
@@ -164,3 +171,73 @@ def test_the_largest_system_is_a_rule_that_can_be_seen(monkeypatch):
     hht = HHT(pendulum.system)
     hht.init_step(0.0, pendulum.q0, pendulum.v0, step=1e-3)
     assert not isinstance(hht._engine, NativeEngine)
+
+
+def test_threads_share_machine_code_and_not_the_memory_of_a_solve():
+    problem = hb.load_problem("jay_negrut_pendulum")
+    solve = lambda _: HHT(problem.system).solve((0.0, 0.3), problem.q0, problem.v0, rtol=1e-5).q[-1]  # noqa: E731
+    alone = solve(0)
+    with ThreadPoolExecutor(6) as pool:
+        assert all(np.array_equal(end, alone) for end in pool.map(solve, range(24)))
+
+
+class TwoMasses(hb.System):
+    """Springs between two masses and a wall; the declared Jacobian says that there are none."""
+
+    stiffness: object = hb.parameter(1e6)
+
+    def force(self, t, q, v):
+        return jnp.stack([-self.stiffness * (2 * q[0] - q[1]), -self.stiffness * (q[1] - q[0])])
+
+    def force_jacobians(self, t, q, v):
+        return jnp.zeros((2, 2)), jnp.zeros((2, 2))
+
+
+@pytest.mark.parametrize("engine", ["native", "auto", "host"])
+def test_entries_that_a_wrong_jacobian_leaves_out_come_back_with_the_derived_one(engine):
+    with pytest.warns(UserWarning, match="failed with the declared force_jacobians and converged without"):
+        solution = HHT(TwoMasses(), alpha=-0.3, engine=engine).solve((0.0, 0.1), [1.0, 0.5], [0.0, 0.0], step=0.01)
+    assert solution.success
+
+
+def armed_run(engine):
+    level = -0.9
+
+    def arm(t, q, v):
+        nonlocal level
+        level = 0.1
+        return q, v
+
+    events = [Event(lambda t, q, v: q[0] - 0.35, change=arm), Event(lambda t, q, v: q[0] - level, terminal=True)]
+    return HHT(SYSTEMS["jax"], engine=engine, events=events).solve((0.0, 3.0), Q0, V0, step=0.01)
+
+
+def test_an_event_over_a_number_that_changes_is_seen_to_change():
+    native, host = armed_run("native"), armed_run("host")
+    assert native.status is host.status is Status.event
+    assert native.t[-1] == pytest.approx(host.t[-1], abs=1e-12)
+
+
+def test_a_step_that_newton_does_not_make_is_the_host_engines_with_the_same_counters():
+    """Forces that jump to NaN in mid-run."""
+    native, host = (
+        HHT(Vanishing(), engine=engine).solve((0.0, 1.0), [0.0], [1.0], step=0.01) for engine in ("native", "host")
+    )
+    assert native.status is host.status is Status.nonfinite_callback
+    assert native.message == host.message
+    assert native.counters == host.counters
+    assert native.t[-1] == host.t[-1] == pytest.approx(0.52, abs=0.011)  # arcsin(1/2)
+
+
+class Vanishing(hb.System):
+    """A free mass whose force is no number beyond q = 1/2."""
+
+    def force(self, t, q, v):
+        return jnp.where(q < 0.5, -q, jnp.nan)
+
+
+def test_problems_beyond_the_limit_are_declined_for_their_size():
+    for name in HOST_ONLY:
+        problem = hb.load_problem(name)
+        with pytest.raises(ProblemError, match="operations"):
+            HHT(problem.system, engine="native").solve((0.0, 1e-3), problem.q0, problem.v0, steps=1)

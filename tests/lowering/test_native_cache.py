@@ -97,6 +97,54 @@ def test_a_replaced_constant_is_seen(monkeypatch, empty_cache):
     assert (cached, traced) == (True, 0)
 
 
+TABLE = {"k": [2.0]}
+
+
+class Held:
+    k = 2.0
+
+
+def enclosing(k):
+    def inner(x):
+        return k * x
+
+    return inner
+
+
+enclosed = enclosing(2.0)
+
+
+def from_a_table(dynamics, x):
+    TRACED.append(1)
+    return TABLE["k"][0] * x
+
+
+def from_a_class(dynamics, x):
+    TRACED.append(1)
+    return Held.k * x
+
+
+def from_a_closure(dynamics, x):
+    TRACED.append(1)
+    return enclosed(x)
+
+
+@pytest.mark.parametrize(
+    ("function", "change"),
+    [
+        (from_a_table, lambda patch: patch.setitem(TABLE, "k", [5.0])),
+        (from_a_class, lambda patch: patch.setattr(Held, "k", 5.0)),
+        (from_a_closure, lambda patch: patch.setattr(sys.modules[__name__], "enclosed", enclosing(5.0))),
+    ],
+    ids=["dict", "class", "closure"],
+)
+def test_what_a_module_was_given_at_run_time_is_part_of_the_key(function, change, monkeypatch, empty_cache):
+    """A table read from a file, an attribute of a class, a number in a closure: the sources do not tell of them."""
+    first, *_ = value_afresh(monkeypatch, function)
+    change(monkeypatch)
+    np.testing.assert_allclose(value_afresh(monkeypatch, function)[0], 2.5 * first, rtol=1e-14)
+
+
 @pytest.mark.parametrize("damage", [b"", b"is nothing that exists", b"garbage \xff\x00", b"is ../../x"])
 def test_a_damaged_file_is_as_good_as_none(damage, monkeypatch, empty_cache):
     expected, *_ = value_afresh(monkeypatch)

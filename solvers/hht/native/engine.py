@@ -50,6 +50,8 @@ FEW = 20  # output rows below which their multipliers are found one by one: no f
 class NativeEngine(HostEngine):
     """Steps in compiled loops; one that Newton's plain iteration does not make is the host engine's, with its remedies."""
 
+    why = "native"
+
     def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, kernel: Kernel) -> None:
         self.kernel = kernel
         self._memory: Memory | None = None

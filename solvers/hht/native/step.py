@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from solvers.hht.laws import EXTRAPOLATION, HIGHEST, TINY
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled, force_at_end, moves_nothing, rescaled, trapezoidal_start
@@ -56,7 +58,7 @@ from solvers.hht.native.tables import (
     X,
 )
 
-WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST + 1 - weights.size) for weights in EXTRAPOLATION)
+WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
 @compiled
@@ -78,16 +80,61 @@ def guess(z: Any, h: Any) -> None:
     x, last, earlier, number = part(z, X), part(z, X_LAST), part(z, X_EARLIER), part(z, NUMBER)
     size, count = x.size, int(number[KNOWN]) - 1
     if count > 0 and number[H] == h:
-        weights = WEIGHTS_OF[count]
+        weights = WEIGHTS_OF[foretold(last, earlier, count)]
         for i in range(size):
             x[i] = weights[0] * last[i]
-        for k in range(count):
-            for i in range(size):
-                x[i] += weights[1 + k] * earlier[k * size + i]
+        for k in range(HIGHEST - 1):
+            if weights[1 + k] != 0.0:
+                for i in range(size):
+                    x[i] += weights[1 + k] * earlier[k * size + i]
     elif number[KNOWN] > 0.0:
         put(x, 0, last)
     else:
         plain_guess(z, x)
+
+
+@compiled
+def foretold(last: Any, earlier: Any, count: Any) -> Any:
+    """The degree that would have told the last unknowns best, :func:`solvers.hht.engine.foretold`."""
+    size = last.size
+    if count < HIGHEST:
+        return foretold_by(last, earlier, count)
+    e0 = e1 = e2 = e3 = e4 = 0.0
+    for i in range(size):  # backward differences: the error of degree k is the one of order k + 1
+        b, c, d, e, f = earlier[i], earlier[size + i], earlier[2 * size + i], earlier[3 * size + i], earlier[4 * size + i]
+        a, b, c, d, e = last[i] - b, b - c, c - d, d - e, e - f
+        e0 = max(e0, abs(a))
+        a, b, c, d = a - b, b - c, c - d, d - e
+        e1 = max(e1, abs(a))
+        a, b, c = a - b, b - c, c - d
+        e2 = max(e2, abs(a))
+        a, b = a - b, b - c
+        e3 = max(e3, abs(a))
+        e4 = max(e4, abs(a - b))
+    best, least = 0, e0
+    if e1 < least:
+        best, least = 1, e1
+    if e2 < least:
+        best, least = 2, e2
+    if e3 < least:
+        best, least = 3, e3
+    return 4 if e4 < least else best
+
+
+@compiled
+def foretold_by(last: Any, earlier: Any, count: Any) -> Any:
+    """The same after fewer steps."""
+    size, best, least = last.size, 0, np.inf
+    for degree in range(count):
+        weights, error = WEIGHTS_OF[degree], 0.0
+        for i in range(size):
+            value = last[i]
+            for k in range(degree + 1):
+                value -= weights[k] * earlier[k * size + i]
+            error = max(error, abs(value))
+        if error < least:
+            best, least = degree, error
+    return best
 
 
 @compiled
