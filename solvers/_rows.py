@@ -46,7 +46,7 @@ def make_rows(form: Form, times: list[float], states: list[Vector], rates: list[
     y = np.array(states).reshape(-1, form.size)
     q, v = (part.copy() for part in form.state(y))
     complete = holds_integrals(form) and len(rates) == len(times)
-    return Rows(np.array(times), y, q, v, np.array(rates).reshape(len(rates), -1) if complete else None)
+    return Rows(np.array(times), y, q, v, np.array(rates).reshape(len(rates), -1) if complete and rates else None)
 
 
 def holds_integrals(form: Form) -> bool:

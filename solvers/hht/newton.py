@@ -179,7 +179,7 @@ class Iteration:
     def _outworn(self, moved: float, rate: float, mean: float, enough: float) -> bool:
         """Whether a new matrix costs less than the iterations that the kept one still takes, told by its mean rate."""
         if not self.options.matrix_cost:
-            return rate > self.options.refresh_rate and moved * rate > enough  # else one more iteration ends it
+            return rate > self.options.refresh_rate and moved * rate > self.options.margin * enough  # else one more ends it
         return rate >= 1.0 or math.log(enough / moved) < self.options.matrix_cost * math.log(mean)
 
     def _solve(self, factor: Factor, residual: Vector) -> Vector:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request
 from hhtbench.result import Status
@@ -283,3 +284,10 @@ def test_a_buffer_that_the_system_reuses_does_no_harm():
 
     for solver in HOST:
         assert solver.solve(numpy_ring(force=force), LOOSE).success
+
+
+def test_a_run_that_ends_before_its_first_output_has_no_rows_and_says_why():
+    problem = hb.load_problem("knife_edge")
+    solution = hb.solve(problem, "ida(form=integrated)", rtol=1e-3, t_eval=[problem.t_span[1]], max_num_steps=1)
+    assert solution.status is Status.max_steps
+    assert solution.t.size == 0

@@ -246,7 +246,7 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             stood, slot, before = True, -1, moved
             continue
         taken = taken + 1 if last < math.inf else 0
-        outworn = rate > o[REFRESH_RATE] and moved * rate > o[TOLERANCE]
+        outworn = rate > o[REFRESH_RATE] and moved * rate > o[MARGIN] * o[TOLERANCE]
         if taken > 0 and (rate > o[WORST_RATE] if fresh else outworn):
             if fresh:
                 return DIVERGED, -1, 0.0
