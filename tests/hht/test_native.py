@@ -53,7 +53,7 @@ def test_every_problem_moves_the_same_with_constant_steps_and_under_error_contro
     h = 1e-4 * (t1 - t0)
     native, host = both(problem, span=(t0, t0 + 30 * h), step=h)
     assert_same(native, host)
-    assert native.counters.newton_iterations == pytest.approx(host.counters.newton_iterations, rel=0.2)
+    assert native.counters.newton_iterations == pytest.approx(host.counters.newton_iterations, abs=3)
     assert_same(*both(problem, rtol=1e-4, max_num_steps=30), close=1e-7)  # steps follow the error, roundoff follows them
 
 
