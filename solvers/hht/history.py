@@ -14,6 +14,8 @@ from solvers.hht.dense import HermiteOutput
 from solvers.hht.events import Occurrence
 from solvers.hht.state import State, Step
 
+GROWTH = 4  # times the rows there are
+
 
 class History:
     """Start, accepted steps and changes of state of one integration, one packed row each.
@@ -24,13 +26,14 @@ class History:
     def __init__(self, structure: Structure, start: State, events: int = 0) -> None:
         n, m, p = structure.n, structure.m, structure.p
         self._cuts = np.cumsum([1, 1, n, n, n, m, m])
-        self._rows = np.zeros((64, 2 + 3 * n + 2 * m + p))
-        self._count = 0
+        self._rows = np.empty((64, 2 + 3 * n + 2 * m + p))
+        self._count = self._changes = 0
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
     def restart(self, state: State) -> None:
         """Append a state that no step has led to: the start, or what an event made of the last."""
+        self._changes += 1
         self._append(state, 0.0, state.lam, state.lam, state.mu)
 
     def add(self, step: Step) -> None:
@@ -39,8 +42,7 @@ class History:
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
-        while self._count + count > len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+        self._grow(count)
         return self._rows[self._count : self._count + count]
 
     def commit(self, count: int) -> None:
@@ -53,24 +55,30 @@ class History:
             self._occurrences[occurrence.index].append(occurrence)
 
     def _append(self, state: State, h: float, lam_start: Vector, lam_end: Vector, mu_half: Vector) -> None:
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+        self._grow(1)
         self._rows[self._count] = np.concatenate([[state.t, h], state.q, state.v, state.a, lam_start, lam_end, mu_half])
         self._count += 1
+
+    def _grow(self, count: int) -> None:
+        """Room for ``count`` more rows; untouched memory costs nothing, so several times what is there is asked for."""
+        if self._count + count > len(self._rows):
+            rows = np.empty((max(GROWTH * len(self._rows), self._count + count), self._rows.shape[1]))
+            rows[: self._count] = self._rows[: self._count]
+            self._rows = rows
 
     def _columns(self) -> list[Matrix]:
         return np.split(self._rows[: self._count], self._cuts, axis=1)
 
     def steps_data(self) -> StepsData:
-        """Stage values, one row per accepted step."""
-        made = self._rows[: self._count, 1] != 0.0
+        """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
+        made: Any = slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
         t, h, _, _, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns())
         return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
 
     def dense_output(self) -> HermiteOutput:
-        """Interpolant through all rows."""
-        t, _, q, v = (column.copy() for column in self._columns()[:4])
-        return HermiteOutput(t[:, 0], q, v)
+        """Interpolant through all rows; parts of them."""
+        t, _, q, v = self._columns()[:4]
+        return HermiteOutput(t[:, 0].copy(), q, v)
 
     def rows(self) -> DenseOutput:
         """q and v of all rows."""

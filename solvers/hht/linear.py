@@ -53,6 +53,17 @@ class DenseFactor(Factor):
         return lapack.dgetrs(self.lu, self.pivots, right)[0]
 
 
+@dataclass(frozen=True, kw_only=True)
+class InverseFactor(Factor):
+    """The inverse of a small matrix, as the compiled loops keep it."""
+
+    inverse: Matrix  #: (size, size)
+
+    def solve(self, right: Vector) -> Vector:
+        """The matrix' inverse times ``right`` (size,)."""
+        return self.inverse @ right
+
+
 class Analysis(Protocol):
     """What is known of the structure of Newton's matrix before its entries."""
 

@@ -60,7 +60,7 @@ def native(
     One piece of code serves all parameter values but exact 0, 1 and -1, which are folded: a full mass matrix that is
     diagonal costs n products and not n^2.
 
-    ``stage``: "early" gives what does not depend on the first array, "late" the result from all arrays and that, see
+    ``stage``: "early" gives what depends on the last array only, "late" the result from all arrays and that, see
     :mod:`~hhtbench.lowering.native.stages`.
 
     Raises

@@ -1,4 +1,4 @@
-"""A function in two stages: what does not depend on its first argument is computed once, for many values of that argument.
+"""A function in two stages: what depends on its last argument only is computed once, for many values of the others.
 
 Newton's iteration evaluates a residual at several iterates of one step, whose known values stay: half of a small system's
 operations, sines and divisions among them, belong to those.
@@ -20,24 +20,24 @@ LEAVES = ("constant", "parameter", "argument", "true", "false")
 def staged(reading: Reading, shapes: Shapes, stage: str) -> tuple[Reading, Shapes]:
     """The part of a function with the arguments ``shapes`` that is its ``stage``, and the arguments of that.
 
-    "early" gives the numbers (k,) that do not depend on the first argument; "late" takes them as one more argument.
+    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument.
     """
     if stage == "whole":
         return reading, shapes
-    kept = _kept(reading)
+    kept = _kept(reading, len(shapes) - 1)
     if stage == "early":
         return replace(reading, outputs=kept, shape=(len(kept),)), shapes
     graph = _with_arguments(reading.graph, kept, len(shapes))
     return replace(reading, graph=graph), (*shapes, (len(kept),))
 
 
-def _kept(reading: Reading) -> list[int]:
+def _kept(reading: Reading, last: int) -> list[int]:
     """Numbers that the late stage needs of the early one."""
     graph, late, kept = reading.graph, set[int](), list[int]()
     for node in ordered(graph, reading.outputs):
         operation = graph.operation[node]
-        first = operation == "argument" and graph.operands[node][0] == 0
-        if first or any(operand in late for operand in needs(graph, node)):
+        varies = operation == "argument" and graph.operands[node][0] != last
+        if varies or any(operand in late for operand in needs(graph, node)):
             late.add(node)
     wanted = dict.fromkeys(operand for node in sorted(late) for operand in needs(graph, node))
     for node in (*wanted, *reading.outputs):

@@ -9,40 +9,32 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import Native, native
 from hhtbench.lowering.kkt import kkt_terms
-from hhtbench.lowering.patterns import Pattern
 from solvers._finite import inverse_mass_at
-from solvers.hht.blocks import Order, find_order
 from solvers.hht.coefficients import Method
+from solvers.hht.corrections import SMALL as SMALLEST
+from solvers.hht.corrections import fresh_correction, kept_correction
 from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
 from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
-from solvers.hht.linear import Factor
 from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
+from solvers.hht.native.entries import Entries
 from solvers.hht.native.newton import INVERTED
 from solvers.hht.native.tables import (
     ACCELERATION,
     BEFORE,
-    BUILT,
-    COUPLINGS,
-    FACTOR_H,
     FUNCTIONS,
     HEADERS,
     INVERSE,
     LAM,
-    MAPS,
     MEMORY,
     MU,
     NUMBER,
     O_R1,
     OWN,
-    PIVOTS,
-    RATE,
     ROLLING,
-    STORAGE,
-    USES,
+    SMALL,
     VARIABLE,
     VDOT,
     X_EARLIER,
@@ -54,10 +46,8 @@ from solvers.hht.native.tables import (
     Q,
     V,
     floats,
-    integers,
     memory,
 )
-from solvers.hht.sparse import Band, BandFactor, Couplings
 from solvers.hht.state import Memory as StepMemory
 from solvers.hht.state import State
 from solvers.hht.weights import packed_known
@@ -96,20 +86,36 @@ class Kernel:
         given = 4 + 4 * s.n + (s.n * s.n if variable else 0)
         x, packed = (layout.size,), (layout.packed_size,)
         self._known = native(packed_known, dynamics, self.method, layout, shapes=((given,),))
-        self._residual_early, self._residual = (
-            native(step_residual, dynamics, layout, shapes=(x, packed), stage=stage) for stage in ("early", "late")
-        )
         self._matrix_early, self._matrix = (
             native(step_residual_and_matrix, dynamics, layout, shapes=(x, packed), compact=stage == "late", stage=stage)
             for stage in ("early", "late")
         )
+        self.analysis = Entries(self._matrix, layout)
+        self.small = layout.size <= SMALLEST
+        if self.small:
+            self._prepare_small(x, packed)
+        else:
+            self._residual_early, self._residual = (
+                native(step_residual, dynamics, layout, shapes=(x, packed), stage=stage) for stage in ("early", "late")
+            )
         self._end = native(step_end, dynamics, layout, shapes=(x, packed))
         self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
         self._raw: Native | None = None
         self._levels: Native | None = None
         self._controlled = False  #: whether those two are there
-        self.analysis = Entries(self._matrix, layout)
         self._given = given
+
+    def _prepare_small(self, x: tuple[int, ...], packed: tuple[int, ...]) -> None:
+        """Corrections in the place of residual and matrix, see :mod:`solvers.hht.corrections`."""
+        analysis, size, dynamics, layout = self.analysis, self.layout.size, self.dynamics, self.layout
+        entries = tuple((analysis.flat[analysis.own :] - size * size).tolist())
+        kept, stages = (x, (size * size,), (len(entries),), packed), ("early", "late")
+        self._residual_early, self._residual = (
+            native(kept_correction, dynamics, layout, entries, shapes=kept, stage=stage) for stage in stages
+        )
+        self._matrix_early, self._matrix = (
+            native(fresh_correction, dynamics, layout, entries, shapes=(x, packed), stage=stage) for stage in stages
+        )
 
     def code(self, *, controlled: bool) -> list[int]:
         """Addresses of functions and parameters; those of the error estimate only where step control needs them."""
@@ -160,7 +166,7 @@ class Kernel:
             "values": size + analysis.flat.size,
             "right": size,
             "work": size,
-            "increment": size,
+            "increment": size + 2,
             "change": 2 * n,
             "end": 4 * n if m else 2 * n,
             "end_inverse": n * n,
@@ -173,12 +179,13 @@ class Kernel:
             "weights": 2 * n,
             "rtol": 2 * n,
             "atol": 2 * n,
-            "storage": 2 * analysis.order.storage,
+            "storage": 0 if self.small else 2 * analysis.order.storage,
             "factor_h": 2,
             "rate": 2,
             "uses": 2,
             "built": 2,
-            "couplings": 2 * analysis.band.outside.size,
+            "couplings": 0 if self.small else 2 * analysis.band.outside.size,
+            "fresh": self._matrix.size if self.small else 0,
             "maps": 2 * (analysis.flat.size - analysis.own),
             "inverse_matrix": 2 * size * size if size <= INVERTED else 0,
             "constants": 10,
@@ -194,7 +201,7 @@ class Kernel:
             offsets[name], at = at, at + length
         z.i[N : N + 4] = n, m, p, size
         z.i[O_R1 : O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
-        z.i[VARIABLE], z.i[OWN] = full > 0, analysis.own
+        z.i[VARIABLE], z.i[OWN], z.i[SMALL] = full > 0, analysis.own, self.small
         return z
 
     def kkt(self) -> Native:
@@ -260,74 +267,4 @@ class Kernel:
             size_q=size_q,
             size_v=size_v,
             memory=memory,
-        )
-
-
-class Entries:
-    """Newton's matrix by the entries that its code computes: blocks of bands, whatever its size."""
-
-    kind = "band"
-
-    def __init__(self, matrix: Native, layout: Layout) -> None:
-        size = layout.size
-        computed = np.zeros(matrix.size, dtype=bool)
-        computed[matrix.varying] = True
-        flat = np.flatnonzero(computed | (matrix.constants != 0.0))
-        flat = flat[flat >= size] - size  # entries of matrix and maps, row by row
-        rows, columns = flat // size, flat % size
-        shape = (size + 2 * layout.structure.n, size)
-        self.pattern = Pattern(shape, rows, columns, np.zeros(size, dtype=np.int32), 1)
-        self.own = int(np.searchsorted(rows, size))
-        self.order: Order = find_order(rows[: self.own], columns[: self.own], size)
-        self.reason = f"{self.own} entries; blocks of {self.order.text} diagonals after reverse Cuthill-McKee"
-        self.band = Band(self.pattern, size, self.order, self.reason)
-        self.flat, self.size = flat, size
-        place = np.full(matrix.size, -1)
-        place[:size] = np.arange(size)
-        place[size + flat] = size + np.arange(flat.size)
-        self.slots = place[matrix.varying].astype(np.int64)
-        self.values = np.concatenate([matrix.constants[:size], matrix.constants[size + flat]])
-
-    def factor(self, entries: Vector, h: float) -> Factor | None:
-        """For the host engine: ``entries`` are [matrix; dq1/dx; dv1/dx] (size + 2n, size), row by row."""
-        return self.band.factor(np.concatenate([np.zeros(self.band.maps.rows), entries[self.flat]]), h)
-
-    @property
-    def places(self) -> dict[str, Any]:
-        """Sections of integers for the compiled loops."""
-        band, own = self.band, self.own
-        starts = np.searchsorted(self.pattern.rows[own:] - self.size, np.arange(band.maps.rows + 1))
-        named = {"slots": self.slots, "inside": band.inside, "places": band.places, "outside": band.outside}
-        named |= {"starts": band.starts, "coupled": band.coupled, "rows": self.order.rows, "columns": self.order.columns}
-        return named | {"blocks": self.order.blocks, "map_starts": starts, "map_columns": self.pattern.columns[own:]}
-
-    def load(self, factor: Factor | None, z: Memory) -> int | None:
-        """Put a factorisation of this analysis into slot 0; None for one of another."""
-        if not isinstance(factor, BandFactor):
-            return None
-        theirs, ours = factor.order, self.order
-        if not (np.array_equal(theirs.rows, ours.rows) and np.array_equal(theirs.blocks, ours.blocks)):
-            return None
-        for name, values in ((STORAGE, factor.storage), (COUPLINGS, factor.couplings.values), (MAPS, factor.maps.data)):
-            floats(z, name)[: values.size] = values
-        integers(z, PIVOTS)[: self.size] = factor.pivots
-        floats(z, FACTOR_H)[0], floats(z, RATE)[0] = factor.h, factor.rate
-        floats(z, USES)[0], floats(z, BUILT)[:] = factor.uses, 0.0
-        return 0
-
-    def store(self, z: Memory, slot: int) -> Factor | None:
-        """The factorisation in ``slot``."""
-        if slot < 0:
-            return None
-        storage, couplings, maps = (np.split(floats(z, name), 2)[slot].copy() for name in (STORAGE, COUPLINGS, MAPS))
-        band = self.band
-        return BandFactor(
-            storage=storage,
-            pivots=np.split(integers(z, PIVOTS), 2)[slot].copy(),
-            order=self.order,
-            couplings=Couplings(band.starts, band.coupled, couplings),
-            maps=band.maps.matrix(np.concatenate([np.zeros(self.own), maps])),
-            h=float(floats(z, FACTOR_H)[slot]),
-            rate=float(floats(z, RATE)[slot]),
-            uses=int(floats(z, USES)[slot]),
         )

@@ -12,7 +12,7 @@ from solvers.hht.kernels import factor_filled, solve_into
 from solvers.hht.laws import NOTHING
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled
-from solvers.hht.native.parts import address, half, half_of_pivots, indices, part
+from solvers.hht.native.parts import address, half, half_address, half_of_pivots, indices, part
 from solvers.hht.native.tables import (
     BLOCKS,
     BUILT,
@@ -31,6 +31,7 @@ from solvers.hht.native.tables import (
     EVALUATIONS,
     FACTOR_H,
     FACTORISATIONS,
+    FRESH,
     INCREMENT,
     INSIDE,
     INVERSE_MATRIX,
@@ -57,6 +58,7 @@ from solvers.hht.native.tables import (
     SINGULAR,
     SIZE,
     SLOTS,
+    SMALL,
     SOLVES,
     SPENT,
     STAGNATION,
@@ -81,6 +83,9 @@ OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
+    if z.i[SMALL]:
+        times_inverse(z, slot, right, out)
+        return
     solve_into(
         right,
         indices(z, ROWS),
@@ -106,7 +111,13 @@ def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
         return
     if part(z, BUILT)[slot] == 0.0:
         invert(z, slot)
-    columns = half(z, INVERSE_MATRIX, slot)
+    times_inverse(z, slot, right, out)
+
+
+@compiled
+def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
+    """``out`` (size,): the product of the kept inverse with ``right``."""
+    columns, size = half(z, INVERSE_MATRIX, slot), z.i[SIZE]
     for i in range(size):
         out[i] = 0.0
     for j in range(size):
@@ -157,6 +168,51 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 
 
 @compiled
+def correct_afresh(z: Any, slot: Any, h: Any) -> Any:
+    """A small system's correction with the matrix at the iterate, kept in ``slot``; a failure's name, or CONVERGED."""
+    fresh, size, early = part(z, FRESH), z.i[SIZE], address(z, EARLY_MATRIX)
+    x, packed = address(z, X), address(z, PACKED)
+    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, packed))
+    invoke(z.i[C_MATRIX], (address(z, FRESH), z.i[C_MATRIX + 1], x, packed, early))
+    total = 0.0
+    for k in range(fresh.size):
+        total += fresh[k] * 0.0
+    if total != 0.0:  # there is a NaN or an infinity
+        return SINGULAR
+    increment, inverse, maps = part(z, INCREMENT), half(z, INVERSE_MATRIX, slot), half(z, MAPS, slot)
+    k = size + 2
+    for i in range(k):
+        increment[i] = fresh[i]
+    for i in range(inverse.size):
+        inverse[i] = fresh[k + i]
+    k += inverse.size
+    for i in range(maps.size):
+        maps[i] = fresh[k + i]
+    part(z, FACTOR_H)[slot], part(z, USES)[slot] = h, 1.0
+    return CONVERGED
+
+
+@compiled
+def correct(z: Any, slot: Any, evaluated: Any) -> Any:
+    """The correction with the matrix in ``slot`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
+
+    ``evaluated``: the residual is there, or of a small system the correction itself.
+    """
+    increment = part(z, INCREMENT)
+    if z.i[SMALL]:
+        if not evaluated:
+            inverse, maps = half_address(z, INVERSE_MATRIX, slot), half_address(z, MAPS, slot)
+            x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY)
+            invoke(z.i[C_RESIDUAL], (address(z, INCREMENT), z.i[C_RESIDUAL + 1], x, inverse, maps, packed, early))
+            part(z, USES)[slot] += 1.0
+        return increment[z.i[SIZE]], increment[z.i[SIZE] + 1]
+    if not evaluated:
+        evaluate(z)
+    solve_often(z, slot, part(z, RESIDUAL), increment)
+    return moved_by(z, slot, increment)
+
+
+@compiled
 def factorise(z: Any, slot: Any, h: Any) -> Any:
     """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
     values, computed, slots, size = part(z, VALUES), part(z, COMPUTED), indices(z, SLOTS), z.i[SIZE]
@@ -199,14 +255,14 @@ def evaluate(z: Any) -> None:
 @compiled
 def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
     """(how it ended, slot of the last matrix, its worst contraction); ``kept`` is the slot of the state's matrix, or -1."""
-    o, increment, residual = part(z, CONSTANTS), part(z, INCREMENT), part(z, RESIDUAL)
+    o = part(z, CONSTANTS)
     slot, spare = kept, 1 - kept if kept >= 0 else 0
     if slot >= 0 and abs(part(z, FACTOR_H)[slot] - h) > o[OTHER_STEP] * abs(h):
         slot = -1
     worst = part(z, RATE)[slot] if slot >= 0 else 0.0
     fresh = stood = typical = False
     last, before, taken = math.inf, math.inf, 0
-    per_q = per_v = 0.0
+    per_q, per_v, ended = 0.0, 0.0, DIVERGED
     for _ in range(z.i[MAX_ITERATIONS]):
         counts[NEWTON] += 1
         if counts[RESIDUALS] >= z.i[EVALUATIONS]:
@@ -214,16 +270,14 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
         counts[RESIDUALS] += 1
         if slot < 0:
             counts[JACOBIANS] += 1
-            ended = factorise(z, spare, h)
+            ended = correct_afresh(z, spare, h) if z.i[SMALL] else factorise(z, spare, h)
             counts[FACTORISATIONS] += 1
             if ended != CONVERGED:
                 return ended, -1, 0.0
             slot, worst, fresh, last = spare, 0.0, True, math.inf
-        else:
-            evaluate(z)
         counts[SOLVES] += 1
-        solve_often(z, slot, residual, increment)
-        in_q, in_v = moved_by(z, slot, increment)
+        in_q, in_v = correct(z, slot, ended == CONVERGED)
+        ended = DIVERGED
         finite = math.isfinite(in_q + in_v)
         if finite and not typical:
             per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True

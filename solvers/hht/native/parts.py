@@ -36,6 +36,12 @@ def address(z: Any, name: Any) -> Any:
     return z.i[BASE] + 8 * z.i[2 * name]
 
 
+@inlined
+def half_address(z: Any, name: Any, slot: Any) -> Any:
+    """Where one of the two slots of a section begins in the machine's memory."""
+    return z.i[BASE] + 8 * (z.i[2 * name] + slot * (z.i[2 * name + 1] // 2))
+
+
 @compiled
 def put(vector: Any, at: Any, source: Any) -> Any:
     """Copy ``source`` into ``vector`` from ``at``; returns the place behind it."""

@@ -41,6 +41,7 @@ from solvers.hht.native.tables import (
     RESCALE_A,
     SIZE_Q,
     SIZE_V,
+    SMALL,
     TRAPEZOIDAL,
     VARIABLE,
     VDOT,
@@ -164,7 +165,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
         return ELSEWHERE, -1, 0.0
     give(z, h, t1)
     invoke(z.i[C_KNOWN], (address(z, PACKED), z.i[C_KNOWN + 1], address(z, GIVEN)))
-    invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], address(z, X), address(z, PACKED)))
+    early(z)
     guess(z, h)
     accelerated = abs(h) * max(acceleration, top(part(z, F)), top(part(z, A)))
     typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
@@ -178,6 +179,16 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
             at = address(z, PLACE)
             invoke(z.i[C_INVERSE], (address(z, END_INVERSE), z.i[C_INVERSE + 1], at, at + 8))
     return ended, slot, rate
+
+
+@compiled
+def early(z: Any) -> None:
+    """What every iterate's residual needs of the known values."""
+    x, packed = address(z, X), address(z, PACKED)
+    if z.i[SMALL]:  # x and what else varies are given, and not looked at
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, x, x, packed))
+    else:
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, packed))
 
 
 @compiled

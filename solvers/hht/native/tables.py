@@ -29,7 +29,7 @@ FLOATS = (
     "given", "packed", "x", "residual", "computed", "values", "right", "work", "increment", "change", "end", "end_inverse",
     "raw_given", "raw", "place", "levels", "error", "once", "weights", "rtol", "atol",
     "storage", "couplings", "maps", "factor_h", "rate", "uses", "built", "inverse_matrix",
-    "constants", "event", "event_values", "event_ends", "early", "early_matrix",
+    "constants", "event", "event_values", "event_ends", "early", "early_matrix", "fresh",
 )  # fmt: skip
 # The state: t, h of the last step (0: none), sizes of q and v, how many x are known, slot of the factors (-1: none) ...
 NUMBER, Q, V, A, F, LAM, MU, VDOT, INVERSE, X_LAST, X_EARLIER = range(11)
@@ -42,6 +42,7 @@ RAW_GIVEN, RAW, PLACE, LEVELS, ERROR, ONCE, WEIGHTS, RTOL, ATOL = range(27, 36)
 # Two factorisations, one after the other; solves with each, whether its inverse is made, and that, column by column.
 STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(36, 44)
 CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(44, 50)  # EARLY: what is known before the iterate
+FRESH = 50  # of a small system: what fresh_correction returns
 
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER
 H_NEXT, LAST, LAST_ERROR, HAS_ROLLING = range(4)  # in MEMORY
@@ -62,12 +63,12 @@ PIVOTS, EVENT_CODE, DIRECTIONS, SAMPLES = range(12, 16)  # pivots of both factor
 FIRST = 2 * (len(FLOATS) + len(INTEGERS))
 HEADERS = (
     "n", "m", "p", "size", "R1", "lam0", "lam1", "Rk", "mu",
-    "variable", "own", "rescale_a", "trapezoidal", "max_iterations", "evaluations", "base",
+    "variable", "own", "rescale_a", "trapezoidal", "max_iterations", "evaluations", "base", "small",
 )  # fmt: skip
 N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)
-VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, EVALUATIONS, BASE = range(FIRST + 9, FIRST + 16)
+VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, EVALUATIONS, BASE, SMALL = range(FIRST + 9, FIRST + 17)
 FUNCTIONS = ("known", "residual", "matrix", "end", "inverse", "raw", "levels", "early", "early_matrix")
-CODE = FIRST + 16
+CODE = FIRST + 17
 C_KNOWN, C_RESIDUAL, C_MATRIX, C_END, C_INVERSE, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 18, 2)
 
 
