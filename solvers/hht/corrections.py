@@ -1,7 +1,8 @@
-"""Newton's correction of one step as one pure array function, for systems so small that their inverse matrix pays.
+"""One step of the compiled loops as pure array functions of the state before it.
 
-A product with an inverse of some ten rows takes less time than two triangles and the loops around them; the compiled
-engine writes it, the residual before it and the size of the correction behind it, as straight lines.
+The loops keep the state as one vector; known values and Newton's residual follow from it in straight lines, and so does the
+state after the step, in the same order.  Systems so small that their inverse matrix pays are given whole corrections: a
+product with an inverse of some ten rows takes less time than two triangles and the loops around them.
 """
 
 from __future__ import annotations
@@ -9,13 +10,46 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering.inverse import inverse
-from solvers.hht.discretise import step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.coefficients import Method
+from solvers.hht.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.laws import force_at_end
 from solvers.hht.layout import Layout
+from solvers.hht.weights import packed_known, start_of
 
 SMALL = 12  #: unknowns up to which that is so
 
 
-def fresh_correction(dynamics: Any, layout: Layout, entries: tuple[int, ...], x: Any, packed: Any) -> Any:
+def state_size(layout: Layout) -> int:
+    """Length of q, v, a, f, lam, mu and the change of v over h, in a row."""
+    s = layout.structure
+    return 5 * s.n + s.m + s.p
+
+
+def residual_and_end(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`~solvers.hht.discretise.step_residual` (size,), then :func:`state_after`."""
+    residual = step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
+    return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
+
+
+def residual_and_matrix(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`~solvers.hht.discretise.step_residual_and_matrix` from the state."""
+    return step_residual_and_matrix(dynamics, layout, x, packed_known(dynamics, method, layout, given))
+
+
+def state_after(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, :func:`state_size`; with position constraints R0, R1 too."""
+    known, unknown = layout.known(packed_known(dynamics, method, layout, given)), layout.split(x)
+    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given)
+    a = unknown["a"]
+    parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
+    parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
+    parts.append((place.v1 - before["v"]) / known["h"])
+    if layout.structure.m:
+        parts += [place.start_reaction, place.end_reaction]
+    return dynamics.xp.concatenate(parts)
+
+
+def fresh_correction(dynamics: Any, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any) -> Any:
     """A correction with the matrix at the iterate ``x`` (size,), and what is kept of that matrix, (H14).
 
     ``entries`` are the flat places of dq1/dx over dv1/dx (2n, size) that can differ from zero.
@@ -26,20 +60,21 @@ def fresh_correction(dynamics: Any, layout: Layout, entries: tuple[int, ...], x:
         :func:`_sized`; the inverse matrix, column by column; the entries.
     """
     xp = dynamics.xp
-    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, layout, x, packed))
+    residual, blocks = unpack_matrix(layout, residual_and_matrix(dynamics, method, layout, x, given))
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     kept = maps.ravel()[xp.asarray(entries)]
     return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), kept])
 
 
-def kept_correction(
-    dynamics: Any, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, kept: Any, packed: Any
+def kept_correction_and_end(
+    dynamics: Any, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, kept: Any, given: Any
 ) -> Any:
-    """A correction with what :func:`fresh_correction` left of an earlier matrix: :func:`_sized`, (size + 2,)."""
+    """A correction with what :func:`fresh_correction` left of a matrix, :func:`_sized`, then :func:`state_after`."""
     xp, size = dynamics.xp, layout.size
-    residual = step_residual(dynamics, layout, x, packed)
+    residual = step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(kept)
-    return _sized(dynamics, layout, inverted.reshape(size, size).T @ residual, flat.reshape(-1, size))
+    sized = _sized(dynamics, layout, inverted.reshape(size, size).T @ residual, flat.reshape(-1, size))
+    return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])
 
 
 def _sized(dynamics: Any, layout: Layout, correction: Any, maps: Any) -> Any:

@@ -42,14 +42,26 @@ def known_values(
 
 
 def packed_known(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any:
-    """:func:`known_values`, packed, from t, h, t1, the weight of a1; q, v, f, a0 (n,); M^-1 (n*n,) if it varies."""
-    n, at = layout.structure.n, 4
-    start: dict[str, Any] = dict(zip(("t", "h", "t1", "from_end"), given[:4], strict=True))
-    for name in ("q", "v", "f", "a0"):
-        start[name], at = given[at : at + n], at + n
-    start["inverse_mass"] = given[at:].reshape(n, n) if layout.structure.mass == "variable" else None
+    """:func:`known_values`, packed, from :func:`start_of`."""
+    start = start_of(layout, given)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
     return layout.pack(values, dynamics.xp)
+
+
+GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a, of f and of a1
+HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the state, of which t matters here
+
+
+def start_of(layout: Layout, given: Any) -> dict[str, Any]:
+    """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, then q, v, a, f (n,), lam, mu, vdot, M^-1."""
+    s, at = layout.structure, len(GIVEN) + len(HEAD)
+    start: dict[str, Any] = dict(zip((*GIVEN, *HEAD), given[:at], strict=True))
+    for name in ("q", "v", "a", "f"):
+        start[name], at = given[at : at + s.n], at + s.n
+    start["a0"] = start["of_a"] * start["a"] + start["of_f"] * start["f"]
+    at += s.m + s.p + s.n
+    start["inverse_mass"] = given[at : at + s.n * s.n].reshape(s.n, s.n) if s.mass == "variable" else None
+    return start
 
 
 def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], start: Mapping[str, Any]) -> dict[str, Any]:

@@ -53,7 +53,13 @@ _lock = threading.RLock()
 
 
 def native(
-    function: Callable[..., Any], dynamics: Any, *static: Any, shapes: Shapes, compact: bool = False, stage: str = "whole"
+    function: Callable[..., Any],
+    dynamics: Any,
+    *static: Any,
+    shapes: Shapes,
+    compact: bool = False,
+    stage: str = "whole",
+    rows: tuple[int, int] | None = None,
 ) -> Native:
     """``function(dynamics, *static, *arrays) -> array`` as machine code for float64 arrays of ``shapes``.
 
@@ -61,7 +67,8 @@ def native(
     diagonal costs n products and not n^2.
 
     ``stage``: "early" gives what depends on the last array only, "late" the result from all arrays and that, see
-    :mod:`~hhtbench.lowering.native.stages`.
+    :mod:`~hhtbench.lowering.native.stages`.  ``rows``: a late stage gives only the entries from the first to before the
+    second of a result (size,), so that several such parts share what the early stage gives.
 
     Raises
     ------
@@ -74,11 +81,12 @@ def native(
         raise NotNative(f"parameters of type {parameters.dtype}")
     shapes = tuple(tuple(int(size) for size in shape) for shape in shapes)
     pattern = pattern_of(parameters)
-    key = (flat.key, pattern.tobytes(), shapes, compact, stage)
+    kind = (compact, stage, rows)
+    key = (flat.key, pattern.tobytes(), shapes, kind)
     with _lock:
         known = key in _memory
         if not known:
-            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, compact, stage)
+            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, kind)
         loaded = _memory[key]
     if isinstance(loaded, NotNative):
         raise loaded
@@ -114,20 +122,19 @@ def _found(
     flat: Flat,
     pattern: np.ndarray,
     shapes: Shapes,
-    compact: bool,
-    stage: str,
+    kind: tuple[bool, str, tuple[int, int] | None],
 ) -> _Loaded | NotNative:
     """From disk by the sources, else traced and from disk by content, else generated."""
     seconds = {"trace": 0.0, "lower": 0.0, "generate": 0.0, "load": 0.0}
-    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, compact, stage))
+    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, kind))
     code = _kept(name)
     if isinstance(code, NotNative):
         return code
     cached = code is not None
     if code is None:
         try:
-            reading, taken = staged(_read(flat, pattern, shapes), shapes, stage)
-            written = write(reading, taken, compact=compact, limit=MOST_OPERATIONS)
+            reading, taken = staged(_read(flat, pattern, shapes), shapes, kind[1], kind[2])
+            written = write(reading, taken, compact=kind[0], limit=MOST_OPERATIONS)
         except NotNative as error:
             _keep(name, b"no " + error.reason.encode())
             return error

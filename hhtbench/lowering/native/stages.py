@@ -17,10 +17,11 @@ STAGES = ("whole", "early", "late")
 LEAVES = ("constant", "parameter", "argument", "true", "false")
 
 
-def staged(reading: Reading, shapes: Shapes, stage: str) -> tuple[Reading, Shapes]:
+def staged(reading: Reading, shapes: Shapes, stage: str, rows: tuple[int, int] | None = None) -> tuple[Reading, Shapes]:
     """The part of a function with the arguments ``shapes`` that is its ``stage``, and the arguments of that.
 
-    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument.
+    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument,
+    and may give only its ``rows`` from the first to before the second.
     """
     if stage == "whole":
         return reading, shapes
@@ -28,7 +29,10 @@ def staged(reading: Reading, shapes: Shapes, stage: str) -> tuple[Reading, Shape
     if stage == "early":
         return replace(reading, outputs=kept, shape=(len(kept),)), shapes
     graph = _with_arguments(reading.graph, kept, len(shapes))
-    return replace(reading, graph=graph), (*shapes, (len(kept),))
+    late = replace(reading, graph=graph)
+    if rows is not None:
+        late = replace(late, outputs=reading.outputs[slice(*rows)], shape=(rows[1] - rows[0],))
+    return late, (*shapes, (len(kept),))
 
 
 def _kept(reading: Reading, last: int) -> list[int]:

@@ -7,13 +7,11 @@ from typing import Any
 
 from solvers.hht.laws import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import allowed, compiled, cubic, force_at_end, relative_part, relative_tolerance
+from solvers.hht.native.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
 from solvers.hht.native.newton import change_of, solve
 from solvers.hht.native.parts import address, part, put, top
-from solvers.hht.native.step import start_of_step
 from solvers.hht.native.tables import (
     ACCELERATION,
-    ALPHA,
     ATOL,
     BEFORE,
     BETA,
@@ -48,8 +46,10 @@ from solvers.hht.native.tables import (
     RTOL,
     SIZE_Q,
     SIZE_V,
+    STEP,
     VARIABLE,
     WEIGHTS,
+    A,
     F,
     H,
     M,
@@ -66,7 +66,7 @@ from solvers.hht.native.tables import (
 def describe(z: Any, h: Any, t1: Any) -> None:
     """Fill what :func:`solvers.hht.local_error.raw_errors` takes, in its order."""
     n, m, p, x, end, given = z.i[N], z.i[M], z.i[P], part(z, X), part(z, END), part(z, RAW_GIVEN)
-    memory, last_h, f, alpha = part(z, MEMORY), part(z, NUMBER)[H], part(z, F), part(z, CONSTANTS)[ALPHA]
+    memory, last_h, a, f, step = part(z, MEMORY), part(z, NUMBER)[H], part(z, A), part(z, F), part(z, STEP)
     rolling = p > 0 and memory[HAS_ROLLING] > 0.0
     given[0], given[1] = h, memory[LAST]
     given[2] = 1.0 if last_h == 0.0 else h / (h + last_h)
@@ -75,13 +75,12 @@ def describe(z: Any, h: Any, t1: Any) -> None:
     k = put(given, 5, end[: 2 * n])
     k = put(given, k, part(z, V))
     for i in range(n):
-        a0, from_end = start_of_step(z, h, i)
-        given[k + i], given[k + n + i] = a0 + from_end * x[i], x[i]
-        given[k + 2 * n + i] = force_at_end(alpha, x[i], f[i])
-    k = put(given, k + 3 * n, part(z, BEFORE))
+        given[k + i] = step[2] * a[i] + step[3] * f[i] + step[4] * x[i]
+    k = put(given, k + n, end[2 * n : 4 * n])
+    k = put(given, k, part(z, BEFORE))
     k = put(given, k, part(z, ACCELERATION))
     if m > 0:
-        k = put(given, k, end[2 * n : 4 * n])
+        k = put(given, k, end[5 * n + m + p : 7 * n + m + p])
         k = put(given, k, part(z, LAM))
         k = put(given, k, x[z.i[O_LAM0] : z.i[O_LAM0] + m])
         k = put(given, k, x[z.i[O_LAM1] : z.i[O_LAM1] + m])

@@ -14,8 +14,13 @@ from hhtbench.lowering.kkt import kkt_terms
 from solvers._finite import inverse_mass_at
 from solvers.hht.coefficients import Method
 from solvers.hht.corrections import SMALL as SMALLEST
-from solvers.hht.corrections import fresh_correction, kept_correction
-from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.corrections import (
+    fresh_correction,
+    kept_correction_and_end,
+    residual_and_end,
+    residual_and_matrix,
+    state_size,
+)
 from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
 from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
@@ -50,7 +55,7 @@ from solvers.hht.native.tables import (
 )
 from solvers.hht.state import Memory as StepMemory
 from solvers.hht.state import State
-from solvers.hht.weights import packed_known
+from solvers.hht.weights import GIVEN, HEAD
 
 KEPT = 16  # kernels that are remembered: ordering a matrix takes a millisecond
 _kernels: dict[Any, tuple[Any, Kernel]] = {}
@@ -83,46 +88,40 @@ class Kernel:
         self.layout, self.dynamics = layout, dynamics
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
         variable = s.mass == "variable"
-        given = 4 + 4 * s.n + (s.n * s.n if variable else 0)
-        x, packed = (layout.size,), (layout.packed_size,)
-        self._known = native(packed_known, dynamics, self.method, layout, shapes=((given,),))
-        self._matrix_early, self._matrix = (
-            native(step_residual_and_matrix, dynamics, layout, shapes=(x, packed), compact=stage == "late", stage=stage)
-            for stage in ("early", "late")
-        )
+        x, given = (layout.size,), (len(GIVEN) + len(HEAD) + state_size(layout) + (s.n * s.n if variable else 0),)
+        options: Any = {"shapes": (x, given)}
+        static = self.method, layout
+        self._matrix_early = native(residual_and_matrix, dynamics, *static, stage="early", **options)
+        self._matrix = native(residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
         self.analysis = Entries(self._matrix, layout)
         self.small = layout.size <= SMALLEST
-        if self.small:
-            self._prepare_small(x, packed)
-        else:
-            self._residual_early, self._residual = (
-                native(step_residual, dynamics, layout, shapes=(x, packed), stage=stage) for stage in ("early", "late")
+        function: Any = residual_and_end
+        head, more = layout.size, tuple[Any, ...]()
+        if self.small:  # corrections in the place of residual and matrix
+            places = self.analysis.flat[self.analysis.own :] - layout.size**2
+            more = (tuple(places.tolist()),)
+            self._matrix_early, self._matrix = (
+                native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
-        self._end = native(step_end, dynamics, layout, shapes=(x, packed))
+            function, head = kept_correction_and_end, layout.size + 2
+            options = {"shapes": (x, (layout.size**2,), (places.size,), given)}
+        ends = head + state_size(layout) + (2 * s.n if s.m else 0)
+        self._residual_early = native(function, dynamics, *static, *more, stage="early", **options)
+        self._residual, self._end = (
+            native(function, dynamics, *static, *more, stage="late", rows=rows, **options)
+            for rows in ((0, head), (head, ends))
+        )
         self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
         self._raw: Native | None = None
         self._levels: Native | None = None
         self._controlled = False  #: whether those two are there
-        self._given = given
-
-    def _prepare_small(self, x: tuple[int, ...], packed: tuple[int, ...]) -> None:
-        """Corrections in the place of residual and matrix, see :mod:`solvers.hht.corrections`."""
-        analysis, size, dynamics, layout = self.analysis, self.layout.size, self.dynamics, self.layout
-        entries = tuple((analysis.flat[analysis.own :] - size * size).tolist())
-        kept, stages = (x, (size * size,), (len(entries),), packed), ("early", "late")
-        self._residual_early, self._residual = (
-            native(kept_correction, dynamics, layout, entries, shapes=kept, stage=stage) for stage in stages
-        )
-        self._matrix_early, self._matrix = (
-            native(fresh_correction, dynamics, layout, entries, shapes=(x, packed), stage=stage) for stage in stages
-        )
 
     def code(self, *, controlled: bool) -> list[int]:
         """Addresses of functions and parameters; those of the error estimate only where step control needs them."""
         if controlled and not self._controlled:
             with _lock:  # kernels are shared between solvers, and these between threads
                 self._prepare_control()
-        late = self._known, self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels
+        late = self._residual, self._matrix, self._end, self._inverse, self._raw, self._levels
         parts = *late, self._residual_early, self._matrix_early
         pairs = [(0, 0) if part is None else (part.address, part.parameters.ctypes.data) for part in parts]
         return [number for pair in pairs for number in pair]
@@ -141,7 +140,8 @@ class Kernel:
         raw = len(SCALARS) + sum(inputs(self.layout).values())
         full = n * n if s.mass == "variable" else 0
         lengths = {
-            "number": 6,
+            "step": len(GIVEN),
+            "number": len(HEAD),
             "q": n,
             "v": n,
             "a": n,
@@ -156,10 +156,8 @@ class Kernel:
             "before": n,
             "acceleration": n,
             "rolling": n,
-            "given": self._given,
             "early": self._residual_early.size,
             "early_matrix": self._matrix_early.size,
-            "packed": self.layout.packed_size,
             "x": size,
             "residual": size,
             "computed": analysis.slots.size,
@@ -168,7 +166,7 @@ class Kernel:
             "work": size,
             "increment": size + 2,
             "change": 2 * n,
-            "end": 4 * n if m else 2 * n,
+            "end": self._end.size,
             "end_inverse": n * n,
             "raw_given": raw,
             "raw": 3 * n,

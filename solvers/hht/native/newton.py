@@ -47,7 +47,6 @@ from solvers.hht.native.tables import (
     OTHER_STEP,
     OUTSIDE,
     OWN,
-    PACKED,
     PLACES,
     RATE,
     REFRESH_RATE,
@@ -63,6 +62,7 @@ from solvers.hht.native.tables import (
     SPENT,
     STAGNATION,
     STARTS,
+    STEP,
     STORAGE,
     TOLERANCE,
     USES,
@@ -171,9 +171,9 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 def correct_afresh(z: Any, slot: Any, h: Any) -> Any:
     """A small system's correction with the matrix at the iterate, kept in ``slot``; a failure's name, or CONVERGED."""
     fresh, size, early = part(z, FRESH), z.i[SIZE], address(z, EARLY_MATRIX)
-    x, packed = address(z, X), address(z, PACKED)
-    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, packed))
-    invoke(z.i[C_MATRIX], (address(z, FRESH), z.i[C_MATRIX + 1], x, packed, early))
+    x, given = address(z, X), address(z, STEP)
+    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, given))
+    invoke(z.i[C_MATRIX], (address(z, FRESH), z.i[C_MATRIX + 1], x, given, early))
     total = 0.0
     for k in range(fresh.size):
         total += fresh[k] * 0.0
@@ -202,8 +202,8 @@ def correct(z: Any, slot: Any, evaluated: Any) -> Any:
     if z.i[SMALL]:
         if not evaluated:
             inverse, maps = half_address(z, INVERSE_MATRIX, slot), half_address(z, MAPS, slot)
-            x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY)
-            invoke(z.i[C_RESIDUAL], (address(z, INCREMENT), z.i[C_RESIDUAL + 1], x, inverse, maps, packed, early))
+            x, given, early = address(z, X), address(z, STEP), address(z, EARLY)
+            invoke(z.i[C_RESIDUAL], (address(z, INCREMENT), z.i[C_RESIDUAL + 1], x, inverse, maps, given, early))
             part(z, USES)[slot] += 1.0
         return increment[z.i[SIZE]], increment[z.i[SIZE] + 1]
     if not evaluated:
@@ -216,9 +216,9 @@ def correct(z: Any, slot: Any, evaluated: Any) -> Any:
 def factorise(z: Any, slot: Any, h: Any) -> Any:
     """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
     values, computed, slots, size = part(z, VALUES), part(z, COMPUTED), indices(z, SLOTS), z.i[SIZE]
-    x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY_MATRIX)
-    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, packed))
-    invoke(z.i[C_MATRIX], (address(z, COMPUTED), z.i[C_MATRIX + 1], x, packed, early))
+    x, given, early = address(z, X), address(z, STEP), address(z, EARLY_MATRIX)
+    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, given))
+    invoke(z.i[C_MATRIX], (address(z, COMPUTED), z.i[C_MATRIX + 1], x, given, early))
     total = 0.0
     for k in range(slots.size):
         values[slots[k]] = computed[k]
@@ -248,8 +248,8 @@ def factorise(z: Any, slot: Any, h: Any) -> Any:
 @compiled
 def evaluate(z: Any) -> None:
     """The residual at the iterate."""
-    x, packed, early = address(z, X), address(z, PACKED), address(z, EARLY)
-    invoke(z.i[C_RESIDUAL], (address(z, RESIDUAL), z.i[C_RESIDUAL + 1], x, packed, early))
+    x, given, early = address(z, X), address(z, STEP), address(z, EARLY)
+    invoke(z.i[C_RESIDUAL], (address(z, RESIDUAL), z.i[C_RESIDUAL + 1], x, given, early))
 
 
 @compiled

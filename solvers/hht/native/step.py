@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from solvers.hht.laws import EXTRAPOLATION, HIGHEST, TINY
-from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import compiled, force_at_end, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.native.calls import invoke, view
+from solvers.hht.native.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.native.newton import newton
 from solvers.hht.native.parts import address, part, put, top
 from solvers.hht.native.tables import (
@@ -16,7 +16,6 @@ from solvers.hht.native.tables import (
     C_EARLY,
     C_END,
     C_INVERSE,
-    C_KNOWN,
     CONSTANTS,
     CONVERGED,
     EARLY,
@@ -24,7 +23,6 @@ from solvers.hht.native.tables import (
     END,
     END_INVERSE,
     FACTOR,
-    GIVEN,
     INVERSE,
     KNOWN,
     LAM,
@@ -35,13 +33,13 @@ from solvers.hht.native.tables import (
     O_MU,
     O_R1,
     O_RK,
-    PACKED,
     PLACE,
     RATE,
     RESCALE_A,
     SIZE_Q,
     SIZE_V,
     SMALL,
+    STEP,
     TRAPEZOIDAL,
     VARIABLE,
     VDOT,
@@ -63,16 +61,17 @@ WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weight
 
 
 @compiled
-def start_of_step(z: Any, h: Any, i: Any) -> Any:
-    """Entry i of a0 and the weight with which a1 takes part in it: :func:`solvers.hht.weights.start_of_step`."""
-    last, a, f = part(z, NUMBER)[H], part(z, A)[i], part(z, F)[i]
+def start_weights(z: Any, h: Any) -> Any:
+    """Weights of a, of f and of a1 in a0: :func:`solvers.hht.weights.start_of_step`, which is linear in them."""
+    last = part(z, NUMBER)[H]
     if last == 0.0:
-        if z.i[TRAPEZOIDAL]:
-            return trapezoidal_start(part(z, CONSTANTS)[ALPHA], f)
-        return a, 0.0
+        if not z.i[TRAPEZOIDAL]:
+            return 1.0, 0.0, 0.0
+        of_f, from_end = trapezoidal_start(part(z, CONSTANTS)[ALPHA], 1.0)
+        return 0.0, of_f, from_end
     if z.i[RESCALE_A]:
-        return rescaled(a, f, h, last), 0.0
-    return a, 0.0
+        return rescaled(1.0, 0.0, h, last), rescaled(0.0, 1.0, h, last), 0.0
+    return 1.0, 0.0, 0.0
 
 
 @compiled
@@ -163,15 +162,16 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     size_q, size_v, speed, acceleration = number[SIZE_Q], number[SIZE_V], top(part(z, V)), top(part(z, VDOT))
     if z.i[M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v):
         return ELSEWHERE, -1, 0.0
-    give(z, h, t1)
-    invoke(z.i[C_KNOWN], (address(z, PACKED), z.i[C_KNOWN + 1], address(z, GIVEN)))
+    step = part(z, STEP)
+    step[0], step[1] = h, t1
+    step[2], step[3], step[4] = start_weights(z, h)
     early(z)
     guess(z, h)
     accelerated = abs(h) * max(acceleration, top(part(z, F)), top(part(z, A)))
     typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
     ended, slot, rate = newton(z, int(number[FACTOR]), h, typical_q, typical_v, counts)
     if ended == CONVERGED:
-        invoke(z.i[C_END], (address(z, END), z.i[C_END + 1], address(z, X), address(z, PACKED)))
+        finish(z)
         if z.i[VARIABLE]:
             place = part(z, PLACE)
             place[0] = t1
@@ -184,37 +184,29 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
 @compiled
 def early(z: Any) -> None:
     """What every iterate's residual needs of the known values."""
-    x, packed = address(z, X), address(z, PACKED)
+    x, given = address(z, X), address(z, STEP)
     if z.i[SMALL]:  # x and what else varies are given, and not looked at
-        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, x, x, packed))
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, x, x, given))
     else:
-        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, packed))
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, given))
 
 
 @compiled
-def give(z: Any, h: Any, t1: Any) -> None:
-    """Fill what :func:`solvers.hht.weights.packed_known` takes, in its order."""
-    given = part(z, GIVEN)
-    given[0], given[1], given[2] = part(z, NUMBER)[T], h, t1
-    k = put(given, 4, part(z, Q))
-    k = put(given, k, part(z, V))
-    k = put(given, k, part(z, F))
-    for i in range(z.i[N]):
-        given[k + i], given[3] = start_of_step(z, h, i)
-    put(given, k + z.i[N], part(z, INVERSE))
+def finish(z: Any) -> None:
+    """The state after the step, into END."""
+    x, given, known = address(z, X), address(z, STEP), address(z, EARLY)
+    if z.i[SMALL]:
+        invoke(z.i[C_END], (address(z, END), z.i[C_END + 1], x, x, x, given, known))
+    else:
+        invoke(z.i[C_END], (address(z, END), z.i[C_END + 1], x, given, known))
 
 
 @compiled
 def accept(z: Any, h: Any, t1: Any, slot: Any, rate: Any, row: Any) -> None:
     """Make the end of the attempt the state, and write it to ``row`` as :class:`~solvers.hht.history.History` keeps it."""
-    n, x, end, number = z.i[N], part(z, X), part(z, END), part(z, NUMBER)
-    q, v, a, f, vdot, alpha = part(z, Q), part(z, V), part(z, A), part(z, F), part(z, VDOT), part(z, CONSTANTS)[ALPHA]
+    n, m, p, x, end, number = z.i[N], z.i[M], z.i[P], part(z, X), part(z, END), part(z, NUMBER)
     row[0], row[1] = t1, h
     same = number[KNOWN] > 0.0 and number[H] == h
-    for i in range(n):
-        vdot[i] = (end[n + i] - v[i]) / h
-        f[i] = force_at_end(alpha, x[i], f[i])
-        q[i], v[i], a[i] = end[i], end[n + i], x[i]
     earlier, last, size = part(z, X_EARLIER), part(z, X_LAST), x.size
     known = min(number[KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
     if same:
@@ -222,20 +214,13 @@ def accept(z: Any, h: Any, t1: Any, slot: Any, rate: Any, row: Any) -> None:
             earlier[i] = earlier[i - size]
         put(earlier, 0, last)
     put(last, 0, x)
-    k = put(row, 2, q)
-    k = put(row, k, v)
-    k = put(row, k, a)
-    if z.i[M] > 0:
-        lam, m = part(z, LAM), z.i[M]
-        put(lam, 0, x[z.i[O_LAM1] : z.i[O_LAM1] + m])
+    k = put(row, 2, end[: 3 * n])
+    if m > 0:
         k = put(row, k, x[z.i[O_LAM0] : z.i[O_LAM0] + m])
-        k = put(row, k, lam)
-    if z.i[P] > 0:
-        mu = part(z, MU)
-        put(mu, 0, x[z.i[O_MU] : z.i[O_MU] + z.i[P]])
-        put(row, k, mu)
+    put(row, k, end[4 * n : 4 * n + m + p])
+    put(view(z.w, z.i[2 * Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
     if z.i[VARIABLE]:
         put(part(z, INVERSE), 0, part(z, END_INVERSE))
     part(z, RATE)[slot] = rate
     number[T], number[H], number[KNOWN], number[FACTOR] = t1, h, known, slot
-    number[SIZE_Q], number[SIZE_V] = max(number[SIZE_Q], top(q)), max(number[SIZE_V], top(v))
+    number[SIZE_Q], number[SIZE_V] = max(number[SIZE_Q], top(end[:n])), max(number[SIZE_V], top(end[n : 2 * n]))

@@ -24,25 +24,27 @@ COUNTS = (
 NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS = range(len(COUNTS))
 
 FLOATS = (
-    "number", "q", "v", "a", "f", "lam", "mu", "vdot", "inverse", "x_last", "x_earlier",
+    "step", "number", "q", "v", "a", "f", "lam", "mu", "vdot", "inverse", "x_last", "x_earlier",
     "memory", "before", "acceleration", "rolling",
-    "given", "packed", "x", "residual", "computed", "values", "right", "work", "increment", "change", "end", "end_inverse",
+    "x", "residual", "computed", "values", "right", "work", "increment", "change", "end", "end_inverse",
     "raw_given", "raw", "place", "levels", "error", "once", "weights", "rtol", "atol",
     "storage", "couplings", "maps", "factor_h", "rate", "uses", "built", "inverse_matrix",
     "constants", "event", "event_values", "event_ends", "early", "early_matrix", "fresh",
 )  # fmt: skip
+# What packed_known takes: the step, see GIVEN in solvers.hht.weights, and behind it the state.
+STEP = 0
 # The state: t, h of the last step (0: none), sizes of q and v, how many x are known, slot of the factors (-1: none) ...
-NUMBER, Q, V, A, F, LAM, MU, VDOT, INVERSE, X_LAST, X_EARLIER = range(11)
+NUMBER, Q, V, A, F, LAM, MU, VDOT, INVERSE, X_LAST, X_EARLIER = range(1, 12)
 # ... and its memory: h_next, last, error (-1: none), whether R_k is known; f + r before and after the last step; R_k.
-MEMORY, BEFORE, ACCELERATION, ROLLING = range(11, 15)
-# An attempt: packed_known's input and output, the iterate, its residual, what the matrix function computes, all entries ...
-GIVEN, PACKED, X, RESIDUAL, COMPUTED, VALUES, RIGHT, WORK, INCREMENT, CHANGE, END, END_INVERSE = range(15, 27)
+MEMORY, BEFORE, ACCELERATION, ROLLING = range(12, 16)
+# An attempt: the iterate, its residual, what the matrix function computes, all entries; END: the state after it, R0, R1 ...
+X, RESIDUAL, COMPUTED, VALUES, RIGHT, WORK, INCREMENT, CHANGE, END, END_INVERSE = range(16, 26)
 # ... and its error: raw_errors' input and output, a place t, q, v to look at, the constraint levels there.
-RAW_GIVEN, RAW, PLACE, LEVELS, ERROR, ONCE, WEIGHTS, RTOL, ATOL = range(27, 36)
+RAW_GIVEN, RAW, PLACE, LEVELS, ERROR, ONCE, WEIGHTS, RTOL, ATOL = range(26, 35)
 # Two factorisations, one after the other; solves with each, whether its inverse is made, and that, column by column.
-STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(36, 44)
-CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(44, 50)  # EARLY: what is known before the iterate
-FRESH = 50  # of a small system: what fresh_correction returns
+STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(35, 43)
+CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(43, 49)  # EARLY: what is known before the iterate
+FRESH = 49  # of a small system: what fresh_correction returns
 
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER
 H_NEXT, LAST, LAST_ERROR, HAS_ROLLING = range(4)  # in MEMORY
@@ -67,9 +69,9 @@ HEADERS = (
 )  # fmt: skip
 N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, EVALUATIONS, BASE, SMALL = range(FIRST + 9, FIRST + 17)
-FUNCTIONS = ("known", "residual", "matrix", "end", "inverse", "raw", "levels", "early", "early_matrix")
+FUNCTIONS = ("residual", "matrix", "end", "inverse", "raw", "levels", "early", "early_matrix")
 CODE = FIRST + 17
-C_KNOWN, C_RESIDUAL, C_MATRIX, C_END, C_INVERSE, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 18, 2)
+C_RESIDUAL, C_MATRIX, C_END, C_INVERSE, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 
 
 class Memory(NamedTuple):
