@@ -7,6 +7,7 @@ systems of one class, sizes and static options, whatever their parameter values,
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -59,8 +60,21 @@ def compile_function(
         reason = "the functions are plain callables on NumPy arrays"
         record(dynamics, (function, static), Route(_name(function), "numpy", reason))
         return partial(function, dynamics, *static)
-    compiled = _Compiled(function, dynamics, static, wanted)
+    key = function, id(dynamics), static, wanted
+    with _lock:
+        if key not in _made:
+            while len(_made) >= KEPT:
+                _made.pop(next(iter(_made)))
+            _made[key] = dynamics, _caller(_Compiled(function, dynamics, static, wanted))  # kept: its id stays its own
+        return _made[key][1]
 
+
+KEPT = 512  # callables that are remembered: finding a function's code again takes as long as a hundred calls of it
+_made: dict[Any, tuple[Any, Callable[..., np.ndarray]]] = {}
+_lock = threading.RLock()
+
+
+def _caller(compiled: _Compiled) -> Callable[..., np.ndarray]:
     def call(*arguments: Any) -> np.ndarray:
         value = compiled.last(*arguments)
         return compiled.any(*arguments) if value is None else value

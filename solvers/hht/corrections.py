@@ -39,7 +39,7 @@ def residual_and_matrix(dynamics: Any, method: Method, layout: Layout, x: Any, g
 def state_after(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, :func:`state_size`; with position constraints R0, R1 too."""
     known, unknown = layout.known(packed_known(dynamics, method, layout, given)), layout.split(x)
-    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given)
+    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
     a = unknown["a"]
     parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
     parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]

@@ -26,6 +26,7 @@ class Layout:
     structure: Structure
     moving: bool  #: the end reaction is taken at a place that depends on q1
     end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or the mass there is not known
+    inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
     scalars: tuple[str, ...] = field(init=False, compare=False)  #: known numbers, in order
     arrays: dict[str, tuple[int, ...]] = field(init=False, compare=False)  #: known arrays and their shapes, in order
@@ -48,6 +49,14 @@ class Layout:
         """The known values as one vector, in the array namespace ``xp``."""
         scalars = xp.asarray([values[name] for name in self.scalars])
         return xp.concatenate([scalars, *[values[name].ravel() for name in self.arrays]])
+
+    def sparse_inverse(self, inverse: Any, xp: Any) -> Any:
+        """M^-1 (n, n) from its entries (n*n,): the zeros that are known are written down, so that none is multiplied by."""
+        if self.inverse_places is not None:
+            there = np.zeros(self.structure.n**2, dtype=bool)
+            there[list(self.inverse_places)] = True
+            inverse = xp.where(there, inverse, 0.0)
+        return inverse.reshape(self.structure.n, -1)
 
     def disturbed(self, vector: np.ndarray) -> np.ndarray:
         """The packed known values with array entries moved by one roundoff or not, by a fixed drawing of lots.

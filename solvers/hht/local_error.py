@@ -44,6 +44,8 @@ def raw_errors(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any
     known, at = dict(zip(SCALARS, given[: len(SCALARS)], strict=True)), len(SCALARS)
     for name, size in inputs(layout).items():
         known[name], at = given[at : at + size], at + size
+    if "inverse_mass" in known:
+        known["inverse_mass"] = layout.sparse_inverse(known["inverse_mass"], dynamics.xp)
     end = known["f1"] + _reaction(dynamics, method, known)
     raw_v = (
         known["v1"] - known["v0"] - parabola(known["last"], known["h"], known["earlier"], known["acceleration"], end)
@@ -76,7 +78,7 @@ def _reaction(dynamics: Any, method: Method, known: Mapping[str, Any]) -> Any:
     if not s.constrained:
         return force
     if s.mass == "variable":
-        return known["inverse_mass"].reshape(s.n, s.n) @ force
+        return known["inverse_mass"] @ force
     return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
 
 

@@ -43,7 +43,7 @@ def known_values(
 
 def packed_known(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any:
     """:func:`known_values`, packed, from :func:`start_of`."""
-    start = start_of(layout, given)
+    start = start_of(layout, given, dynamics.xp)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
     return layout.pack(values, dynamics.xp)
 
@@ -52,7 +52,7 @@ GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights o
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the state, of which t matters here
 
 
-def start_of(layout: Layout, given: Any) -> dict[str, Any]:
+def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
     """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, then q, v, a, f (n,), lam, mu, vdot, M^-1."""
     s, at = layout.structure, len(GIVEN) + len(HEAD)
     start: dict[str, Any] = dict(zip((*GIVEN, *HEAD), given[:at], strict=True))
@@ -60,7 +60,8 @@ def start_of(layout: Layout, given: Any) -> dict[str, Any]:
         start[name], at = given[at : at + s.n], at + s.n
     start["a0"] = start["of_a"] * start["a"] + start["of_f"] * start["f"]
     at += s.m + s.p + s.n
-    start["inverse_mass"] = given[at : at + s.n * s.n].reshape(s.n, s.n) if s.mass == "variable" else None
+    inverse = given[at : at + s.n * s.n]
+    start["inverse_mass"] = layout.sparse_inverse(inverse, xp) if s.mass == "variable" else None
     return start
 
 

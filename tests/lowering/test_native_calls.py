@@ -229,3 +229,12 @@ def test_python_control_flow_is_explained_with_its_line(system, line, route):
     for part in (type(system).__name__, "test_native_calls.py, line ", f"`{line}`", "jnp.where", "lax.cond", "NumpySystem"):
         assert part in text
     assert isinstance(caught.value.__cause__, jax.errors.JAXTypeError | jax.errors.JAXIndexError)
+
+
+def test_a_function_of_one_dynamics_is_prepared_once():
+    dynamics, other = derive(Spring(), 0.0, Q, V), derive(Spring(k=5.0), 0.0, Q, V)
+    once = compile_function(force_of, dynamics)
+    assert compile_function(force_of, dynamics) is once
+    assert compile_function(force_of, dynamics, route="xla") is not once
+    values = [compile_function(force_of, each)(0.5, Q, V) for each in (dynamics, other)]
+    np.testing.assert_allclose(values, [-k * Q + 0.5 * V for k in (2.0, 5.0)], rtol=1e-15)

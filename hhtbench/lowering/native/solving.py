@@ -17,9 +17,17 @@ from hhtbench.lowering.native.walk import KNOWN, Walk, rule
 def _inverse(walk: Walk, equation: Any, x: Value) -> list[Value]:
     ids = numbers(walk.graph, x)
     n = ids.shape[-1]
-    unit = np.where(np.eye(n, dtype=bool), ONE, ZERO)
-    parts = [solve(walk.graph, matrix, unit) for matrix in ids.reshape(-1, n, n)]
+    parts = [_inverse_by_blocks(walk.graph, matrix) for matrix in ids.reshape(-1, n, n)]
     return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "number")]
+
+
+def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
+    """Unknowns that do not meet do not meet in the inverse: the mass of many bodies is inverted body by body."""
+    result = np.full(matrix.shape, ZERO, dtype=np.int64)
+    for block in _blocks(matrix):
+        unit = np.where(np.eye(block.size, dtype=bool), ONE, ZERO)
+        result[np.ix_(block, block)] = solve(graph, matrix[np.ix_(block, block)], unit)
+    return result
 
 
 def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:

@@ -28,6 +28,7 @@ from solvers.hht.native.entries import Entries
 from solvers.hht.native.newton import INVERTED
 from solvers.hht.native.tables import (
     ACCELERATION,
+    BASE,
     BEFORE,
     FUNCTIONS,
     HEADERS,
@@ -85,9 +86,14 @@ class Kernel:
 
     def __init__(self, dynamics: Any, method: Method, layout: Layout) -> None:
         s = layout.structure
+        variable = s.mass == "variable"
+        self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
+        if self._inverse is not None:
+            known = np.flatnonzero(self._inverse.constants).tolist()
+            places = tuple(sorted({*self._inverse.varying.tolist(), *known}))
+            layout = replace(layout, inverse_places=places)
         self.layout, self.dynamics = layout, dynamics
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
-        variable = s.mass == "variable"
         x, given = (layout.size,), (len(GIVEN) + len(HEAD) + state_size(layout) + (s.n * s.n if variable else 0),)
         options: Any = {"shapes": (x, given)}
         static = self.method, layout
@@ -111,9 +117,9 @@ class Kernel:
             native(function, dynamics, *static, *more, stage="late", rows=rows, **options)
             for rows in ((0, head), (head, ends))
         )
-        self._inverse = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
         self._raw: Native | None = None
         self._levels: Native | None = None
+        self._blank: Memory | None = None  #: without events, to be copied
         self._controlled = False  #: whether those two are there
 
     def code(self, *, controlled: bool) -> list[int]:
@@ -135,6 +141,15 @@ class Kernel:
 
     def memory(self, events: Mapping[str, Any], count: int) -> Memory:
         """Room for the loops of one engine with ``count`` event functions; no state is in it yet."""
+        if count:
+            return self._memory(events, count)
+        if self._blank is None:
+            self._blank = self._memory(events, 0)
+        z = Memory(self._blank.w.copy(), self._blank.i.copy())
+        z.i[BASE] = z.w.ctypes.data
+        return z
+
+    def _memory(self, events: Mapping[str, Any], count: int) -> Memory:
         s, size, analysis = self.layout.structure, self.layout.size, self.analysis
         n, m, p = s.n, s.m, s.p
         raw = len(SCALARS) + sum(inputs(self.layout).values())
