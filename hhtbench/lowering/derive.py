@@ -14,6 +14,7 @@ from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
+from hhtbench.lowering.kept import Findings, keep, name_of, recall
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.structure import Structure, used_arguments
@@ -63,9 +64,10 @@ def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
         if key in _derived:
             return _derived[key][1]
     try:
-        dynamics = _derive_jax(system, t, jnp.asarray(q), jnp.asarray(v), ignored)  # unlocked: it runs the user's code
+        found = _findings(system, t, q, v, ignored)  # unlocked: it runs the user's code
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
+    dynamics = JaxDynamics(system, found.structure, ignored, found.constant_mass, found.inverse_mass)
     with _derived_lock:
         while len(_derived) >= KEPT:
             _derived.pop(next(iter(_derived)))
@@ -73,7 +75,17 @@ def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
     return dynamics
 
 
-def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> JaxDynamics:
+def _findings(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> Findings:
+    """From disk, or by tracing."""
+    name = name_of(system, q, v, ignored)
+    found = recall(name)
+    if found is None:
+        found = _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+        keep(name, found)
+    return found
+
+
+def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> Findings:
     n = q.size
     time = jnp.asarray(t, dtype=float)
     expect_shape(system, "force", (n,), time, q, v)
@@ -101,9 +113,7 @@ def _derive_jax(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ..
         velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
     )
     constant = _constant_mass(system, time, q) if mass == "constant" else None
-    return JaxDynamics(
-        system=system, structure=structure, ignored=ignored, constant_mass=constant, inverse_mass=_inverse(constant, jnp)
-    )
+    return Findings(structure, constant, _inverse(constant, jnp))
 
 
 def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
@@ -125,8 +135,10 @@ def _mass_kind(system: System | NumpySystem) -> str:
 
 
 def _constant_mass(system: System, t: Any, q: Any) -> Any:
+    """Of a type of its own, also where it comes of Python's numbers: as it is when it comes from disk."""
     mass = system.mass_matrix  # type: ignore[attr-defined]
-    return mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
+    mass = mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
+    return jax.tree.map(lambda values: jnp.asarray(values, dtype=values.dtype), mass)
 
 
 def _inverse(mass: Any, xp: Any) -> Any:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import asdex
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -49,6 +48,8 @@ class Pattern:
 
 def detect(function: Callable[..., Any], x: Any, *rest: Any) -> Pattern:
     """The pattern of the derivative by x (size,) of the JAX function ``function(x, *rest)`` (rows,), for all arguments."""
+    import asdex  # it loads Numba, a tenth of a second that few need
+
     found = asdex.jacobian_sparsity(function, x, *rest, argnums=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", asdex.DenseColoringWarning)  # who asks decides by ``colours``

@@ -1,4 +1,4 @@
-"""Band LU and its solves, block after block, compiled by Numba (which ``asdex`` needs anyway).
+"""Band LU and its solves, block after block, compiled by Numba.
 
 LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal;
 these loops take a third of it, and a whole solve with its couplings is one call.  Algorithms of ``dgbtf2`` and ``dgbtrs``.
@@ -120,6 +120,52 @@ def solve_into(
         offset += count * height
     for i in range(right.size):
         x[columns[i]] = y[i]
+
+
+@bare
+def solve_pair_into(
+    right: Any,
+    rows: Any,
+    columns: Any,
+    storage: Any,
+    pivots: Any,
+    blocks: Any,
+    starts: Any,
+    places: Any,
+    couplings: Any,
+    y: Any,
+    x: Any,
+) -> None:
+    """:func:`solve_into` for two right-hand sides, entry beside entry (2 size,), in little more time than for one."""
+    offset = 0
+    for k in range(0, blocks.size, 4):
+        start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
+        height, main = 2 * lower + upper + 1, lower + upper
+        for i in range(start, start + count):
+            first, second = right[2 * rows[i]], right[2 * rows[i] + 1]
+            for e in range(starts[i], starts[i + 1]):
+                first -= couplings[e] * y[2 * places[e]]
+                second -= couplings[e] * y[2 * places[e] + 1]
+            y[2 * i], y[2 * i + 1] = first, second
+        for j in range(count):
+            other, at = 2 * pivots[start + j], 2 * (start + j)
+            if other:
+                y[at], y[at + other] = y[at + other], y[at]
+                y[at + 1], y[at + other + 1] = y[at + other + 1], y[at + 1]
+            first, second, column = y[at], y[at + 1], offset + j * height + main
+            for i in range(1, min(lower, count - 1 - j) + 1):
+                y[at + 2 * i] -= first * storage[column + i]
+                y[at + 2 * i + 1] -= second * storage[column + i]
+        for j in range(count - 1, -1, -1):
+            at, column = 2 * (start + j), offset + j * height + main
+            first, second = y[at] * storage[column], y[at + 1] * storage[column]
+            y[at], y[at + 1] = first, second
+            for i in range(1, min(main, j) + 1):
+                y[at - 2 * i] -= first * storage[column - i]
+                y[at - 2 * i + 1] -= second * storage[column - i]
+        offset += count * height
+    for i in range(rows.size):
+        x[2 * columns[i]], x[2 * columns[i] + 1] = y[2 * i], y[2 * i + 1]
 
 
 @compiled

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.special
 
 import hhtbench.lowering.native.compiler  # noqa: F401 - by its module below
 from hhtbench.lowering import NotNative, flattening, native
@@ -228,6 +229,13 @@ def test_what_cannot_be_told_from_outside_has_no_key(monkeypatch):
     assert key(dynamics=Shaped(jnp.ones(2), lambda x: x)) is None
     assert key(dynamics=Shaped(jnp.ones(2), types.SimpleNamespace(a=1))) is None
     assert key(static=(object(),)) is None
+
+
+def test_functions_of_numpy_and_scipy_are_told_by_their_names(monkeypatch):
+    keys = [key(static=(function,)) for function in (np.sin, np.cos, scipy.special.ellipk)]
+    assert None not in keys
+    assert len(set(keys)) == 3
+    assert key(static=(np.frompyfunc(lambda x: x, 1, 1),)) is None
 
 
 def test_a_replaced_function_changes_the_key(monkeypatch):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering.native.disk import sealed, unsealed
 from hhtbench.lowering.native.emit import Emitted, emit
 from hhtbench.lowering.native.machine import generate, host
 from hhtbench.lowering.native.reading import Reading
@@ -34,13 +35,13 @@ class Code:
         facts = {"format": FORMAT, "shape": self.shape, "compact": self.compact, "operations": self.operations}
         sizes = {"varying": self.varying.size, "constants": self.constants.size}
         body = json.dumps(facts | sizes).encode() + b"\n" + self.varying.tobytes() + self.constants.tobytes() + self.binary
-        return hashlib.sha256(body).digest() + body
+        return sealed(body)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Code | None:
         """The inverse; None for a file that is damaged or of another format."""
-        checksum, body = data[:32], data[32:]
-        if hashlib.sha256(body).digest() != checksum:
+        body = unsealed(data)
+        if body is None:
             return None
         line, _, rest = body.partition(b"\n")
         facts = json.loads(line)

@@ -60,6 +60,8 @@ def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
         return "partial", again(value.func), again(value.args), again(value.keywords)
     if isinstance(value, types.BuiltinFunctionType) and value.__module__ is None:
         return "builtin", value.__qualname__
+    if isinstance(value, np.ufunc):
+        return "ufunc", _ufunc(value)
     if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
         return "name", _name(value, modules)
     if isinstance(value, tuple) and hasattr(value, "_fields"):
@@ -68,6 +70,14 @@ def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
         fields = tuple((f.name, again(getattr(value, f.name, None))) for f in dataclasses.fields(value))
         return "object", again(type(value)), fields
     raise NotDescribed(f"a value of type {type(value).__qualname__}")
+
+
+def _ufunc(value: np.ufunc) -> str:
+    """Module and name; one made of a Python function is in none of these modules."""
+    for module in ("numpy", "scipy.special"):
+        if getattr(sys.modules.get(module), value.__name__, None) is value:
+            return f"{module}.{value.__name__}"
+    raise NotDescribed(f"the ufunc {value.__name__} is not one of the libraries'")
 
 
 def _name(value: Any, modules: set[str]) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import tempfile
 from pathlib import Path
 
 from hhtbench.lowering.caching import cache_directory
+
+CHECKSUM = hashlib.sha256().digest_size
 
 
 def folder() -> Path:
@@ -36,3 +39,15 @@ def write_file(name: str, data: bytes) -> None:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
+
+
+def sealed(body: bytes) -> bytes:
+    """``body`` behind its checksum."""
+    return hashlib.sha256(body).digest() + body
+
+
+def unsealed(data: bytes | None) -> bytes | None:
+    """What was sealed; None where there is nothing or it is damaged."""
+    if data is None or hashlib.sha256(data[CHECKSUM:]).digest() != data[:CHECKSUM]:
+        return None
+    return data[CHECKSUM:]

@@ -12,7 +12,6 @@ SOURCES = HERE, Path(laws.__file__), Path(kernels.__file__)
 called = loops(*SOURCES, bare=True)
 compiled = loops(*SOURCES, bare=True, inner=True)
 inlined = loops(*SOURCES, bare=True, inline=True)
-compiled_with_arrays = loops(*SOURCES)
 
 allowed = compiled(laws.allowed)
 cubic = compiled(laws.cubic)

@@ -148,7 +148,8 @@ class NativeEngine(HostEngine):
         rows = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
         at = tuple(int(array.ctypes.data) for array in (place, x, terms))
         code = kkt.address, int(kkt.parameters.ctypes.data)
-        recover(code, at, (s.n, s.m + s.p), s.linear_reaction, place, x, terms, rows, done)
+        work = np.empty((x.size, x.size)), np.empty(x.size), np.empty(x.size)
+        recover(code, at, s.linear_reaction, place, x, terms, work, rows, done)
         lam[done], mu[done] = np.split(rows[done, 1 + 2 * s.n :], [s.m], axis=1)
         self.work.add("residual_evaluations", int(done.sum()))
         return done

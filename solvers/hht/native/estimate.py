@@ -5,20 +5,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solvers.hht.kernels import solve_pair_into
 from solvers.hht.laws import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.native.newton import change_of, solve
-from solvers.hht.native.parts import address, part, put, top
+from solvers.hht.native.parts import address, half, half_of_pivots, indices, part, put, top
 from solvers.hht.native.tables import (
     ACCELERATION,
+    ANSWERS,
     ATOL,
     BEFORE,
     BETA,
+    BLOCKS,
     C_LEVELS,
     C_RAW,
-    CHANGE,
+    CHANGES,
+    COLUMNS,
     CONSTANTS,
+    COUPLED,
+    COUPLINGS,
     END,
     END_INVERSE,
     ERROR,
@@ -26,10 +31,13 @@ from solvers.hht.native.tables import (
     FACTOR_H,
     GAMMA,
     HAS_ROLLING,
-    INCREMENT,
+    INVERSE_MATRIX,
     LAM,
     LAST,
     LEVELS,
+    MAP_COLUMNS,
+    MAP_STARTS,
+    MAPS,
     MEMORY,
     MU,
     NUMBER,
@@ -37,18 +45,23 @@ from solvers.hht.native.tables import (
     O_LAM1,
     O_MU,
     O_RK,
-    ONCE,
     PLACE,
     RAW,
     RAW_GIVEN,
-    RIGHT,
+    RIGHTS,
     ROLLING,
+    ROWS,
     RTOL,
+    SIZE,
     SIZE_Q,
     SIZE_V,
+    SMALL,
+    STARTS,
     STEP,
+    STORAGE,
     VARIABLE,
     WEIGHTS,
+    WORKS,
     A,
     F,
     H,
@@ -94,28 +107,50 @@ def describe(z: Any, h: Any, t1: Any) -> None:
 
 
 @compiled
-def imbalance(z: Any, slot: Any, acceleration: Any, scale: Any) -> None:
-    """The change of q1, v1 that an imbalance of accelerations (n,) over ``scale`` makes, into CHANGE."""
-    right, n = part(z, RIGHT), z.i[N]
-    for i in range(right.size):
-        right[i] = acceleration[i] / scale if i < n else 0.0
-    solve(z, slot, right, part(z, INCREMENT))
-    change_of(z, slot, part(z, INCREMENT), part(z, CHANGE))
+def respond(z: Any, slot: Any) -> None:
+    """What the two right-hand sides in RIGHTS make of the unknowns, into ANSWERS, and of q1 and v1, into CHANGES."""
+    rights, answers, changes, n = part(z, RIGHTS), part(z, ANSWERS), part(z, CHANGES), z.i[N]
+    if z.i[SMALL]:
+        columns, size = half(z, INVERSE_MATRIX, slot), z.i[SIZE]
+        for i in range(2 * size):
+            answers[i] = 0.0
+        for j in range(size):
+            for i in range(size):
+                answers[2 * i] += columns[j * size + i] * rights[2 * j]
+                answers[2 * i + 1] += columns[j * size + i] * rights[2 * j + 1]
+    else:
+        solve_pair_into(
+            rights,
+            indices(z, ROWS),
+            indices(z, COLUMNS),
+            half(z, STORAGE, slot),
+            half_of_pivots(z, slot),
+            indices(z, BLOCKS),
+            indices(z, STARTS),
+            indices(z, COUPLED),
+            half(z, COUPLINGS, slot),
+            part(z, WORKS),
+            answers,
+        )
+    starts, columns, maps = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot)
+    for i in range(2 * n):
+        first = second = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            first += maps[e] * answers[2 * columns[e]]
+            second += maps[e] * answers[2 * columns[e] + 1]
+        changes[2 * i], changes[2 * i + 1] = first, second
 
 
 @compiled
-def answer(z: Any, slot: Any, sign: Any, position: Any) -> None:
-    """Changes of q1, v1 that make up for ``sign`` times what is in LEVELS, into CHANGE."""
-    right, off, h, m = part(z, RIGHT), part(z, LEVELS), part(z, FACTOR_H)[slot], z.i[M]
-    for i in range(right.size):
-        right[i] = 0.0
+def make_up(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
+    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
+    rights, off, h, m = part(z, RIGHTS), part(z, LEVELS), part(z, FACTOR_H)[slot], z.i[M]
     for i in range(m):
-        right[z.i[O_LAM0] + i] = sign * off[i] * (2 / (h * h)) if position else 0.0
-        right[z.i[O_LAM1] + i] = sign * off[m + i] / h
+        if position:
+            rights[2 * (z.i[O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
+        rights[2 * (z.i[O_LAM1] + i) + which] = sign * off[m + i] / h
     for i in range(z.i[P]):
-        right[z.i[O_MU] + i] = sign * off[2 * m + i] / h
-    solve(z, slot, right, part(z, INCREMENT))
-    change_of(z, slot, part(z, INCREMENT), part(z, CHANGE))
+        rights[2 * (z.i[O_MU] + i) + which] = sign * off[2 * m + i] / h
 
 
 @compiled
@@ -127,29 +162,45 @@ def look(z: Any, t: Any) -> None:
 
 
 @compiled
-def filtered(z: Any, slot: Any, t1: Any, h: Any) -> Any:
-    """The errors over WEIGHTS, filtered by the matrix in ``slot``: their root mean square."""
+def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
+    """The errors over WEIGHTS, filtered by the matrix in ``slot``: their root mean square.
+
+    And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
+    """
     n, raw, made, o = z.i[N], part(z, RAW), part(z, FACTOR_H)[slot], part(z, CONSTANTS)
-    error, once, change, increment = part(z, ERROR), part(z, ONCE), part(z, CHANGE), part(z, INCREMENT)
-    imbalance(z, slot, raw[:n], o[BETA] * (made / h) * (made / h))
+    error, rights, answers, changes = part(z, ERROR), part(z, RIGHTS), part(z, ANSWERS), part(z, CHANGES)
+    in_q, in_v = o[BETA] * (made / h) * (made / h), made * o[GAMMA]
+    for i in range(rights.size):
+        rights[i] = 0.0
     for i in range(n):
-        error[i] = change[i]
+        rights[2 * i], rights[2 * i + 1] = raw[i] / in_q, raw[n + i] / in_v
+    respond(z, slot)
+    for i in range(n):
+        error[i] = changes[2 * i]
         if z.i[O_RK] >= 0:
-            error[i] -= 0.5 * made * made * increment[z.i[O_RK] + i]
-    scale = made * o[GAMMA]
-    imbalance(z, slot, raw[n : 2 * n], scale)
-    put(once, 0, change[n:])
-    imbalance(z, slot, once, scale)
-    put(error, n, change[n:])
+            error[i] -= 0.5 * made * made * answers[2 * (z.i[O_RK] + i)]
+    for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
+        rights[2 * i], rights[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
     if z.i[M] + z.i[P] > 0:
         place, end = part(z, PLACE), part(z, END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
         look(z, t1)
-        answer(z, slot, -1.0, False)
-        for i in range(n):
-            error[n + i] += change[n + i]
-    return weighted_rms(error, part(z, WEIGHTS))
+        make_up(z, slot, 0, -1.0, False)
+    if inside:
+        look_inside(z, h)
+        make_up(z, slot, 1, 1.0, True)
+    respond(z, slot)
+    off = 0.0
+    for i in range(n):
+        error[n + i] = changes[2 * (n + i)]
+    weights = part(z, WEIGHTS)
+    size = weighted_rms(error, weights)
+    if inside:
+        for i in range(2 * n):
+            error[i] = changes[2 * i + 1]
+        off = weighted_rms(error, weights)
+    return size, off
 
 
 @compiled
@@ -162,16 +213,12 @@ def weighted_rms(x: Any, weights: Any) -> Any:
 
 
 @compiled
-def between(z: Any, slot: Any, h: Any, size_q: Any, least: Any) -> Any:
-    """How far dense output is off the constraints inside the step, over the tolerances, (H28)."""
+def look_inside(z: Any, h: Any) -> None:
+    """The constraint levels of dense output inside the step, where its v errs most."""
     n, end, q, v, place = z.i[N], part(z, END), part(z, Q), part(z, V), part(z, PLACE)
-    if z.i[M] + z.i[P] == 0 or EPS * size_q > ROUNDOFF * abs(h) * least:
-        return 0.0
     for i in range(n):
         place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i], v[i], end[n + i])
     look(z, part(z, NUMBER)[T] + GAUSS * h)
-    answer(z, slot, 1.0, True)
-    return weighted_rms(part(z, CHANGE), part(z, WEIGHTS))
 
 
 @compiled
@@ -192,11 +239,11 @@ def estimate(z: Any, h: Any, t1: Any, slot: Any) -> Any:
         if size_v > NOTHING:
             of_v = min(of_v, relative_part(size_v, rtol[n + i], atol[n + i]))
     relative = math.sqrt(relative_tolerance(of_q, of_v))
-    size, kept = 0.0, int(number[FACTOR])
-    for k in range(2):  # the step's matrix, and the one before it if there is another
-        used = slot if k == 0 else kept
-        if k == 0 or (kept >= 0 and kept != slot):
-            size = max(size, filtered(z, used, t1, h) / relative)
-    if not math.isfinite(size):
-        return math.inf
-    return max(size, between(z, slot, h, size_q, least))
+    inside = z.i[M] + z.i[P] > 0 and EPS * size_q <= ROUNDOFF * abs(h) * least  # else v there is roundoff over h
+    kept = int(number[FACTOR])
+    found, off = filtered(z, slot, t1, h, inside)
+    size = found / relative
+    if kept >= 0 and kept != slot:  # the matrix before it: stiffness met in this very step is no filter
+        found, _ = filtered(z, kept, t1, h, False)
+        size = max(size, found / relative)
+    return max(size, off) if math.isfinite(size) else math.inf

@@ -104,13 +104,13 @@ class Kernel:
         function: Any = residual_and_end
         head, more = layout.size, tuple[Any, ...]()
         if self.small:  # corrections in the place of residual and matrix
-            places = self.analysis.flat[self.analysis.own :] - layout.size**2
-            more = (tuple(places.tolist()),)
+            entries = self.analysis.flat[self.analysis.own :] - layout.size**2
+            more = (tuple(entries.tolist()),)
             self._matrix_early, self._matrix = (
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             function, head = kept_correction_and_end, layout.size + 2
-            options = {"shapes": (x, (layout.size**2,), (places.size,), given)}
+            options = {"shapes": (x, (layout.size**2,), (entries.size,), given)}
         ends = head + state_size(layout) + (2 * s.n if s.m else 0)
         self._residual_early = native(function, dynamics, *static, *more, stage="early", **options)
         self._residual, self._end = (
@@ -180,7 +180,10 @@ class Kernel:
             "right": size,
             "work": size,
             "increment": size + 2,
-            "change": 2 * n,
+            "rights": 2 * size,
+            "works": 2 * size,
+            "answers": 2 * size,
+            "changes": 4 * n,
             "end": self._end.size,
             "end_inverse": n * n,
             "raw_given": raw,
@@ -188,7 +191,6 @@ class Kernel:
             "place": 1 + 2 * n,
             "levels": 2 * m + p,
             "error": 2 * n,
-            "once": n,
             "weights": 2 * n,
             "rtol": 2 * n,
             "atol": 2 * n,

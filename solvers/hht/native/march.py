@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from solvers.hht.laws import CRUMB
+from solvers.hht.native.calls import spacing
 from solvers.hht.native.compiled import called, compiled, fit, growth
 from solvers.hht.native.estimate import estimate
 from solvers.hht.native.parts import part, put
@@ -69,7 +68,7 @@ def one(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
     h, t1, asked, size, rejected = length, end, 0.0, 0.0, 0
     smallest = 0.0
     if c.controlled:
-        smallest = max(c.min_step, c.spacings * np.spacing(abs(t)))
+        smallest = max(c.min_step, c.spacings * spacing(abs(t)))
         h = max(min(memory[H_NEXT], c.max_step), c.min_step)
     while True:
         asked = abs(h)

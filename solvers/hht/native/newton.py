@@ -138,17 +138,6 @@ def invert(z: Any, slot: Any) -> None:
 
 
 @compiled
-def change_of(z: Any, slot: Any, increment: Any, out: Any) -> None:
-    """``out`` (2n,): what an increment of the unknowns changes in q1 and v1."""
-    starts, columns, maps = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot)
-    for i in range(out.size):
-        total = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * increment[columns[e]]
-        out[i] = total
-
-
-@compiled
 def moved_by(z: Any, slot: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
     starts, columns, maps, n = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot), z.i[N]

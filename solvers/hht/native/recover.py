@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-import numpy as np
-
 from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import compiled_with_arrays as compiled
+from solvers.hht.native.compiled import called, compiled
 from solvers.hht.native.step import put, top
 
 MAX_ITERATIONS = 25
@@ -15,16 +14,15 @@ CONVERGED = 1e-13
 WELL_POSED = 1e-8  # smallest over largest pivot of the scaled matrix; below it the host engine looks closer
 
 
-@compiled
-def recover(code: Any, at: Any, sizes: Any, linear: Any, place: Any, x: Any, terms: Any, rows: Any, done: Any) -> None:
+@called
+def recover(code: Any, at: Any, linear: Any, place: Any, x: Any, terms: Any, work: Any, rows: Any, done: Any) -> None:
     """Put the multipliers of every row of ``rows``, [t, q, v, lam, mu], in their places and mark it as ``done``.
 
-    What is not finite, nearly singular or does not converge is left as it is.  ``sizes`` are n and the number of
-    multipliers; ``at`` the addresses of ``place`` [t, q, v], ``x`` and ``terms``.
+    What is not finite, nearly singular or does not converge is left as it is.  ``at`` are the addresses of ``place``
+    [t, q, v], ``x`` and ``terms``; ``work`` is room for a matrix of their size and for two vectors.
     """
-    n, count = sizes
-    size = n + count
-    matrix, increment = np.empty((size, size)), np.empty(size)
+    matrix, increment, scale = work
+    n, size = place.size // 2, x.size
     for i in range(rows.shape[0]):
         row = rows[i]
         put(place, 0, row[: 1 + 2 * n])
@@ -36,7 +34,7 @@ def recover(code: Any, at: Any, sizes: Any, linear: Any, place: Any, x: Any, ter
                 increment[j] = terms[j]
                 for k in range(size):
                     matrix[j, k] = terms[size + j * size + k]
-            if not scaled_solve(matrix, increment):
+            if not scaled_solve(matrix, increment, scale):
                 break
             for j in range(size):
                 x[j] -= increment[j]
@@ -53,13 +51,12 @@ def small(increment: Any, x: Any, n: Any) -> Any:
 
 
 @compiled
-def scaled_solve(matrix: Any, right: Any) -> Any:
+def scaled_solve(matrix: Any, right: Any, scale: Any) -> Any:
     """Solve in place after scaling rows and columns to size one; False where that is not clearly possible."""
     size = right.size
-    scale = np.empty(size)
     for i in range(size):
         largest = top(matrix[i])
-        if not 0.0 < largest < np.inf:
+        if not 0.0 < largest < math.inf:
             return False
         for j in range(size):
             matrix[i, j] /= largest
@@ -70,7 +67,7 @@ def scaled_solve(matrix: Any, right: Any) -> Any:
             return False
         for i in range(size):
             matrix[i, j] /= scale[j]
-    least, most = np.inf, 0.0
+    least, most = math.inf, 0.0
     for k in range(size):
         pivot = k
         for i in range(k + 1, size):
@@ -95,6 +92,8 @@ def scaled_solve(matrix: Any, right: Any) -> Any:
         for j in range(k + 1, size):
             value -= matrix[k, j] * right[j]
         right[k] = value / matrix[k, k]
+    total = 0.0
     for j in range(size):
         right[j] /= scale[j]
-    return least > WELL_POSED * most and np.isfinite(right).all()
+        total += right[j] * 0.0  # NaN where it is not finite
+    return least > WELL_POSED * most and total == 0.0

@@ -26,10 +26,11 @@ NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS = range(le
 FLOATS = (
     "step", "number", "q", "v", "a", "f", "lam", "mu", "vdot", "inverse", "x_last", "x_earlier",
     "memory", "before", "acceleration", "rolling",
-    "x", "residual", "computed", "values", "right", "work", "increment", "change", "end", "end_inverse",
-    "raw_given", "raw", "place", "levels", "error", "once", "weights", "rtol", "atol",
+    "x", "residual", "computed", "values", "right", "work", "increment", "end", "end_inverse",
+    "raw_given", "raw", "place", "levels", "error", "weights", "rtol", "atol",
     "storage", "couplings", "maps", "factor_h", "rate", "uses", "built", "inverse_matrix",
     "constants", "event", "event_values", "event_ends", "early", "early_matrix", "fresh",
+    "rights", "works", "answers", "changes",
 )  # fmt: skip
 # What packed_known takes: the step, see GIVEN in solvers.hht.weights, and behind it the state.
 STEP = 0
@@ -38,13 +39,14 @@ NUMBER, Q, V, A, F, LAM, MU, VDOT, INVERSE, X_LAST, X_EARLIER = range(1, 12)
 # ... and its memory: h_next, last, error (-1: none), whether R_k is known; f + r before and after the last step; R_k.
 MEMORY, BEFORE, ACCELERATION, ROLLING = range(12, 16)
 # An attempt: the iterate, its residual, what the matrix function computes, all entries; END: the state after it, R0, R1 ...
-X, RESIDUAL, COMPUTED, VALUES, RIGHT, WORK, INCREMENT, CHANGE, END, END_INVERSE = range(16, 26)
+X, RESIDUAL, COMPUTED, VALUES, RIGHT, WORK, INCREMENT, END, END_INVERSE = range(16, 25)
 # ... and its error: raw_errors' input and output, a place t, q, v to look at, the constraint levels there.
-RAW_GIVEN, RAW, PLACE, LEVELS, ERROR, ONCE, WEIGHTS, RTOL, ATOL = range(26, 35)
+RAW_GIVEN, RAW, PLACE, LEVELS, ERROR, WEIGHTS, RTOL, ATOL = range(25, 33)
 # Two factorisations, one after the other; solves with each, whether its inverse is made, and that, column by column.
-STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(35, 43)
-CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(43, 49)  # EARLY: what is known before the iterate
-FRESH = 49  # of a small system: what fresh_correction returns
+STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(33, 41)
+CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(41, 47)  # EARLY: what is known before the iterate
+FRESH = 47  # of a small system: what fresh_correction returns
+RIGHTS, WORKS, ANSWERS, CHANGES = range(48, 52)  # two right-hand sides at once, entry beside entry
 
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER
 H_NEXT, LAST, LAST_ERROR, HAS_ROLLING = range(4)  # in MEMORY
