@@ -48,7 +48,7 @@ def packed_known(dynamics: Any, method: Method, layout: Layout, given: Any) -> A
     return layout.pack(values, dynamics.xp)
 
 
-GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a, of f and of a1
+GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a - f, of f and of a1
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the state, of which t matters here
 
 
@@ -58,7 +58,8 @@ def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
     start: dict[str, Any] = dict(zip((*GIVEN, *HEAD), given[:at], strict=True))
     for name in ("q", "v", "a", "f"):
         start[name], at = given[at : at + s.n], at + s.n
-    start["a0"] = start["of_a"] * start["a"] + start["of_f"] * start["f"]
+    moved = start["of_f"] * start["f"] + start["of_a"] * (start["a"] - start["f"])
+    start["a0"] = xp.where(start["of_a"] == 1.0, start["a"], moved)
     at += s.m + s.p + s.n
     inverse = given[at : at + s.n * s.n]
     start["inverse_mass"] = layout.sparse_inverse(inverse, xp) if s.mass == "variable" else None

@@ -56,7 +56,7 @@ def test_known_values_residual_matrix_and_state_are_those_of_the_host_engine(nam
     hht, state, h = begun(name, steps, **options)
     engine = hht._engine
     h, rescaled = shorter * h, steps > 0 and options.get("rescale_a", True)
-    weights = (shorter, 1.0 - shorter, 0.0) if rescaled else (1.0, 0.0, 0.0)
+    weights = (shorter if rescaled else 1.0, 1.0, 0.0)
     given, packed = given_of(state, h, weights), engine._packed(state, h, state.t + h)
     dynamics, layout, size = engine.dynamics, engine.kernel.layout, engine.layout.size
     x = engine._plain_guess(state) * (1 + 0.1 * np.random.default_rng(0).standard_normal(size))
@@ -88,7 +88,7 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
     assert size <= SMALL
     analysis, static = engine.kernel.analysis, (engine.kernel.method, layout)
     entries = tuple((analysis.flat[analysis.own :] - size * size).tolist())
-    given, lots = given_of(state, h, (1.0, 0.0, 0.0)), np.random.default_rng(1)
+    given, lots = given_of(state, h, (1.0, 1.0, 0.0)), np.random.default_rng(1)
     x, other = (engine._plain_guess(state) * (1 + 0.05 * lots.standard_normal(size)) for _ in range(2))
     packed, n = engine._packed(state, h, state.t + h), layout.structure.n
     residual, blocks = unpack_matrix(layout, np.asarray(step_residual_and_matrix(dynamics, engine.layout, x, packed)))

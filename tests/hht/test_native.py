@@ -8,14 +8,14 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import ProblemError, Status
+from hhtbench.lowering.native import compiler
 from solvers.hht import HHT, Event, engines
 from solvers.hht.events import scan
 from solvers.hht.native.engine import NativeEngine
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
 CLOSE = 1e-9  # of the largest: roundoff of both engines, carried over the steps
-HOST_ONLY = {"bricard", "fekete", "flyball_governor"}  # too many operations for machine code
-NAMES = [name for name in hb.list_problems() if name not in HOST_ONLY]
+NAMES = hb.list_problems()
 METHODS = [
     {"alpha": -0.3},
     {"alpha": -0.3, "b": 0.25},
@@ -53,7 +53,8 @@ def test_every_problem_moves_the_same_with_constant_steps_and_under_error_contro
     h = 1e-4 * (t1 - t0)
     native, host = both(problem, span=(t0, t0 + 30 * h), step=h)
     assert_same(native, host)
-    assert native.counters.newton_iterations == pytest.approx(host.counters.newton_iterations, abs=3)
+    iterations = pytest.approx(host.counters.newton_iterations, rel=0.05, abs=3)  # the last one is often roundoff's choice
+    assert native.counters.newton_iterations == iterations
     assert_same(*both(problem, rtol=1e-4, max_num_steps=30), close=1e-7)  # steps follow the error, roundoff follows them
 
 
@@ -236,8 +237,32 @@ class Vanishing(hb.System):
         return jnp.where(q < 0.5, -q, jnp.nan)
 
 
-def test_problems_beyond_the_limit_are_declined_for_their_size():
-    for name in HOST_ONLY:
-        problem = hb.load_problem(name)
-        with pytest.raises(ProblemError, match="operations"):
-            HHT(problem.system, engine="native").solve((0.0, 1e-3), problem.q0, problem.v0, steps=1)
+class Free(hb.System):
+    """A mass on a spring, for one test only: what is known of its code stays with it."""
+
+    def force(self, t, q, v):
+        return -jnp.sin(q) * jnp.cos(q)
+
+
+def test_systems_beyond_the_limit_are_declined_for_their_size(monkeypatch, tmp_path):
+    monkeypatch.setenv("HHTBENCH_CACHE", str(tmp_path))
+    monkeypatch.setattr(compiler, "MOST_OPERATIONS", 5)
+    with pytest.raises(ProblemError, match="operations"):
+        HHT(Free(), engine="native").solve((0.0, 1e-3), [1.0], [0.0], steps=1)
+    hht = HHT(Free())
+    assert hht.solve((0.0, 1e-3), [1.0], [0.0], steps=1).success
+    assert "operations" in hht.engine_used
+
+
+@pytest.mark.parametrize(("name", "rtol", "steps"), [("kapitza_pendulum", 1e-2, 60), ("planar_chain", 1e-2, 40)])
+def test_steps_that_need_damped_newton_are_made_in_the_loops_too(monkeypatch, name, rtol, steps):
+    """Small systems by whole corrections, larger ones by factors."""
+    problem = hb.load_problem(name)
+    native, host = both(problem, rtol=rtol, max_num_steps=steps)
+    assert native.counters.steps_rejected_newton == host.counters.steps_rejected_newton > 0
+    assert_same(native, host, close=1e-6)
+    monkeypatch.setattr(NativeEngine, "step", None)  # the host engine's
+    again = HHT(problem.system, engine="native").solve(
+        problem.t_span, problem.q0, problem.v0, rtol=rtol, max_num_steps=steps
+    )
+    np.testing.assert_array_equal(again.q, native.q)

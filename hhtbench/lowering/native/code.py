@@ -98,5 +98,5 @@ def compiled(written: Written) -> Code:
     return Code(
         **written.facts,
         operations=written.emitted.operations,
-        binary=generate(written.emitted.text, written.emitted.helpers),
+        binary=generate(written.emitted.text, written.emitted.helpers, written.emitted.operations),
     )

@@ -20,7 +20,7 @@ from hhtbench.lowering.native.reasons import NotNative
 from hhtbench.lowering.native.sources import source_key
 from hhtbench.lowering.native.stages import staged
 
-MOST_OPERATIONS = 20_000  # code generation takes about 0.1 ms an operation
+MOST_OPERATIONS = 100_000  # tracing, lowering and generating them takes some ten seconds
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,8 @@ def describe(z: Any, h: Any, t1: Any) -> None:
     k = put(given, 5, end[: 2 * n])
     k = put(given, k, part(z, V))
     for i in range(n):
-        given[k + i] = step[2] * a[i] + step[3] * f[i] + step[4] * x[i]
+        a0 = a[i] if step[2] == 1.0 else step[3] * f[i] + step[2] * (a[i] - f[i])
+        given[k + i] = a0 + step[4] * x[i]
     k = put(given, k + n, end[2 * n : 4 * n])
     k = put(given, k, part(z, BEFORE))
     k = put(given, k, part(z, ACCELERATION))

@@ -25,7 +25,7 @@ from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
 from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
 from solvers.hht.native.entries import Entries
-from solvers.hht.native.newton import INVERTED
+from solvers.hht.native.matrix import INVERTED
 from solvers.hht.native.tables import (
     ACCELERATION,
     BASE,
@@ -184,6 +184,8 @@ class Kernel:
             "works": 2 * size,
             "answers": 2 * size,
             "changes": 4 * n,
+            "base_x": size,
+            "full": size + 2,
             "end": self._end.size,
             "end_inverse": n * n,
             "raw_given": raw,
@@ -203,7 +205,7 @@ class Kernel:
             "fresh": self._matrix.size if self.small else 0,
             "maps": 2 * (analysis.flat.size - analysis.own),
             "inverse_matrix": 2 * size * size if size <= INVERTED else 0,
-            "constants": 10,
+            "constants": 12,
             "event": 1,
             "event_values": count,
             "event_ends": count,

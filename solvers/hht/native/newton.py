@@ -1,6 +1,6 @@
-"""Newton's iteration of one step in a compiled loop: the algorithm of :mod:`solvers.hht.newton`, without its damped half.
+"""Newton's iteration of one step in a compiled loop: the algorithms of :mod:`solvers.hht.newton`.
 
-What it cannot finish is left to the host engine, which makes that step from the same state.
+What they cannot finish is left to the host engine, which makes that step from the same state.
 """
 
 from __future__ import annotations
@@ -8,237 +8,39 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.kernels import factor_filled, solve_into
 from solvers.hht.laws import NOTHING
-from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled
-from solvers.hht.native.parts import address, half, half_address, half_of_pivots, indices, part
+from solvers.hht.native.matrix import correct, renew, step_back
+from solvers.hht.native.parts import part, put
 from solvers.hht.native.tables import (
-    BLOCKS,
-    BUILT,
-    C_EARLY_MATRIX,
-    C_MATRIX,
-    C_RESIDUAL,
-    COLUMNS,
-    COMPUTED,
+    BASE_X,
     CONSTANTS,
     CONVERGED,
-    COUPLED,
-    COUPLINGS,
     DIVERGED,
-    EARLY,
-    EARLY_MATRIX,
     EVALUATIONS,
     FACTOR_H,
-    FACTORISATIONS,
-    FRESH,
+    FULL,
     INCREMENT,
-    INSIDE,
-    INVERSE_MATRIX,
-    JACOBIANS,
     LEAST_RATE,
-    MAP_COLUMNS,
-    MAP_STARTS,
-    MAPS,
     MARGIN,
+    MAX_DAMPED,
+    MAX_HALVINGS,
     MAX_ITERATIONS,
     NEWTON,
     NONFINITE,
     OTHER_STEP,
-    OUTSIDE,
-    OWN,
-    PLACES,
     RATE,
     REFRESH_RATE,
-    RESIDUAL,
     RESIDUALS,
-    RIGHT,
-    ROWS,
-    SINGULAR,
-    SIZE,
-    SLOTS,
-    SMALL,
     SOLVES,
     SPENT,
     STAGNATION,
-    STARTS,
-    STEP,
-    STORAGE,
+    STANDSTILL,
+    STANDSTILL_SIZE,
     TOLERANCE,
-    USES,
-    VALUES,
-    WORK,
     WORST_RATE,
-    N,
     X,
 )
-
-INVERTED = (
-    48  # unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
-)
-
-OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse is that of making it
-
-
-@compiled
-def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    if z.i[SMALL]:
-        times_inverse(z, slot, right, out)
-        return
-    solve_into(
-        right,
-        indices(z, ROWS),
-        indices(z, COLUMNS),
-        half(z, STORAGE, slot),
-        half_of_pivots(z, slot),
-        indices(z, BLOCKS),
-        indices(z, STARTS),
-        indices(z, COUPLED),
-        half(z, COUPLINGS, slot),
-        part(z, WORK),
-        out,
-    )
-
-
-@compiled
-def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
-    uses, size = part(z, USES), z.i[SIZE]
-    uses[slot] += 1.0
-    if size > INVERTED or uses[slot] <= OFTEN * size:
-        solve(z, slot, right, out)
-        return
-    if part(z, BUILT)[slot] == 0.0:
-        invert(z, slot)
-    times_inverse(z, slot, right, out)
-
-
-@compiled
-def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out`` (size,): the product of the kept inverse with ``right``."""
-    columns, size = half(z, INVERSE_MATRIX, slot), z.i[SIZE]
-    for i in range(size):
-        out[i] = 0.0
-    for j in range(size):
-        value, at = right[j], j * size
-        for i in range(size):
-            out[i] += columns[at + i] * value
-
-
-@compiled
-def invert(z: Any, slot: Any) -> None:
-    """The inverse of the matrix in ``slot``, column by column."""
-    right, columns, size = part(z, RIGHT), half(z, INVERSE_MATRIX, slot), z.i[SIZE]
-    for j in range(size):
-        for i in range(size):
-            right[i] = 1.0 if i == j else 0.0
-        solve(z, slot, right, columns[j * size : (j + 1) * size])
-    part(z, BUILT)[slot] = 1.0
-
-
-@compiled
-def moved_by(z: Any, slot: Any, increment: Any) -> Any:
-    """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    starts, columns, maps, n = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot), z.i[N]
-    in_q = in_v = 0.0
-    for i in range(2 * n):
-        total = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * increment[columns[e]]
-        size = abs(total)
-        if size != size:
-            return size, size
-        if i < n:
-            in_q = max(in_q, size)
-        else:
-            in_v = max(in_v, size)
-    return in_q, in_v
-
-
-@compiled
-def correct_afresh(z: Any, slot: Any, h: Any) -> Any:
-    """A small system's correction with the matrix at the iterate, kept in ``slot``; a failure's name, or CONVERGED."""
-    fresh, size, early = part(z, FRESH), z.i[SIZE], address(z, EARLY_MATRIX)
-    x, given = address(z, X), address(z, STEP)
-    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, given))
-    invoke(z.i[C_MATRIX], (address(z, FRESH), z.i[C_MATRIX + 1], x, given, early))
-    total = 0.0
-    for k in range(fresh.size):
-        total += fresh[k] * 0.0
-    if total != 0.0:  # there is a NaN or an infinity
-        return SINGULAR
-    increment, inverse, maps = part(z, INCREMENT), half(z, INVERSE_MATRIX, slot), half(z, MAPS, slot)
-    k = size + 2
-    for i in range(k):
-        increment[i] = fresh[i]
-    for i in range(inverse.size):
-        inverse[i] = fresh[k + i]
-    k += inverse.size
-    for i in range(maps.size):
-        maps[i] = fresh[k + i]
-    part(z, FACTOR_H)[slot], part(z, USES)[slot] = h, 1.0
-    return CONVERGED
-
-
-@compiled
-def correct(z: Any, slot: Any, evaluated: Any) -> Any:
-    """The correction with the matrix in ``slot`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
-
-    ``evaluated``: the residual is there, or of a small system the correction itself.
-    """
-    increment = part(z, INCREMENT)
-    if z.i[SMALL]:
-        if not evaluated:
-            inverse, maps = half_address(z, INVERSE_MATRIX, slot), half_address(z, MAPS, slot)
-            x, given, early = address(z, X), address(z, STEP), address(z, EARLY)
-            invoke(z.i[C_RESIDUAL], (address(z, INCREMENT), z.i[C_RESIDUAL + 1], x, inverse, maps, given, early))
-            part(z, USES)[slot] += 1.0
-        return increment[z.i[SIZE]], increment[z.i[SIZE] + 1]
-    if not evaluated:
-        evaluate(z)
-    solve_often(z, slot, part(z, RESIDUAL), increment)
-    return moved_by(z, slot, increment)
-
-
-@compiled
-def factorise(z: Any, slot: Any, h: Any) -> Any:
-    """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
-    values, computed, slots, size = part(z, VALUES), part(z, COMPUTED), indices(z, SLOTS), z.i[SIZE]
-    x, given, early = address(z, X), address(z, STEP), address(z, EARLY_MATRIX)
-    invoke(z.i[C_EARLY_MATRIX], (early, z.i[C_EARLY_MATRIX + 1], x, given))
-    invoke(z.i[C_MATRIX], (address(z, COMPUTED), z.i[C_MATRIX + 1], x, given, early))
-    total = 0.0
-    for k in range(slots.size):
-        values[slots[k]] = computed[k]
-        total += computed[k] * 0.0
-    if total != 0.0:  # there is a NaN or an infinity
-        return NONFINITE
-    residual = part(z, RESIDUAL)
-    for i in range(size):
-        residual[i] = values[i]
-    entries = values[size:]
-    inside, places, storage = indices(z, INSIDE), indices(z, PLACES), half(z, STORAGE, slot)
-    for k in range(storage.size):
-        storage[k] = 0.0
-    for k in range(inside.size):
-        storage[places[k]] = entries[inside[k]]
-    if factor_filled(storage, half_of_pivots(z, slot), indices(z, BLOCKS)) != 0:
-        return SINGULAR
-    outside, couplings, maps, own = indices(z, OUTSIDE), half(z, COUPLINGS, slot), half(z, MAPS, slot), z.i[OWN]
-    for k in range(outside.size):
-        couplings[k] = entries[outside[k]]
-    for k in range(maps.size):
-        maps[k] = entries[own + k]
-    part(z, FACTOR_H)[slot], part(z, USES)[slot], part(z, BUILT)[slot] = h, 0.0, 0.0
-    return CONVERGED
-
-
-@compiled
-def evaluate(z: Any) -> None:
-    """The residual at the iterate."""
-    x, given, early = address(z, X), address(z, STEP), address(z, EARLY)
-    invoke(z.i[C_RESIDUAL], (address(z, RESIDUAL), z.i[C_RESIDUAL + 1], x, given, early))
 
 
 @compiled
@@ -258,9 +60,7 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             return SPENT, -1, 0.0
         counts[RESIDUALS] += 1
         if slot < 0:
-            counts[JACOBIANS] += 1
-            ended = correct_afresh(z, spare, h) if z.i[SMALL] else factorise(z, spare, h)
-            counts[FACTORISATIONS] += 1
+            ended = renew(z, spare, h, counts)
             if ended != CONVERGED:
                 return ended, -1, 0.0
             slot, worst, fresh, last = spare, 0.0, True, math.inf
@@ -303,6 +103,67 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
 
 
 @compiled
+def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
+    """The same with a fresh matrix each time and increments halved while the next one is not smaller.
+
+    :meth:`solvers.hht.newton.Iteration.solve_damped`.
+    """
+    o, x, base, full, increment = part(z, CONSTANTS), part(z, X), part(z, BASE_X), part(z, FULL), part(z, INCREMENT)
+    spare = 1 - kept if kept >= 0 else 0
+    last, rate, typical, halved, per_q, per_v = math.inf, 0.0, False, False, 0.0, 0.0
+    counts[RESIDUALS] += 1
+    ended = renew(z, spare, h, counts)
+    for _ in range(z.i[MAX_DAMPED]):
+        if ended != CONVERGED:
+            return ended, -1, 0.0
+        if counts[RESIDUALS] + z.i[MAX_HALVINGS] >= z.i[EVALUATIONS]:
+            return SPENT, -1, 0.0
+        counts[NEWTON] += 1
+        counts[SOLVES] += 1
+        in_q, in_v = correct(z, spare, True)
+        if not math.isfinite(in_q + in_v):
+            return NONFINITE, -1, 0.0
+        if not typical:
+            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
+        moved = max(in_q * per_q, in_v * per_v)
+        rate = moved / last if last < math.inf and not halved else 0.0  # a halved increment tells no rate
+        done = converged(moved, max(rate, o[LEAST_RATE]) if rate != 0.0 else 0.0, o[TOLERANCE], o[MARGIN])
+        done = done or (moved <= o[STAGNATION] and rate >= 0.5)
+        if done or (moved <= o[STANDSTILL] and rate >= o[WORST_RATE]):
+            step_back(z)
+            return CONVERGED, spare, 0.0
+        put(base, 0, x)
+        put(full, 0, increment)
+        size, part_of, smaller = length(full, x.size), 1.0, False
+        for halving in range(z.i[MAX_HALVINGS]):
+            for i in range(x.size):
+                x[i] = base[i] - full[i] * part_of
+            halved, part_of = halving > 0, 0.5 * part_of
+            counts[RESIDUALS] += 1
+            counts[SOLVES] += 1
+            correct(z, spare, False)
+            # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
+            if length(increment, x.size) < size or moved <= o[STANDSTILL_SIZE]:
+                smaller = True
+                break
+        if not smaller:
+            return DIVERGED, -1, 0.0
+        last = moved
+        counts[RESIDUALS] += 1
+        ended = renew(z, spare, h, counts)
+    return DIVERGED, -1, 0.0
+
+
+@compiled
+def length(x: Any, count: Any) -> Any:
+    """Euclidean norm of the first ``count`` entries; NaN if there is one."""
+    total = 0.0
+    for i in range(count):
+        total += x[i] * x[i]
+    return math.sqrt(total)
+
+
+@compiled
 def size_if(size: Any, change: Any) -> Any:
     """A typical size, that of the first change for what is at rest in the origin."""
     return size if size > NOTHING else max(size, change)
@@ -312,11 +173,3 @@ def size_if(size: Any, change: Any) -> Any:
 def converged(moved: Any, rate: Any, tolerance: Any, margin: Any) -> Any:
     """Whether the last increment, or with a margin what contraction leaves of it, is small enough."""
     return moved <= tolerance or (0.0 < rate < 1.0 and moved * rate <= margin * tolerance * (1.0 - rate))
-
-
-@compiled
-def step_back(z: Any) -> None:
-    """x less the increment."""
-    x, increment = part(z, X), part(z, INCREMENT)
-    for i in range(x.size):
-        x[i] -= increment[i]

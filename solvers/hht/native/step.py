@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from solvers.hht.laws import EXTRAPOLATION, HIGHEST, TINY
+from solvers.hht.laws import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.native.calls import invoke, view
 from solvers.hht.native.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.native.newton import newton
+from solvers.hht.native.newton import damped, newton
 from solvers.hht.native.parts import address, part, put, top
 from solvers.hht.native.tables import (
     ALPHA,
@@ -18,6 +18,7 @@ from solvers.hht.native.tables import (
     C_INVERSE,
     CONSTANTS,
     CONVERGED,
+    DIVERGED,
     EARLY,
     ELSEWHERE,
     END,
@@ -36,6 +37,8 @@ from solvers.hht.native.tables import (
     PLACE,
     RATE,
     RESCALE_A,
+    RESTARTS,
+    SINGULAR,
     SIZE_Q,
     SIZE_V,
     SMALL,
@@ -62,16 +65,14 @@ WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weight
 
 @compiled
 def start_weights(z: Any, h: Any) -> Any:
-    """Weights of a, of f and of a1 in a0: :func:`solvers.hht.weights.start_of_step`, which is linear in them."""
+    """Weights of a - f, of f and of a1 in a0, :func:`solvers.hht.weights.start_of_step`; 1 first: a itself."""
     last = part(z, NUMBER)[H]
-    if last == 0.0:
-        if not z.i[TRAPEZOIDAL]:
-            return 1.0, 0.0, 0.0
+    if last == 0.0 and z.i[TRAPEZOIDAL]:
         of_f, from_end = trapezoidal_start(part(z, CONSTANTS)[ALPHA], 1.0)
         return 0.0, of_f, from_end
-    if z.i[RESCALE_A]:
-        return rescaled(1.0, 0.0, h, last), rescaled(0.0, 1.0, h, last), 0.0
-    return 1.0, 0.0, 0.0
+    if last != 0.0 and z.i[RESCALE_A]:
+        return rescaled(1.0, 0.0, h, last), 1.0, 0.0
+    return 1.0, 1.0, 0.0
 
 
 @compiled
@@ -169,7 +170,12 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     guess(z, h)
     accelerated = abs(h) * max(acceleration, top(part(z, F)), top(part(z, A)))
     typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    ended, slot, rate = newton(z, int(number[FACTOR]), h, typical_q, typical_v, counts)
+    kept = int(number[FACTOR])
+    ended, slot, rate = newton(z, kept, h, typical_q, typical_v, counts)
+    if ended in (DIVERGED, SINGULAR) and not 0.0 < abs(number[H]) < MUCH_SHORTER * abs(h):
+        counts[RESTARTS] += 1  # after a far shorter step the multipliers are roundoff over its h^2: no guess
+        plain_guess(z, part(z, X))
+        ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
     if ended == CONVERGED:
         finish(z)
         if z.i[VARIABLE]:

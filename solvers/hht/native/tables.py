@@ -20,8 +20,9 @@ COUNTS = (
     "linear_solves",
     "steps_rejected_error",
     "event_evaluations",
+    "steps_rejected_newton",
 )
-NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS = range(len(COUNTS))
+NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS = range(len(COUNTS))
 
 FLOATS = (
     "step", "number", "q", "v", "a", "f", "lam", "mu", "vdot", "inverse", "x_last", "x_earlier",
@@ -30,7 +31,7 @@ FLOATS = (
     "raw_given", "raw", "place", "levels", "error", "weights", "rtol", "atol",
     "storage", "couplings", "maps", "factor_h", "rate", "uses", "built", "inverse_matrix",
     "constants", "event", "event_values", "event_ends", "early", "early_matrix", "fresh",
-    "rights", "works", "answers", "changes",
+    "rights", "works", "answers", "changes", "base_x", "full",
 )  # fmt: skip
 # What packed_known takes: the step, see GIVEN in solvers.hht.weights, and behind it the state.
 STEP = 0
@@ -47,12 +48,16 @@ STORAGE, COUPLINGS, MAPS, FACTOR_H, RATE, USES, BUILT, INVERSE_MATRIX = range(33
 CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(41, 47)  # EARLY: what is known before the iterate
 FRESH = 47  # of a small system: what fresh_correction returns
 RIGHTS, WORKS, ANSWERS, CHANGES = range(48, 52)  # two right-hand sides at once, entry beside entry
+BASE_X, FULL = range(52, 54)  # of damped iterations: the iterate and the whole increment
 
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER
 H_NEXT, LAST, LAST_ERROR, HAS_ROLLING = range(4)  # in MEMORY
-NEWTON_CONSTANTS = ("tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate")
+NEWTON_CONSTANTS = (
+    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "standstill",
+)  # fmt: skip
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
-TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE = range(3, 10)
+TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, STANDSTILL_SIZE = range(3, 11)
+STANDSTILL = 11  # the same, or 0 where a derivative in the matrix was written by a user
 
 INTEGERS = (
     "header",
@@ -68,11 +73,13 @@ FIRST = 2 * (len(FLOATS) + len(INTEGERS))
 HEADERS = (
     "n", "m", "p", "size", "R1", "lam0", "lam1", "Rk", "mu",
     "variable", "own", "rescale_a", "trapezoidal", "max_iterations", "evaluations", "base", "small",
+    "max_damped", "max_halvings",
 )  # fmt: skip
 N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, EVALUATIONS, BASE, SMALL = range(FIRST + 9, FIRST + 17)
+MAX_DAMPED, MAX_HALVINGS = FIRST + 17, FIRST + 18
 FUNCTIONS = ("residual", "matrix", "end", "inverse", "raw", "levels", "early", "early_matrix")
-CODE = FIRST + 17
+CODE = FIRST + 19
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 
 
