@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import native
-from hhtbench.lowering.inverse import inverse
 from hhtbench.lowering.native.calling import native_call
 from tests.lowering.native import Nothing, native_value
 
@@ -44,24 +43,3 @@ def test_parts_of_a_result_share_what_was_computed_before(rows):
     np.testing.assert_array_equal(late, expected[slice(*rows)])
     assert code.size == rows[1] - rows[0]
     assert code.operations < 7
-
-
-def test_the_inverse_of_bodies_that_do_not_meet_is_taken_body_by_body():
-    lots = np.random.default_rng(0)
-    order, parts = lots.permutation(6), [lots.standard_normal((k, k)) + 3 * np.eye(k) for k in (3, 2, 1)]
-    at = [order[:3], order[3:5], order[5:]]
-
-    def scattered(dynamics, *blocks):
-        full = jnp.zeros((6, 6))
-        for place, block in zip(at, blocks, strict=True):
-            full = full.at[np.ix_(place, place)].set(block)
-        return inverse(full)
-
-    value, code = native_value(scattered, *parts)
-    full = np.zeros((6, 6))
-    for place, block in zip(at, parts, strict=True):
-        full[np.ix_(place, place)] = block
-    np.testing.assert_allclose(value, np.linalg.inv(full), rtol=1e-12, atol=1e-13)
-    assert code.varying.size == 9 + 4 + 1  # the others are zero by structure
-    np.testing.assert_array_equal(value[np.abs(np.linalg.inv(full)) < 1e-14], 0.0)
-    assert code.operations < 6 * 6 * 2  # one matrix of six
