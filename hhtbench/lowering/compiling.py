@@ -65,12 +65,15 @@ def compile_function(
         if key not in _made:
             while len(_made) >= KEPT:
                 _made.pop(next(iter(_made)))
-            _made[key] = dynamics, _caller(_Compiled(function, dynamics, static, wanted))  # kept: its id stays its own
-        return _made[key][1]
+            compiled = _Compiled(function, dynamics, static, wanted)
+            _made[key] = compiled, _caller(compiled)  # it holds the dynamics, so that its id stays its own
+        compiled, call = _made[key]
+        compiled.tell()
+        return call
 
 
 KEPT = 512  # callables that are remembered: finding a function's code again takes as long as a hundred calls of it
-_made: dict[Any, tuple[Any, Callable[..., np.ndarray]]] = {}
+_made: dict[Any, tuple[_Compiled, Callable[..., np.ndarray]]] = {}
 _lock = threading.RLock()
 
 
@@ -95,6 +98,12 @@ class _Compiled:
         self._calls: dict[Shapes, Callable[..., np.ndarray | None] | None] = {}  #: machine code, or None: XLA
         self.last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
+        self._records: dict[Any, Route] = {}
+
+    def tell(self) -> None:
+        """Put on record again what was chosen: records are of fewer dynamics than callables."""
+        for key, route in self._records.items():
+            record(self._dynamics, key, route)
 
     def any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""
@@ -144,7 +153,8 @@ class _Compiled:
 
     def _record(self, shapes: Shapes, route: str, reason: str, operations: int | None = None) -> None:
         key = self._function, self._static, shapes
-        record(self._dynamics, key, Route(_name(self._function), route, reason, operations))
+        self._records[key] = Route(_name(self._function), route, reason, operations)
+        record(self._dynamics, key, self._records[key])
 
 
 def compiled_pieces() -> int:

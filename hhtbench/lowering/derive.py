@@ -15,6 +15,7 @@ from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.kept import Findings, keep, name_of, recall
+from hhtbench.lowering.native.outside import files_read
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.structure import Structure, used_arguments
@@ -80,8 +81,9 @@ def _findings(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
     name = name_of(system, q, v, ignored)
     found = recall(name)
     if found is None:
-        found = _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
-        keep(name, found)
+        with files_read() as files:
+            found = _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+        keep(None if files else name, found)
     return found
 
 
@@ -135,10 +137,10 @@ def _mass_kind(system: System | NumpySystem) -> str:
 
 
 def _constant_mass(system: System, t: Any, q: Any) -> Any:
-    """Of a type of its own, also where it comes of Python's numbers: as it is when it comes from disk."""
+    """In float64, also where it comes of whole numbers, or of Python's: as it is when it comes from disk."""
     mass = system.mass_matrix  # type: ignore[attr-defined]
     mass = mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
-    return jax.tree.map(lambda values: jnp.asarray(values, dtype=values.dtype), mass)
+    return jax.tree.map(lambda values: jnp.asarray(values, dtype=float), mass)
 
 
 def _inverse(mass: Any, xp: Any) -> Any:

@@ -1,7 +1,8 @@
 """What ``derive`` finds out about a system, on disk: nothing is traced again by a process that finds it there.
 
 The name is a hash of the system's sources and values (:mod:`~hhtbench.lowering.native.sources`), of sizes and types; where
-these cannot be told, or a constant mass is not of plain float64, nothing is kept.  Errors are not kept either.
+these cannot be told, files were read on the way, or a constant mass is large or not of plain float64, nothing is kept.
+Errors are not kept either.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import System
 
 MOST = 64  # files of one process: a study of parameters makes thousands of systems that nobody meets again
+LARGEST = 10_000  # entries of a mass matrix
 _written: list[str] = []
 
 
@@ -64,7 +66,7 @@ def keep(name: str | None, findings: Findings) -> None:
     masses, data = [], b""
     for mass in findings[1:]:
         values = mass.values if isinstance(mass, Diagonal) else mass
-        if values is not None and (values.dtype != np.float64 or values.weak_type):
+        if values is not None and (values.dtype != np.float64 or values.weak_type or values.size > LARGEST):
             return
         masses.append(None if values is None else {"shape": values.shape, "diagonal": isinstance(mass, Diagonal)})
         data += b"" if values is None else np.asarray(values).tobytes()

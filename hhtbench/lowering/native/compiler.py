@@ -15,6 +15,7 @@ from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
 from hhtbench.lowering.native.emit import CALL, ENTRY
 from hhtbench.lowering.native.machine import load
+from hhtbench.lowering.native.outside import files_read
 from hhtbench.lowering.native.reading import Reading, Shapes, pattern_of, read
 from hhtbench.lowering.native.reasons import NotNative
 from hhtbench.lowering.native.sources import source_key
@@ -133,10 +134,13 @@ def _found(
     cached = code is not None
     if code is None:
         try:
-            reading, taken = staged(_read(flat, pattern, shapes), shapes, kind[1], kind[2])
+            with files_read() as files:
+                whole = _read(flat, pattern, shapes)
+            name = None if whole.files else name
+            reading, taken = staged(whole, shapes, kind[1], kind[2])
             written = write(reading, taken, compact=kind[0], limit=MOST_OPERATIONS)
         except NotNative as error:
-            _keep(name, b"no " + error.reason.encode())
+            _keep(None if files else name, b"no " + error.reason.encode())
             return error
         seconds |= {"trace": reading.trace, "lower": reading.lower + written.seconds}
         content = f"{written.content}.code"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import hashlib
 import sys
 import types
 from collections import namedtuple
@@ -39,7 +40,7 @@ def describe(value: Any, modules: set[str], *, parameters: bool) -> Any:
         return type(value).__name__, repr(value)
     if isinstance(value, np.ndarray | np.generic | jax.Array):
         array = np.asarray(value)
-        content = None if parameters and eqx.is_inexact_array(value) else array.tobytes()
+        content = None if parameters and eqx.is_inexact_array(value) else hashlib.sha256(array.tobytes()).hexdigest()
         return "array", array.shape, str(array.dtype), content
     if type(value) in (tuple, list):
         return type(value).__name__, tuple(again(part) for part in value)
@@ -132,8 +133,15 @@ def _code_of(value: Any) -> Any:
 
 def _enclosed(function: Any) -> Any:
     """What a function holds of the function that made it."""
-    cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    cells = [_inside(cell) for cell in getattr(function, "__closure__", None) or ()]
     return tuple(_code_of(cell) or describe(cell, set(), parameters=False) for cell in cells)
+
+
+def _inside(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:
+        raise NotDescribed("something enclosed has no value yet") from None
 
 
 def _code(code: types.CodeType) -> Any:

@@ -45,7 +45,7 @@ def source_key(function: Any, dynamics: Any, static: tuple[Any, ...], more: tupl
     try:
         described = describe((function, static), modules, parameters=False), describe(dynamics, modules, parameters=True)
         state = _modules(modules)
-    except NotDescribed:
+    except (NotDescribed, RecursionError):  # what holds itself has no end
         return None
     digest = hashlib.sha256()
     for part in (described, more, state, _versions()):

@@ -78,9 +78,16 @@ class Entries:
         return 0
 
     def _load_inverse(self, factor: Factor | None, z: Memory) -> bool:
-        if not isinstance(factor, InverseFactor) or factor.maps.data.size != self.flat.size - self.own:
+        """Of any kind: the next error is filtered by the matrix of the step before, whoever made that."""
+        if factor is None or factor.maps.shape != (self.band.maps.rows, self.size):
             return False
-        for name, values in ((INVERSE_MATRIX, factor.inverse.T.ravel()), (MAPS, factor.maps.data)):
+        units = np.eye(self.size)
+        inverse = factor.inverse if isinstance(factor, InverseFactor) else np.stack([factor.solve(u) for u in units], axis=1)
+        full = factor.maps.toarray() if hasattr(factor.maps, "toarray") else np.asarray(factor.maps)
+        maps = full[self.pattern.rows[self.own :] - self.size, self.pattern.columns[self.own :]]
+        if not (np.isfinite(inverse).all() and np.isfinite(maps).all()):
+            return False
+        for name, values in ((INVERSE_MATRIX, inverse.T.ravel()), (MAPS, maps)):
             floats(z, name)[: values.size] = values
         return True
 
