@@ -81,8 +81,9 @@ def _findings(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
     name = name_of(system, q, v, ignored)
     found = recall(name)
     if found is None:
+        place = jnp.asarray(q), jnp.asarray(v)  # JAX looks around in files when it is first used
         with files_read() as files:
-            found = _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+            found = _trace(system, t, *place, ignored)
         keep(None if files else name, found)
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import sysconfig
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import jax
 from hhtbench.lowering.caching import cache_directory
 
 CODE = (".py", ".pyc", ".pyi", ".so", ".pyd", ".dll", ".dylib")  # what an import opens
+NOBODYS = ("/sys/", "/proc/", "/dev/", *(sysconfig.get_paths()[key] for key in ("stdlib", "purelib", "platlib")))
 _local = threading.local()
 _hooked: list[bool] = []
 _lock = threading.Lock()
@@ -21,7 +23,7 @@ _lock = threading.Lock()
 
 @contextmanager
 def files_read() -> Iterator[list[str]]:
-    """A list to which the files are added that this thread opens in the meantime, but for code and our own caches."""
+    """A list to which the files are added that this thread opens in the meantime, but for code, libraries and our caches."""
     with _lock:
         if not _hooked:
             sys.addaudithook(_hook)  # for the life of the process: hooks cannot be taken away
@@ -44,6 +46,6 @@ def _hook(event: str, arguments: Any) -> None:
     if opened is None or not isinstance(arguments[0], str | bytes | Path):
         return
     path = str(arguments[0]) if not isinstance(arguments[0], bytes) else arguments[0].decode(errors="replace")
-    caches = [str(cache_directory()), str(getattr(jax.config, "jax_compilation_cache_dir", None) or "")]
-    if not path.endswith(CODE) and not any(cache and path.startswith(cache) for cache in caches):
+    caches = str(cache_directory()), str(getattr(jax.config, "jax_compilation_cache_dir", None) or cache_directory())
+    if not path.endswith(CODE) and not path.startswith((*caches, *NOBODYS)):
         opened.append(path)
