@@ -274,6 +274,8 @@ def _linear_algebra(dynamics: Any, singular: bool) -> list[Statement]:
         reason = "a pivoted QR would be dense; dependent rows make the KKT matrix singular, which ends in a status"
         rows.append(Statement("not computed", "redundant rows", "not looked for", reason))
     kind, reason = "dense LU (LAPACK)", _step_reason(s)
+    if route_of(dynamics) != "numpy":
+        kind = "the inverse or band LU where HHT's steps are machine code, else dense LU (LAPACK)"
     if matrix_free(dynamics) is not None and s.n + 2 * s.m + (s.n + s.p if s.p else 0) >= SMALL:
         kind = "band LU after reverse Cuthill-McKee, or SuperLU where the band is wide,"
         reason += f"; {SMALL} unknowns or more: entries by coloured derivatives, their places by asdex"
