@@ -50,7 +50,7 @@ FEW = 20  # output rows below which their multipliers are found one by one: no f
 
 
 class NativeEngine(HostEngine):
-    """Steps in compiled loops; one that Newton's plain iteration does not make is the host engine's, with its remedies."""
+    """Steps in compiled loops; one that Newton's iteration does not make there is the host engine's, with its remedies."""
 
     why = "native"
 
@@ -71,7 +71,7 @@ class NativeEngine(HostEngine):
     ) -> tuple[State, int]:
         """The state after as many steps towards ``stop`` [s] as the loops make, at most ``most``, and their number.
 
-        They end before a step with an event, or one that Newton's plain iteration does not make: :meth:`one` is for those,
+        They end before a step with an event, or one that Newton's iteration does not make there: :meth:`one` is for those,
         or the host engine.  ``watched.values`` are then those at the end of the last step.
         """
         count = self._most if most is None else min(self._most, most)
