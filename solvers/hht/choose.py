@@ -20,9 +20,8 @@ from solvers.hht.linear import KINDS, Analysis, Dense, Factor
 from solvers.hht.newton import NewtonOptions
 from solvers.hht.sparse import BAND_GAIN, NARROW, Band, Splu, fill, splu_factor
 
-MATRIX_COST = (
-    3.0  # iterations a new matrix is worth: it costs 3 to 6 (chains of 100 to 10,000 links) and helps later steps too
-)
+MATRIX_COST = 3.0, 6.0  # iterations that a new matrix costs: chains of 100 links, and of 1,000 and more
+MANY = 100_000  # entries computed for it from which it is the latter: they do not fit into the nearer memories
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
 
 
@@ -37,7 +36,10 @@ class Choice:
     @property
     def newton(self) -> NewtonOptions:
         """What Newton's iteration is told."""
-        return NewtonOptions() if self.coloured is None else NewtonOptions(matrix_cost=MATRIX_COST, max_iterations=25)
+        if self.coloured is None:
+            return NewtonOptions()
+        computed = self.coloured.pattern.colours * self.coloured.pattern.shape[0]
+        return NewtonOptions(matrix_cost=MATRIX_COST[computed > MANY], max_iterations=25)
 
 
 def choose(dynamics: Any, layout: Layout, linsolver: str) -> Choice:
