@@ -207,6 +207,12 @@ def test_a_study_of_parameters_does_not_fill_the_disk(derived_afresh, monkeypatc
     assert len(list((empty_cache / "native").glob("*.structure"))) == 3
 
 
+def test_a_large_mass_is_not_kept(derived_afresh, monkeypatch, empty_cache):
+    monkeypatch.setattr(kept, "LARGEST", 1)
+    assert [derived_afresh(Falling())[1] for _ in range(2)] == [True, True]
+    assert not list(empty_cache.rglob("*.structure"))
+
+
 MECHANISM = """
 from hhtbench.protocol import System
 from spring import pull
