@@ -1,11 +1,56 @@
-"""The one place that says where compiled code is kept."""
+"""What is kept: values in memory, and where compiled code lies on disk."""
 
 from __future__ import annotations
 
 import os
+import stat
+import threading
+import warnings
+from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Any
 
 import jax
+
+
+class ById:
+    """An object as part of a key, compared by identity; the key keeps it, so that its id stays its own."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ById) and self.value is other.value
+
+
+class Cache:
+    """Values by key, at most ``size``: the oldest goes first.  Threads may share it."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._values: dict[Hashable, Any] = {}
+        self._lock = threading.Lock()
+
+    def find(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """The value of ``key``, by ``make()`` where there is none; unlocked, since that may run the user's code."""
+        with self._lock:
+            if key in self._values:
+                return self._values[key]
+        made = make()
+        with self._lock:
+            while len(self._values) >= self._size:
+                self._values.pop(next(iter(self._values)))
+            return self._values.setdefault(key, made)
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        with self._lock:
+            self._values.clear()
 
 
 def cache_directory() -> Path:
@@ -16,9 +61,34 @@ def cache_directory() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hhtbench"
 
 
+def private_folder(name: str) -> Path | None:
+    """The folder ``name`` of the cache, which only its owner can write; None where there is none to be trusted.
+
+    What lies in it is loaded and run: its protection is the folder's owner and mode.  It is made with mode 0700; one that
+    belongs to somebody else or that others can write is refused with a warning, and nothing is kept then.
+    """
+    folder = cache_directory() / name
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.stat()
+    except OSError:
+        return None
+    if not hasattr(os, "geteuid"):  # other systems' folders of a user are private by other means
+        return folder
+    remedy = "set HHTBENCH_CACHE to a folder of your own"
+    if found.st_uid != os.geteuid():
+        reason = f"belongs to user {found.st_uid}, not to you; {remedy}"
+    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        reason = f"can be written by others; run chmod go-w on it once you trust what is in it, or {remedy}"
+    else:
+        return folder
+    warnings.warn(f"compiled code is not kept: the folder {folder} {reason}.", UserWarning, stacklevel=2)
+    return None
+
+
 def use_disk_cache() -> None:
     """Point JAX's persistent cache to our folder unless the user has chosen one."""
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
-        jax.config.update("jax_compilation_cache_dir", str(cache_directory() / "xla"))
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None and (folder := private_folder("xla")) is not None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)

@@ -12,12 +12,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.flattening import flat_function
 from hhtbench.lowering.patterns import Pattern, detect
 
-KEPT = 16  # patterns that are remembered: one of a chain of ten thousand links takes seconds to find
-_patterns: dict[Any, Pattern] = {}
+_patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
 
 
 def pattern_of(function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], example: tuple[Any, ...]) -> Pattern:
@@ -26,13 +26,12 @@ def pattern_of(function: Callable[..., Any], dynamics: Any, static: tuple[Any, .
     ``example`` holds arrays of the shapes of x and of the rest.
     """
     flat = flat_function(function, dynamics, *static)
-    if flat.key not in _patterns:
-        arrays = [jnp.asarray(array, dtype=float) for array in example]
-        found = detect(lambda x, *rest: flat.function(rest[0], x, *rest[1:]), arrays[0], flat.parameters, *arrays[1:])
-        while len(_patterns) >= KEPT:
-            _patterns.pop(next(iter(_patterns)), None)
-        _patterns[flat.key] = found
-    return _patterns[flat.key]
+    arrays = [jnp.asarray(array, dtype=float) for array in example]
+
+    def find() -> Pattern:
+        return detect(lambda x, *rest: flat.function(rest[0], x, *rest[1:]), arrays[0], flat.parameters, *arrays[1:])
+
+    return _patterns.find(flat.key, find)
 
 
 def value_and_entries(

@@ -25,7 +25,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 
-from hhtbench.lowering.caching import cache_directory
+from hhtbench.lowering.caching import private_folder
 
 config: Any = _config
 
@@ -42,8 +42,10 @@ def dispatcher(function: Any, options: dict[str, Any], **more: Any) -> Any:
 
 def kept_dispatcher(function: Any, options: dict[str, Any], content: str) -> Any:
     """The same, kept on disk by Numba under the name ``content``; in memory only where no folder can be written."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_directory() / "loops" / content)
+    before, folder = config.CACHE_DIR, private_folder("loops")
+    if folder is None:
+        return dispatcher(function, options)
+    config.CACHE_DIR = str(folder / content)
     try:
         return dispatcher(function, options, cache=True)
     except (RuntimeError, OSError):  # there is no folder that can be written

@@ -7,7 +7,6 @@ systems of one class, sizes and static options, whatever their parameter values,
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -17,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import cache_directory, use_disk_cache
+from hhtbench.lowering.caching import ById, Cache, cache_directory, use_disk_cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
 from hhtbench.lowering.native import NotNative, native
@@ -60,29 +59,24 @@ def compile_function(
         reason = "the functions are plain callables on NumPy arrays"
         record(dynamics, (function, static), Route(_name(function), "numpy", reason))
         return partial(function, dynamics, *static)
-    key = function, id(dynamics), static, wanted
-    with _lock:
-        if key not in _made:
-            while len(_made) >= KEPT:
-                _made.pop(next(iter(_made)))
-            compiled = _Compiled(function, dynamics, static, wanted)
-            _made[key] = compiled, _caller(compiled)  # it holds the dynamics, so that its id stays its own
-        compiled, call = _made[key]
-        compiled.tell()
-        return call
+    compiled, call = _callables.find(
+        (function, ById(dynamics), static, wanted), lambda: _callable(function, dynamics, static, wanted)
+    )
+    compiled.tell()
+    return call
 
 
-KEPT = 512  # callables that are remembered: finding a function's code again takes as long as a hundred calls of it
-_made: dict[Any, tuple[_Compiled, Callable[..., np.ndarray]]] = {}
-_lock = threading.RLock()
+_callables = Cache(512)  # finding a function's code again takes as long as a hundred calls of it
 
 
-def _caller(compiled: _Compiled) -> Callable[..., np.ndarray]:
+def _callable(*parts: Any) -> tuple[_Compiled, Callable[..., np.ndarray]]:
+    compiled = _Compiled(*parts)
+
     def call(*arguments: Any) -> np.ndarray:
         value = compiled.last(*arguments)
         return compiled.any(*arguments) if value is None else value
 
-    return call
+    return compiled, call
 
 
 def _nothing(*_: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import jax
@@ -11,11 +10,10 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values
 from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
-from hhtbench.lowering.kept import Findings, keep, name_of, recall
-from hhtbench.lowering.native.outside import files_read
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.structure import Structure, used_arguments
@@ -53,42 +51,22 @@ def derive(
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
 
-KEPT = 64  # systems whose derived functions are remembered: reading their structure costs a trace each
-_derived: dict[Any, tuple[System, JaxDynamics]] = {}
-_derived_lock = threading.Lock()
+_derived = Cache(64)  # reading a system's structure costs a trace for each of its functions
 
 
 def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
     """A system is immutable: its dynamics is derived once per size."""
-    key = (id(system), np.shape(q), ignored)
-    with _derived_lock:
-        if key in _derived:
-            return _derived[key][1]
+    return _derived.find((ById(system), np.shape(q), ignored), lambda: _read_off(system, t, q, v, ignored))
+
+
+def _read_off(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
     try:
-        found = _findings(system, t, q, v, ignored)  # unlocked: it runs the user's code
+        return _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
-    dynamics = JaxDynamics(system, found.structure, ignored, found.constant_mass, found.inverse_mass)
-    with _derived_lock:
-        while len(_derived) >= KEPT:
-            _derived.pop(next(iter(_derived)))
-        _derived[key] = (system, dynamics)  # the system is kept, so that its id stays its own
-    return dynamics
 
 
-def _findings(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> Findings:
-    """From disk, or by tracing."""
-    name = name_of(system, q, v, ignored)
-    found = recall(name)
-    if found is None:
-        place = jnp.asarray(q), jnp.asarray(v)  # JAX looks around in files when it is first used
-        with files_read() as files:
-            found = _trace(system, t, *place, ignored)
-        keep(None if files else name, found)
-    return found
-
-
-def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> Findings:
+def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> JaxDynamics:
     n = q.size
     time = jnp.asarray(t, dtype=float)
     expect_shape(system, "force", (n,), time, q, v)
@@ -116,7 +94,7 @@ def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -
         velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
     )
     constant = _constant_mass(system, time, q) if mass == "constant" else None
-    return Findings(structure, constant, _inverse(constant, jnp))
+    return JaxDynamics(system, structure, ignored, constant, _inverse(constant, jnp))
 
 
 def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
@@ -138,7 +116,7 @@ def _mass_kind(system: System | NumpySystem) -> str:
 
 
 def _constant_mass(system: System, t: Any, q: Any) -> Any:
-    """In float64, also where it comes of whole numbers, or of Python's: as it is when it comes from disk."""
+    """In float64, also where it comes of whole numbers, or of Python's."""
     mass = system.mass_matrix  # type: ignore[attr-defined]
     mass = mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
     return jax.tree.map(lambda values: jnp.asarray(values, dtype=float), mass)

@@ -12,15 +12,14 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-KEPT = 64  # dynamics whose flattened parameters are remembered
+from hhtbench.lowering.caching import ById, Cache
 
 _jitted: dict[Any, Any] = {}
-_flattened: dict[int, _Flattened] = {}
+_flattened = Cache(64)
 _lock = threading.RLock()
 
 
 class _Flattened(NamedTuple):
-    dynamics: Any  #: kept, so that its id stays its own
     flat: Any  #: one argument: forty of them would cost more than the function
     unravel: Callable[[Any], Any]
     rest: Any
@@ -37,8 +36,7 @@ class Flat(NamedTuple):
 
 def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
     """``function(dynamics, *static, *arrays)`` taken apart."""
-    with _lock:
-        parts = _flatten(dynamics)
+    parts = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
     return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
 
 
@@ -57,13 +55,9 @@ def xla_pieces() -> int:
 
 
 def _flatten(dynamics: Any) -> _Flattened:
-    if id(dynamics) not in _flattened:
-        arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
-        flat, unravel = _ravel(arrays)
-        while len(_flattened) >= KEPT:
-            _flattened.pop(next(iter(_flattened)))
-        _flattened[id(dynamics)] = _Flattened(dynamics, flat, unravel, rest, (_signature(arrays), _signature(rest)))
-    return _flattened[id(dynamics)]
+    arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
+    flat, unravel = _ravel(arrays)
+    return _Flattened(flat, unravel, rest, (_signature(arrays), _signature(rest)))
 
 
 def _ravel(tree: Any) -> tuple[Any, Callable[[Any], Any]]:

@@ -135,11 +135,11 @@ class Entry(Inner):
         for part in (self._function.__module__, self._function.__qualname__, layout, self._content, *_versions()):
             digest.update(part.encode() + b"\0")
         name = f"{digest.hexdigest()}.loop"
-        code = disk.unsealed(disk.read_file(name))
+        code = disk.read_file(name)
         if code is None:
             code, needs_numba = _compiling().object_code(self._function, self._options, arguments, ENTRY)
             if not needs_numba:
-                disk.write_file(name, disk.sealed(code))
+                disk.write_file(name, code)
         return code
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.augmented import AugmentedDynamics
+from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.reduced import ReducedDynamics
 
 ROUTES = ("auto", "native", "xla")
 VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
 MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
-REMEMBERED = 64  # dynamics whose routes are remembered
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Route:
     operations: int | None = None  #: scalar operations, of the native route
 
 
-_records: dict[int, tuple[Any, dict[Any, Route]]] = {}
+_records = Cache(64)
 
 
 def route_of(dynamics: Any) -> str:
@@ -64,13 +64,9 @@ def too_large(dynamics: Any) -> str | None:
 
 def record(dynamics: Any, key: Any, route: Route) -> None:
     """Remember a choice."""
-    if id(dynamics) not in _records:
-        while len(_records) >= REMEMBERED:
-            _records.pop(next(iter(_records)), None)
-        _records[id(dynamics)] = (dynamics, {})  # kept, so that its id stays its own
-    _records[id(dynamics)][1][key] = route
+    _records.find(ById(dynamics), dict)[key] = route
 
 
 def routes(dynamics: Any) -> tuple[Route, ...]:
     """Of every function of ``dynamics`` that has been called so far: its route and why."""
-    return tuple(_records.get(id(dynamics), (None, {}))[1].values())
+    return tuple(_records.find(ById(dynamics), dict).values())

@@ -15,10 +15,8 @@ from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
 from hhtbench.lowering.native.emit import CALL, ENTRY
 from hhtbench.lowering.native.machine import load
-from hhtbench.lowering.native.outside import files_read
 from hhtbench.lowering.native.reading import Reading, Shapes, pattern_of, read
 from hhtbench.lowering.native.reasons import NotNative
-from hhtbench.lowering.native.sources import source_key
 from hhtbench.lowering.native.stages import staged
 
 MOST_OPERATIONS = 100_000  # tracing, lowering and generating them takes some ten seconds
@@ -87,7 +85,7 @@ def native(
     with _lock:
         known = key in _memory
         if not known:
-            _memory[key] = _found(function, dynamics, static, flat, pattern, shapes, kind)
+            _memory[key] = _made(flat, pattern, shapes, kind)
         loaded = _memory[key]
     if isinstance(loaded, NotNative):
         raise loaded
@@ -116,49 +114,33 @@ def _bound(loaded: _Loaded, parameters: np.ndarray, *, cached: bool) -> Native:
     )
 
 
-def _found(
-    function: Any,
-    dynamics: Any,
-    static: Any,
-    flat: Flat,
-    pattern: np.ndarray,
-    shapes: Shapes,
-    kind: tuple[bool, str, tuple[int, int] | None],
+def _made(
+    flat: Flat, pattern: np.ndarray, shapes: Shapes, kind: tuple[bool, str, tuple[int, int] | None]
 ) -> _Loaded | NotNative:
-    """From disk by the sources, else traced and from disk by content, else generated."""
-    seconds = {"trace": 0.0, "lower": 0.0, "generate": 0.0, "load": 0.0}
-    name = source_key(function, dynamics, static, (pattern.tobytes(), shapes, kind))
-    code = _kept(name)
-    if isinstance(code, NotNative):
-        return code
-    cached = code is not None
-    if code is None:
+    """Traced, then from disk by content, or generated: no key of other kind can tell what a function's value depends on."""
+    compact, stage, rows = kind
+    try:
+        reading, taken = staged(_read(flat, pattern, shapes), shapes, stage, rows)
+        written = write(reading, taken, compact=compact, limit=MOST_OPERATIONS)
+    except NotNative as error:
+        return error
+    seconds = {"trace": reading.trace, "lower": reading.lower + written.seconds, "generate": 0.0}
+    name = f"{written.content}.code"
+    kept = disk.read_file(name)
+    began = time.perf_counter()
+    if kept is not None:
+        code = Code.from_bytes(kept)
+    else:
         try:
-            with files_read() as files:
-                whole = _read(flat, pattern, shapes)
-            name = None if whole.files else name
-            reading, taken = staged(whole, shapes, kind[1], kind[2])
-            written = write(reading, taken, compact=kind[0], limit=MOST_OPERATIONS)
-        except NotNative as error:
-            _keep(None if files else name, b"no " + error.reason.encode())
-            return error
-        seconds |= {"trace": reading.trace, "lower": reading.lower + written.seconds}
-        content = f"{written.content}.code"
-        code = _read_code(content)
-        cached = code is not None
-        if code is None:
-            began = time.perf_counter()
-            try:
-                code = compiled(written)
-            except RuntimeError as error:  # LLVM's word for whatever it cannot do; another version may
-                return NotNative(f"LLVM does not generate code for it: {error}")
-            seconds["generate"] = time.perf_counter() - began
-            disk.write_file(content, code.to_bytes())
-        _keep(name, b"is " + content.encode())
+            code = compiled(written)
+        except RuntimeError as error:  # LLVM's word for whatever it cannot do; another version may
+            return NotNative(f"LLVM does not generate code for it: {error}")
+        seconds["generate"] = time.perf_counter() - began
+        disk.write_file(name, code.to_bytes())
     began = time.perf_counter()
     addresses = load(code.binary, ENTRY, CALL)
     seconds["load"] = time.perf_counter() - began
-    return _Loaded(code, addresses, seconds, cached)
+    return _Loaded(code, addresses, seconds, kept is not None)
 
 
 def _read(flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
@@ -169,23 +151,3 @@ def _read(flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
         _last.clear()
         _last[key] = found
     return _last[key]
-
-
-def _kept(name: str | None) -> Code | NotNative | None:
-    """What the sources' name says: code, a reason why there is none, or nothing."""
-    found = None if name is None else disk.read_file(f"{name}.key")
-    if found is None:
-        return None
-    if found.startswith(b"no "):
-        return NotNative(found[3:].decode(errors="replace"))
-    return _read_code(found[3:].decode(errors="replace")) if found.startswith(b"is ") else None
-
-
-def _keep(name: str | None, text: bytes) -> None:
-    if name is not None:
-        disk.write_file(f"{name}.key", text)
-
-
-def _read_code(name: str) -> Code | None:
-    data = disk.read_file(name)
-    return None if data is None else Code.from_bytes(data)

@@ -6,48 +6,35 @@ import contextlib
 import hashlib
 import os
 import tempfile
-from pathlib import Path
 
-from hhtbench.lowering.caching import cache_directory
+from hhtbench.lowering.caching import private_folder
 
 CHECKSUM = hashlib.sha256().digest_size
 
 
-def folder() -> Path:
-    """Where they are."""
-    return cache_directory() / "native"
-
-
 def read_file(name: str) -> bytes | None:
-    """The bytes kept under a name."""
+    """What is kept under a name; None where there is nothing or its checksum does not match."""
+    folder = private_folder("native")
+    if folder is None:
+        return None
     try:
-        return (folder() / name).read_bytes()
+        data = (folder / name).read_bytes()
     except OSError:
         return None
+    return data[CHECKSUM:] if hashlib.sha256(data[CHECKSUM:]).digest() == data[:CHECKSUM] else None
 
 
-def write_file(name: str, data: bytes) -> None:
-    """Keep ``data`` under a name: written beside it first, so that no reader ever sees half a file."""
-    temporary = None
+def write_file(name: str, body: bytes) -> None:
+    """Keep ``body`` under a name, behind its checksum: written beside it first, so that no reader ever sees half a file."""
+    folder, temporary = private_folder("native"), None
+    if folder is None:
+        return
     try:
-        folder().mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=folder(), prefix=".")
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".")
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.replace(temporary, folder() / name)
+            file.write(hashlib.sha256(body).digest() + body)
+        os.replace(temporary, folder / name)
     except OSError:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
-
-
-def sealed(body: bytes) -> bytes:
-    """``body`` behind its checksum."""
-    return hashlib.sha256(body).digest() + body
-
-
-def unsealed(data: bytes | None) -> bytes | None:
-    """What was sealed; None where there is nothing or it is damaged."""
-    if data is None or hashlib.sha256(data[CHECKSUM:]).digest() != data[:CHECKSUM]:
-        return None
-    return data[CHECKSUM:]

@@ -11,7 +11,6 @@ import numpy as np
 
 from hhtbench.lowering.native import control, elementwise, indexing, movement, solving, sums
 from hhtbench.lowering.native.graph import Graph
-from hhtbench.lowering.native.outside import files_read
 from hhtbench.lowering.native.reasons import NotNative
 from hhtbench.lowering.native.values import Nodes, Unknown, Value, as_numbers, lift
 from hhtbench.lowering.native.walk import Walk
@@ -32,7 +31,6 @@ class Reading:
     shape: tuple[int, ...]  #: of the result
     trace: float  #: seconds for the jaxpr
     lower: float  #: seconds for the graph
-    files: bool = False  #: whether the function read files while it was traced: it has no name then
 
 
 def pattern_of(parameters: np.ndarray) -> np.ndarray:
@@ -53,8 +51,7 @@ def read(function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Read
     """
     began = time.perf_counter()
     structs = [jax.ShapeDtypeStruct(shape, np.float64) for shape in ((pattern.size,), *shapes)]
-    with files_read() as files:
-        computation = function.trace(*structs)
+    computation = function.trace(*structs)
     traced = time.perf_counter()
     leaves = jax.tree.leaves(computation.out_info)
     if len(leaves) != 1:
@@ -62,7 +59,7 @@ def read(function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Read
     graph = Graph(limit * GROWTH)
     (value,) = Walk(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
     outputs = _outputs(graph, value)
-    return Reading(graph, outputs, tuple(leaves[0].shape), traced - began, time.perf_counter() - traced, bool(files))
+    return Reading(graph, outputs, tuple(leaves[0].shape), traced - began, time.perf_counter() - traced)
 
 
 def _inputs(graph: Graph, pattern: np.ndarray, shapes: Shapes) -> list[Value]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Native, native
+from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.kkt import kkt_terms
 from solvers._finite import inverse_mass_at
 from solvers.hht.coefficients import Method
@@ -58,21 +59,13 @@ from solvers.hht.state import Memory as StepMemory
 from solvers.hht.state import State
 from solvers.hht.weights import GIVEN, HEAD
 
-KEPT = 16  # kernels that are remembered: ordering a matrix takes a millisecond
-_kernels: dict[Any, tuple[Any, Kernel]] = {}
+_kernels = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
 
 
 def kernel_for(dynamics: Any, method: Method, layout: Layout) -> Kernel:
     """The :class:`Kernel`, remembered for the same dynamics."""
-    key = id(dynamics), replace(method, start="f0")
-    with _lock:
-        if key not in _kernels:
-            made = Kernel(dynamics, method, layout)
-            while len(_kernels) >= KEPT:
-                _kernels.pop(next(iter(_kernels)))
-            _kernels[key] = dynamics, made  # the dynamics is kept, so that its id stays its own
-        return _kernels[key][1]
+    return _kernels.find((ById(dynamics), replace(method, start="f0")), lambda: Kernel(dynamics, method, layout))
 
 
 class Kernel:

@@ -13,7 +13,7 @@ from typing import Any
 from tests.performance.engine.ours import ENGINE
 
 LIMITS = {"pendulum": 1.5, "andrews": 5.0}  # of a system, the loop of all systems being there [s]
-CACHED = 0.2  # from the disk cache [s]
+CACHED = {"pendulum": 1.2, "andrews": 1.6}  # traced again, the code from the disk cache [s]
 PATIENCE = 300.0  # of one process [s]
 OTHER = {"pendulum": "andrews", "andrews": "pendulum"}
 
@@ -34,7 +34,7 @@ def _line(name: str, times: dict[str, dict[str, float] | str]) -> dict[str, Any]
     line: dict[str, Any] = {
         "scene": name,
         "limit": LIMITS[name],
-        "cached_limit": CACHED,
+        "cached_limit": CACHED[name],
         "note": "; ".join(dict.fromkeys(failed)),
     }
     if failed:
@@ -49,7 +49,7 @@ def _line(name: str, times: dict[str, dict[str, float] | str]) -> dict[str, Any]
         "other_s": cost["other"],
         "cached_s": cost["own"],
         "solve_s": own["second"],
-        "holds": bool(cost["other"] <= LIMITS[name] and cost["own"] <= CACHED),
+        "holds": bool(cost["other"] <= LIMITS[name] and cost["own"] <= CACHED[name]),
     }
 
 
