@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from dataclasses import replace
 from typing import Any
@@ -9,20 +10,23 @@ from typing import Any
 from hhtbench.arguments import real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
+from hhtbench.lowering.fingerprint import fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Status
 from solvers._start import Guesses, Place
 from solvers.hht.begin import Started
+from solvers.hht.checkpoint import pack, unpack
 from solvers.hht.coefficients import Method
 from solvers.hht.control import ControlOptions
 from solvers.hht.engine import HostEngine
 from solvers.hht.engines import make_engine
 from solvers.hht.error import make_tolerances
 from solvers.hht.events import Event, Occurrence
+from solvers.hht.legal_state import check
 from solvers.hht.run import check_accuracy, controlled_course
 from solvers.hht.state import State
-from solvers.hht.stepping import Constant, Standing, begun, check_sizes, make_goal, pack, take, unpack
+from solvers.hht.stepping import Constant, Standing, begun, make_goal, take
 from solvers.hht.watch import Course
 
 
@@ -137,7 +141,11 @@ class ByHand:
         return Counters(**counted)
 
     def checkpoint(self) -> bytes:
-        """Where stepping by hand stands, for :meth:`resume` in another process; neither system nor options are in it."""
+        """Where stepping by hand stands, for :meth:`resume` in another process.
+
+        Neither system nor options are in it, only a fingerprint of the system with its parameter values, and the options'
+        text.  A NumpySystem has no fingerprint, as its functions hide their numbers: that it is the same is up to you.
+        """
         return pack(replace(self._stands(), message=self._message), self._setup())
 
     def resume(self, data: bytes) -> None:
@@ -146,12 +154,19 @@ class ByHand:
         Raises
         ------
         ProblemError, TypeError
-            The bytes are no checkpoint, damaged, of another version, or of another solver.
+            The bytes are no checkpoint, damaged, of another version, of another system or solver, or no legal state.
         """
-        standing = unpack(data, self._setup())
+        setup = self._setup()
+        standing = unpack(data, setup)
+        if setup["fingerprint"] is None:
+            text = "a NumpySystem has no fingerprint: that it is the checkpoint's, with the same numbers, is not checked."
+            warnings.warn(text, UserWarning, stacklevel=2)
         with self._alone():
-            engine = self._rebuild(standing)
-            check_sizes(standing, engine.structure)
+            try:
+                engine = self._rebuild(standing)
+            except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+                raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
+            check(standing, engine.layout, len(self.events))
             self._standing, self._engine, self._message = standing, engine, standing.message
 
     def restart(self, state: State, *, step: float | None = None) -> None:
@@ -186,17 +201,10 @@ class ByHand:
         return controlled_course(engine, standing.tolerances, self.control, self.rule, self.events)
 
     def _setup(self) -> dict[str, Any]:
-        """What a checkpoint and the solver that resumes it must share."""
-        names = tuple(event.name for event in self.events)
-        system = type(self.system).__name__
-        options = {
-            "method": self.method,
-            "control": self.control,
-            "rule": self.rule,
-            "linsolver": self.linsolver,
-            "engine": self.engine,
-        }
-        return {"system": system, **options, "events": names}
+        """What a checkpoint and the solver that resumes it must share, as texts."""
+        options = {name: str(getattr(self, name)) for name in ("method", "control", "rule", "linsolver", "engine")}
+        events = ", ".join(event.name for event in self.events)
+        return {"system": type(self.system).__name__, "fingerprint": fingerprint(self.system), **options, "events": events}
 
     def _stands(self) -> Standing:
         if self._standing is None:

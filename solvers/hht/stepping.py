@@ -1,11 +1,8 @@
-"""Stepping by hand: where it stands, one call of ``HHT.step``, and checkpoints."""
+"""Stepping by hand: where it stands, and one call of ``HHT.step``."""
 
 from __future__ import annotations
 
-import hashlib
-import io
 import math
-import pickle
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,7 +11,6 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_number
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import Structure
 from hhtbench.result import Status
 from solvers._start import Failure, Place
 from solvers.hht.control import no_advance
@@ -28,7 +24,6 @@ from solvers.hht.watch import Course, Occurrence, Passage, Watch, along
 METHODS = ("onestep", "normal")
 HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first step is no longer
 CRUMB = 1e-9  # of a constant step: less than that before tstop is no step of its own
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,72 +183,3 @@ def _output(before: State, passage: Passage, after: State) -> HermiteOutput:
     if after is passage.step.state:
         return step
     return HermiteOutput(np.append(step.t, after.t), np.vstack([step.q, after.q]), np.vstack([step.v, after.v]))
-
-
-def pack(standing: Standing, setup: Any) -> bytes:
-    """A checkpoint: a line that says what it is, with its checksum, and the pickled ``(setup, standing)``."""
-    body = pickle.dumps((setup, standing), protocol=5)
-    return b"%s %d %s\n" % (MAGIC, VERSION, hashlib.sha256(body).hexdigest().encode()) + body
-
-
-def unpack(data: Any, setup: Any) -> Standing:
-    """The :class:`Standing` of a checkpoint that was made with the same ``setup``; runs no code of foreign bytes.
-
-    Raises
-    ------
-    ProblemError, TypeError
-        ``data`` is no checkpoint, one of another version, damaged, or made by a solver with other options.
-    """
-    if not isinstance(data, (bytes, bytearray, memoryview)):
-        raise TypeError(f"resume takes the bytes of HHT.checkpoint(); got {type(data).__name__}.")
-    head, _, body = bytes(data).partition(b"\n")
-    words = head.rsplit(b" ", 2)
-    if len(words) != 3 or words[0] != MAGIC:
-        raise ProblemError("resume takes the bytes of HHT.checkpoint(); these are not.")
-    if words[1] != b"%d" % VERSION:
-        version = words[1].decode("ascii", "replace")
-        raise ProblemError(f"the checkpoint has version {version}, this solver reads version {VERSION}; make it anew.")
-    if words[2] != hashlib.sha256(body).hexdigest().encode():
-        raise ProblemError("the checkpoint is damaged or incomplete: its checksum does not match.")
-    made_with, standing = _OwnTypes(io.BytesIO(body)).load()
-    for name, value in setup.items():
-        if made_with.get(name) != value:
-            raise ProblemError(
-                f"the checkpoint was made by a solver with {name} = {made_with.get(name)!r}; this one has {value!r}. Give "
-                "HHT the same options and events."
-            )
-    return standing
-
-
-def check_sizes(standing: Standing, structure: Structure) -> None:
-    """Raise unless the checkpoint ``standing`` fits the system."""
-    held = standing.state.q.size, standing.state.lam.size, standing.state.mu.size
-    if held != (structure.n, structure.m, structure.p):
-        raise ProblemError(
-            f"the checkpoint holds {held[0]} coordinates and {held[1]} + {held[2]} constraints; "
-            f"the system has {structure.n} and {structure.m} + {structure.p}."
-        )
-
-
-class _OwnTypes(pickle.Unpickler):
-    """Reads the types a checkpoint is made of and no others."""
-
-    own = ("solvers.hht.", "solvers._start")
-    foreign = (
-        ("numpy", "ndarray"),
-        ("numpy", "dtype"),
-        ("numpy._core.multiarray", "_reconstruct"),
-        ("numpy._core.multiarray", "scalar"),
-        ("numpy._core.numeric", "_frombuffer"),
-        ("collections", "Counter"),
-        ("scipy.sparse._csc", "csc_array"),
-        ("scipy.sparse._csr", "csr_array"),
-    )
-
-    def find_class(self, module: str, name: str) -> Any:
-        """A dataclass of this solver, or an array."""
-        own = module.startswith(self.own) and "." not in name
-        found = super().find_class(module, name) if own or (module, name) in self.foreign else None
-        if found is None or (own and getattr(found, "__module__", "") != module):
-            raise ProblemError(f"the checkpoint holds {module}.{name}, which is none of this solver's.")
-        return found
