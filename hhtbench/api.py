@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.counting import preparing, timed
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import check_output_times, make_request
@@ -35,13 +36,14 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     ProblemError, TypeError
         Wrong use, before any function of the system is called.
     """
-    loaded = load_problem(problem)
-    chosen = load_solver(solver)
     asked = make_request(**request)
-    if asked.t_eval is not None:
-        check_output_times(asked.t_eval, *loaded.t_span)
-    reason = chosen.accepts(loaded, asked)
-    return chosen.solve(loaded, asked) if reason is None else _declined(loaded, reason)
+    with timed(asked.max_seconds, in_use=False):
+        with preparing("importing problem and solver"):
+            loaded, chosen = load_problem(problem), load_solver(solver)
+        if asked.t_eval is not None:
+            check_output_times(asked.t_eval, *loaded.t_span)
+        reason = chosen.accepts(loaded, asked)
+        return chosen.solve(loaded, asked) if reason is None else _declined(loaded, reason)
 
 
 def _declined(problem: Problem, reason: str) -> Solution:

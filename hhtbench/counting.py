@@ -5,11 +5,93 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from typing import Any
 
 from hhtbench.errors import BudgetSpent
 from hhtbench.result import Counters
+
+LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
+
+
+@dataclass
+class Clock:
+    """The time budget of one solve, which runs from the caller's call on, and what of it went into preparing functions."""
+
+    limit: float | None = None  #: [s]
+    started: float = field(default_factory=time.perf_counter)
+    prepared: dict[str, float] = field(default_factory=dict)  #: what was traced or compiled -> [s]
+    in_use: bool = False  #: a solver has taken it
+    late: float = 0.0  #: beyond the limit [s]
+    passed_in: str = ""  #: what was being prepared when the time ended
+
+    def left(self) -> float:
+        """Seconds until the limit."""
+        return float("inf") if self.limit is None else self.limit + self.late - (time.perf_counter() - self.started)
+
+    def check(self) -> None:
+        """Raise :class:`BudgetSpent` when the budget is used up."""
+        if self.limit is not None and self.left() < 0.0:
+            raise BudgetSpent("seconds", self.limit, self._note())
+
+    def note_preparation(self, what: str, seconds: float) -> None:
+        """``what`` has just been prepared in so many seconds."""
+        self.prepared[what] = self.prepared.get(what, 0.0) + seconds
+        if -seconds < self.left() < 0.0:
+            self.passed_in = f", while {what}, {seconds:.2g} s that cannot be interrupted"
+
+    def _note(self) -> str:
+        """Where the time went, if much of it went into preparing functions."""
+        total = sum(self.prepared.values())
+        if not self.passed_in and total < 0.1 * (self.limit or 0.0):
+            return ""
+        return f"{self.passed_in} ({total:.2g} s for tracing and compiling in all)"
+
+
+_clock: ContextVar[Clock | None] = ContextVar("clock", default=None)
+
+
+class timed:
+    """``with timed(limit) as clock``: the clock of one solve; a solver takes the one that its caller has started for it.
+
+    A class, since a generator would write to the traceback of an exception whose class is frozen.
+    """
+
+    def __init__(self, limit: float | None, *, in_use: bool = True) -> None:
+        self._limit, self._in_use = limit, in_use
+        self._token: Token[Clock | None] | None = None
+
+    def __enter__(self) -> Clock:
+        clock = _clock.get()
+        if clock is None or clock.in_use or clock.limit != self._limit:
+            clock = Clock(self._limit)
+            self._token = _clock.set(clock)
+        clock.in_use = self._in_use
+        return clock
+
+    def __exit__(self, *_: object) -> None:
+        if self._token is not None:
+            _clock.reset(self._token)
+
+
+class preparing:
+    """``with preparing("tracing force")``: around what cannot be interrupted; its time is told to the clock in use.
+
+    Entering raises :class:`BudgetSpent` where the budget of the solve that needs it is used up.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what, self._clock = what, _clock.get()
+
+    def __enter__(self) -> None:
+        if self._clock is not None:
+            self._clock.check()
+        self._began = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        if self._clock is not None:
+            self._clock.note_preparation(self._what, time.perf_counter() - self._began)
 
 
 @dataclass
@@ -21,8 +103,7 @@ class Work:
     """
 
     max_evaluations: int | None = None
-    max_seconds: float | None = None  #: [s]
-    started: float = field(default_factory=time.perf_counter)
+    clock: Clock = field(default_factory=Clock)
     tally: Counter[str] = field(default_factory=Counter)
     calls: Counter[str] = field(default_factory=Counter)
 
@@ -49,12 +130,12 @@ class Work:
 
     def check_time(self) -> None:
         """Raise :class:`BudgetSpent` when the time budget is used up."""
-        if self.max_seconds is not None and time.perf_counter() - self.started > self.max_seconds:
-            raise BudgetSpent("seconds", self.max_seconds)
+        self.clock.check()
 
-    def lift_budgets(self) -> None:
-        """Go on counting without limits: what is left is to hand over what was computed."""
-        self.max_evaluations = self.max_seconds = None
+    def only_output_is_left(self) -> None:
+        """What was computed is handed over: evaluations are counted without a limit, and a little more time is given."""
+        self.max_evaluations = None
+        self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
     def counters(self) -> Counters:
         """The tally, frozen."""

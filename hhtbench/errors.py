@@ -35,7 +35,7 @@ class NonFiniteValue(Stop):
 class BudgetSpent(Stop):
     """A budget of calls or of seconds is used up."""
 
-    def __init__(self, budget: str, limit: float) -> None:
+    def __init__(self, budget: str, limit: float, note: str = "") -> None:
         self.budget = budget  #: "evaluations" or "seconds"
         self.limit = limit
-        super().__init__(f"the budget of {limit:g} {budget} is used up")
+        super().__init__(f"the budget of {limit:g} {budget} is used up{note}")

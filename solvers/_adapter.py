@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.counting import timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
 from hhtbench.protocol import PHYSICS, Problem, System, declared
@@ -95,15 +96,16 @@ class Adapter:
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem``; an exception of its functions is raised again, with ``.partial_solution``."""
-        reason = self.accepts(problem, request)
-        if reason is not None:
-            return empty_solution(problem.q0.size, Status.declined, reason, Counters(provenance="nothing was called"))
-        run = Run(self.name, problem, request, self.form)
-        try:
-            return run.solution(self.drive)
-        except BaseException as error:
-            BaseException.__setattr__(error, "partial_solution", run.partial(error))  # also where the class is frozen
-            raise
+        with timed(request.max_seconds) as clock:
+            reason = self.accepts(problem, request)
+            if reason is not None:
+                return empty_solution(problem.q0.size, Status.declined, reason, Counters(provenance="nothing was called"))
+            run = Run(self.name, problem, request, self.form, clock)
+            try:
+                return run.solution(self.drive)
+            except BaseException as error:
+                BaseException.__setattr__(error, "partial_solution", run.partial(error))  # also where the class is frozen
+                raise
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""

@@ -14,6 +14,7 @@ from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.protocol import Scales
+from hhtbench.result import Status
 from solvers._start import acceleration_at
 from solvers.forms.form import Form
 
@@ -38,7 +39,8 @@ class Recovered(NamedTuple):
 
     lam: Matrix
     mu: Matrix
-    note: str
+    note: str = ""
+    instead: Status | None = None  #: of a success, where rows are missing or not recovered
 
 
 def make_rows(form: Form, times: list[float], states: list[Vector], rates: list[Vector]) -> Rows:
@@ -74,21 +76,28 @@ def carried(form: Form, rows: Rows, dynamics: Any) -> Mapping[str, Matrix] | Non
     return dict(zip(("lam", "mu"), padded(dynamics, lam, mu), strict=True))
 
 
-def doubt_about(rows: Rows, levels: ConstraintLevels, scales: Scales, wanted: Vector | None) -> str:
-    """What speaks against the rows of a success, in words; empty when nothing does.  ``wanted``: their times."""
+def doubt_about(rows: Rows, levels: ConstraintLevels, scales: Scales, work: Work, wanted: Vector | None) -> str:
+    """What speaks against the rows of a success, in words; empty when nothing does.  ``wanted``: their times.
+
+    Raises
+    ------
+    BudgetSpent
+        The time budget ended before all was looked at.
+    """
     if wanted is not None and not np.array_equal(rows.t, wanted):
         return f"It gave {rows.t.size} of {wanted.size} rows."
     if not np.isfinite(rows.y).all():
         return f"The row at t = {rows.t[np.argmin(np.isfinite(rows.y).all(axis=1))]:.17g} is not finite."
     if not levels.structure.constrained or not rows.t.size:
         return ""
-    return worst_violation(levels, rows, scales)
+    return worst_violation(levels, rows, scales, work)
 
 
-def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales) -> str:
+def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales, work: Work) -> str:
     """The largest violation of the constraints in words, with its time; empty where all rows are believable."""
     largest, at_time = 0.0, 0.0
     for i in np.unique(np.linspace(0, rows.t.size - 1, CHECKED_ROWS).astype(int)):
+        work.check_time()
         try:
             at = levels.at(float(rows.t[i]), rows.q[i], rows.v[i])
         except NonFiniteValue as error:
@@ -112,27 +121,42 @@ def own_multipliers(form: Form, y: Vector, otherwise: tuple[Vector, Vector]) -> 
     return lam, mu
 
 
+def late_note(recovered: int, times: Vector, work: Work) -> str:
+    """That the time budget has ended before all rows had their multipliers, in words."""
+    ended = f"The time budget ended when {recovered} of {times.size} rows had their multipliers"
+    return f"{ended}{work.clock.passed_in}"
+
+
 def recover_multipliers(
     level: AccelerationLevel, dynamics: Any, work: Work, form: Form, first: Acceleration, rows: Rows
 ) -> Recovered:
-    """lam (k, m) and mu (k, p) from the acceleration level; rows end before a time where it is not finite."""
+    """lam (k, m) and mu (k, p) from the acceleration level, as far as the time budget goes.
+
+    Rows end before a time where it is not finite.
+    """
     s = dynamics.structure
-    lam, mu = np.zeros((rows.t.size, s.m)), np.zeros((rows.t.size, s.p))
+    lam, mu = np.full((rows.t.size, s.m), np.nan), np.full((rows.t.size, s.p), np.nan)
     if not s.constrained:
-        return Recovered(lam, mu, "")
+        return Recovered(lam, mu)
     guesses, undetermined_at = (first.lam, first.mu), []
     for i, t in enumerate(rows.t):
+        if work.clock.left() < 0.0:
+            for k in range(i, rows.t.size):
+                lam[k], mu[k] = own_multipliers(form, rows.y[k], (lam[k], mu[k]))
+            note = f"{late_note(i, rows.t, work)}; the rest are those of the form, NaN where it has none."
+            return Recovered(lam, mu, note, Status.deadline)
         guesses = own_multipliers(form, rows.y[i], guesses)
         try:
             found = acceleration_at(level, dynamics, work, float(t), rows.q[i], rows.v[i], guesses)
         except NonFiniteValue as error:
-            return Recovered(lam[:i], mu[:i], f"{error}, when the multipliers were recovered.")
+            note = f"{error}, when the multipliers were recovered."
+            return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
         if found.singular or found.residual > 0:
             undetermined_at.append(float(t))
         else:
             guesses = found.lam, found.mu
         lam[i], mu[i] = guesses
     if not undetermined_at:
-        return Recovered(lam, mu, "")
+        return Recovered(lam, mu)
     note = f"The acceleration level determines no multipliers at {len(undetermined_at)} times, first at t = "
     return Recovered(lam, mu, f"{note}{undetermined_at[0]:.17g}; the values of the form or of the row before stand there.")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.counting import Work
+from hhtbench.counting import Clock, Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded, unreduced
 from hhtbench.protocol import Problem
@@ -49,11 +49,11 @@ Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y
 class Run:
     """One solve: the equations as guarded callbacks (:class:`~solvers._guard.Guard`), and the rows that were reached."""
 
-    def __init__(self, name: str, problem: Problem, request: Request, form: str) -> None:
+    def __init__(self, name: str, problem: Problem, request: Request, form: str, clock: Clock) -> None:
         self.name, self.problem, self.request = name, problem, request
         self.t0, self.t1 = problem.t_span
         self.direction = -1.0 if self.t1 < self.t0 else 1.0
-        self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
+        self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
         self.form_name = form
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
@@ -75,7 +75,7 @@ class Run:
         if failure is not None:
             return empty_solution(self.problem.q0.size, failure.status, failure.message, self.counters())
         end = self._end(drive)
-        self.work.lift_budgets()
+        self.work.only_output_is_left()
         return self._assemble(end)
 
     # --- the start -------------------------------------------------------------------------------------------------
@@ -180,6 +180,7 @@ class Run:
             return
         rest = wanted[len(self._times) :]
         for time in rest[: np.searchsorted(self.direction * rest, self.direction * t, "right")].tolist():
+            self.work.check_time()
             with self._for_output():
                 self._keep(time, y if time == t or between is None else between(time), rate)
 
@@ -240,16 +241,21 @@ class Run:
         status, message = end.status, end.message
         if status is Status.success:
             stopped = f"It stopped at t = {self.t:.17g} and not at {self.t1:.17g}." if self.t != self.t1 else ""
-            doubt = stopped or doubt_about(rows, self.levels, self.problem.scales, self.request.t_eval)
-            if doubt:
-                status, message = Status.unreliable, f"{Status.unreliable.text} {doubt}"
+            try:
+                doubt = stopped or doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
+            except BudgetSpent as spent:
+                failure = budget_failure(spent, self.t)
+                status, message = failure.status, failure.message
+            else:
+                if doubt:
+                    status, message = Status.unreliable, f"{Status.unreliable.text} {doubt}"
         with self._for_output():
             found = recover_multipliers(self.level, self.dynamics, self.work, self.form, self.first, rows)
             kept = len(found.lam)
             every = rows.t[:kept], rows.q[:kept], rows.v[:kept]
-            lam, mu = all_multipliers(self.dynamics, *every, found.lam, found.mu)
-        if kept < len(rows.t) and status is Status.success:
-            status = Status.nonfinite_callback
+            lam, mu = all_multipliers(self.dynamics, self.work, *every, found.lam, found.mu)
+        if found.instead is not None and status is Status.success:
+            status = found.instead
         own = carried(self.form, rows, self.dynamics)
         return Solution(
             t=every[0],

@@ -183,8 +183,13 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
     return at
 
 
-def all_multipliers(dynamics: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
-    """Multipliers (k, m) and (k, p) of all rows, of least norm where the solver works without the redundant ones."""
+def all_multipliers(
+    dynamics: Any, work: Work, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix
+) -> tuple[Matrix, Matrix]:
+    """Multipliers (k, m) and (k, p) of all rows, of least norm where the solver works without the redundant ones.
+
+    Where the time budget ends before, zeros stand for the redundant ones in the rest.
+    """
     whole = unreduced(dynamics)
     if whole is dynamics:
         return lam, mu
@@ -192,6 +197,8 @@ def all_multipliers(dynamics: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix,
     levels, m = ConstraintLevels(whole), whole.structure.m
     rank = dynamics.structure.m + dynamics.structure.p
     for i in range(len(lam)):
+        if work.clock.left() < 0.0:
+            break
         at = levels.at(float(t[i]), q[i], v[i])
         rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
         lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]]), rank), [m])

@@ -9,6 +9,7 @@ with a callback at every evaluation; ``max_evaluations`` selects that code.
 from __future__ import annotations
 
 import itertools
+import time
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -29,6 +30,7 @@ try:
 except ImportError:
     loop = None  # type: ignore[assignment]
 
+SLOW = 0.05  # [s] of one segment under a time budget, at most
 KNOWN = {"method": ("Tsit5", "Dopri8", "Kvaerno5"), "form": ("ode",)}
 
 _tickets = itertools.count()
@@ -77,12 +79,17 @@ class DiffraxSolver(Adapter):
         per_step = loop.evaluations_per_step(self.method) or 0
         fixed = np.array([run.direction, ticket, run.direction * run.t0, s1, run.rtol]), run.weights
         state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
+        room = loop.SEGMENT if run.request.max_seconds is None else 1
         _book(run, loop.AT_START if per_step else 0)
         while run.unfinished():
-            packed = segment(*fixed, state, loop.SEGMENT if most is None else min(loop.SEGMENT, most - run.steps))
+            began = time.perf_counter()
+            packed = segment(*fixed, state, room if most is None else min(room, most - run.steps))
             state, numbers, rows = np.split(packed, [state.size, state.size + 3])
             accepted, attempted = int(numbers[0]), int(numbers[1])
             rejected += attempted - accepted
+            if run.request.max_seconds is not None:
+                each = (time.perf_counter() - began) / max(attempted, 1)
+                room = int(min(8 * room, loop.SEGMENT, max(SLOW / each, 1.0)))
             lost = numbers[2] if accepted or np.isnan(lost) else lost
             run.library_counters = {"steps_rejected_error": rejected}
             _book(run, _ticked(ticket) if counted else per_step * attempted)
@@ -100,9 +107,9 @@ class DiffraxSolver(Adapter):
                 raise Halt(status, f"diffrax accepts no step from t = {run.t:.17g}. {status.text}")
 
 
-def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, time: float) -> Any:
+def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:
     _book(run, per_step + 1 if per_step else 0)
-    return step_to(*fixed, row, fixed[0][0] * time)
+    return step_to(*fixed, row, fixed[0][0] * at)
 
 
 def _ticked(ticket: int) -> int:

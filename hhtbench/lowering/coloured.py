@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
+from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.flattening import flat_function
@@ -29,7 +30,8 @@ def pattern_of(function: Callable[..., Any], dynamics: Any, static: tuple[Any, .
     arrays = [jnp.asarray(array, dtype=float) for array in example]
 
     def find() -> Pattern:
-        return detect(lambda x, *rest: flat.function(rest[0], x, *rest[1:]), arrays[0], flat.parameters, *arrays[1:])
+        with preparing(f"finding the sparsity of {getattr(function, '__name__', 'a function')}"):
+            return detect(lambda x, *rest: flat.function(rest[0], x, *rest[1:]), arrays[0], flat.parameters, *arrays[1:])
 
     return _patterns.find(flat.key, find)
 

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import ById, Cache, cache_directory, use_disk_cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
@@ -92,6 +93,7 @@ class _Compiled:
         self._calls: dict[Shapes, Callable[..., np.ndarray | None] | None] = {}  #: machine code, or None: XLA
         self.last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
+        self._xla_shapes: set[Shapes] = set()  #: of arguments it was compiled for
         self._records: dict[Any, Route] = {}
 
     def tell(self) -> None:
@@ -143,7 +145,13 @@ class _Compiled:
             use_disk_cache()
             parameters, compiled = jnp.asarray(self._flat.parameters), jitted(self._flat)
             self._xla = lambda *given: np.asarray(compiled(parameters, *map(_strong, given)))
-        return self._xla(*arguments)
+        shapes = tuple(np.shape(argument) for argument in arguments)
+        if shapes in self._xla_shapes:
+            return self._xla(*arguments)
+        with preparing(f"compiling {_name(self._function)} by XLA"):
+            value = self._xla(*arguments)
+        self._xla_shapes.add(shapes)
+        return value
 
     def _record(self, shapes: Shapes, route: str, reason: str, operations: int | None = None) -> None:
         key = self._function, self._static, shapes

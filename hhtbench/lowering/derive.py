@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Vector, real_values
+from hhtbench.counting import preparing
 from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
@@ -60,8 +61,10 @@ def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str
 
 
 def _read_off(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
+    with preparing("starting JAX"):  # where this is its first use
+        place = jnp.asarray(q), jnp.asarray(v)
     try:
-        return _trace(system, t, jnp.asarray(q), jnp.asarray(v), ignored)
+        return _trace(system, t, *place, ignored)
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
 
@@ -72,7 +75,8 @@ def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -
     expect_shape(system, "force", (n,), time, q, v)
     m = _rows_jax(system, "constraint", time, q)
     p = _rows_jax(system, "velocity_constraint", time, q, v)
-    mass = _mass_kind(system)
+    with preparing("evaluating mass_matrix"):
+        mass = _mass_kind(system)
     if mass == "variable":
         expect_shape(system, "mass_matrix", (n, n), time, q)
         mass = "variable" if any(used_arguments(system.mass_matrix, time, q)) else "constant"  # type: ignore[attr-defined]
@@ -93,8 +97,10 @@ def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -
         velocity_jacobian_uses_v=p > 0 and used_arguments(plain.velocity_constraint_jacobian, time, q, v)[2],
         velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
     )
-    constant = _constant_mass(system, time, q) if mass == "constant" else None
-    return JaxDynamics(system, structure, ignored, constant, _inverse(constant, jnp))
+    with preparing("evaluating mass_matrix"):
+        constant = _constant_mass(system, time, q) if mass == "constant" else None
+        inverse = _inverse(constant, jnp)
+    return JaxDynamics(system, structure, ignored, constant, inverse)
 
 
 def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:

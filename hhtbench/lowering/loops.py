@@ -20,6 +20,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from hhtbench.counting import preparing
 from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.machine import host, load
 
@@ -96,7 +97,11 @@ class Called(Inner):
 
     def __call__(self, *arguments: Any) -> Any:
         """Its value."""
-        return (self._made or self.for_numba())(*arguments)
+        made = self._made or self.for_numba()
+        if made.signatures:
+            return made(*arguments)
+        with preparing(f"compiling the loop {self._function.__name__}, for all systems"):
+            return made(*arguments)
 
 
 class Entry(Inner):
@@ -137,7 +142,8 @@ class Entry(Inner):
         name = f"{digest.hexdigest()}.loop"
         code = disk.read_file(name)
         if code is None:
-            code, needs_numba = _compiling().object_code(self._function, self._options, arguments, ENTRY)
+            with preparing(f"compiling the loop {self._function.__name__}, for all systems"):
+                code, needs_numba = _compiling().object_code(self._function, self._options, arguments, ENTRY)
             if not needs_numba:
                 disk.write_file(name, code)
         return code

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import real_values
+from hhtbench.counting import preparing
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.protocol import System
@@ -38,7 +39,8 @@ def abstract_result(system: System, function: str, *arguments: Any) -> jax.Shape
         It returns something that is not one real array.
     """
     try:
-        result = jax.eval_shape(getattr(system, function), *arguments)
+        with preparing(f"tracing {function}"):
+            result = jax.eval_shape(getattr(system, function), *arguments)
     except TypeError as error:
         if "not a valid JAX type" in str(error):
             raise TypeError(f"{function} must return a real array; {error}") from error

@@ -10,6 +10,8 @@ import jax
 import numpy as np
 from jax.interpreters import partial_eval
 
+from hhtbench.counting import preparing
+
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:
@@ -34,7 +36,8 @@ class Structure:
 
 def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool, ...]:
     """For each argument, whether any output of ``function`` depends on it (dead code removed from its jaxpr)."""
-    closed = jax.make_jaxpr(function)(*arguments)
+    with preparing(f"tracing {getattr(function, '__name__', 'a derivative')}"):
+        closed = jax.make_jaxpr(function)(*arguments)
     _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
     sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
     bounds = np.cumsum([0, *sizes])

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from hhtbench.arguments import real_number, real_vector
-from hhtbench.counting import Work
+from hhtbench.counting import Clock, Work, timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.fingerprint import fingerprint
 from hhtbench.protocol import NumpySystem, System
@@ -220,20 +220,23 @@ class ByHand:
         mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
         return Place(t0, q, v), (lam, mu)
 
-    def _alone(self) -> _Alone:
-        return _Alone(self._busy)
+    def _alone(self, max_seconds: float | None = None) -> _Alone:
+        return _Alone(self._busy, max_seconds)
 
 
-class _Alone:
-    """Holds the lock of one HHT object; a class, since a generator would write to the traceback of a frozen exception."""
+class _Alone(timed):
+    """Holds the lock of one HHT object, with the clock of what it does."""
 
-    def __init__(self, busy: Any) -> None:
+    def __init__(self, busy: Any, max_seconds: float | None) -> None:
+        super().__init__(max_seconds)
         self.busy = busy
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> Clock:
         if not self.busy.acquire(blocking=False):
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
+        return super().__enter__()
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
         self.busy.release()

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import padded
 from hhtbench.result import Solution, Status
-from solvers._start import Failure, acceleration_at, all_multipliers
+from solvers._rows import Recovered, late_note
+from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
 from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
@@ -36,7 +37,11 @@ def integrate(course: Course, state: State, stop: float, history: History, max_n
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return End(Status.max_steps, message, state)
         room = None if max_num_steps is None else max_num_steps - taken
-        state, watch, made = course.march(state, watch, stop, history, room)
+        try:
+            state, watch, made = course.march(state, watch, stop, history, room)
+        except BudgetSpent as spent:
+            failure = budget_failure(spent, state.t)
+            return End(failure.status, failure.message, state)
         if made:
             taken += made
             continue
@@ -72,21 +77,22 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     output = history.dense_output()
     times = reached(output, t_eval)
     rows = history.rows() if t_eval is None else output(times)
-    engine.work.lift_budgets()
+    engine.work.only_output_is_left()
     before = engine.work.counters()
     guess = history.multiplier_guess(None if t_eval is None else times)
     found = recover_multipliers(engine, guess, times, rows.q, rows.v)
     kept = len(found.lam)
-    lam, mu = all_multipliers(engine.dynamics, times[:kept], rows.q[:kept], rows.v[:kept], found.lam, found.mu)
+    every = times[:kept], rows.q[:kept], rows.v[:kept]
+    lam, mu = all_multipliers(engine.dynamics, engine.work, *every, found.lam, found.mu)
     after = engine.work.counters()
     spent = (after.residual_evaluations or 0) - (before.residual_evaluations or 0)
     status, message = end.status, f"{end.message} {found.note}".strip()
-    if kept < len(times) and status is Status.success:
-        status, message = Status.nonfinite_callback, found.note
+    if found.instead is not None and status is Status.success:
+        status, message = found.instead, found.note
     return Solution(
-        t=times[:kept],
-        q=rows.q[:kept],
-        v=rows.v[:kept],
+        t=every[0],
+        q=every[1],
+        v=every[2],
         lam=lam,
         mu=mu,
         status=status,
@@ -108,45 +114,40 @@ def stage_values(engine: HostEngine, history: History, count: int) -> Mapping[st
     )
 
 
-@dataclass(frozen=True)
-class Multipliers:
-    """Multipliers at output times, and what kept them from being complete."""
-
-    lam: Matrix  #: (k, m)
-    mu: Matrix  #: (k, p)
-    note: str
-
-
-def recover_multipliers(
-    engine: HostEngine, guess: tuple[Matrix, Matrix], times: Vector, q: Matrix, v: Matrix
-) -> Multipliers:
+def recover_multipliers(engine: HostEngine, guess: tuple[Matrix, Matrix], times: Vector, q: Matrix, v: Matrix) -> Recovered:
     """The multipliers from the acceleration level, (H16), looked for near ``guess``: (k, m) and (k, p).
 
-    Where that level is singular the stage values stay, with a note; rows end before a time where it is not finite.
+    Where that level is singular, or the time budget has ended, the stage values stay, with a note; rows end before a time
+    where it is not finite.
     """
-    s = engine.structure
+    s, lam, mu, undetermined = engine.structure, *guess, []
     if not s.constrained:
-        return Multipliers(np.zeros((times.size, 0)), np.zeros((times.size, 0)), "")
-    lam, mu = guess
-    undetermined = []
-    done = engine.recovered(times, q, v, lam, mu)
+        return Recovered(np.zeros((times.size, 0)), np.zeros((times.size, 0)))
+    try:
+        done = engine.recovered(times, q, v, lam, mu)
+    except BudgetSpent:  # nothing more can be compiled
+        done = np.zeros(times.size, dtype=bool)
     for i in np.flatnonzero(~done).tolist():
+        if engine.work.clock.left() < 0.0:
+            note = f"{late_note(i, times, engine.work)}; stage values (first order) stand in the rest."
+            return Recovered(lam, mu, note, Status.deadline)
         t = times[i]
         try:
             found = acceleration_at(engine.acceleration, engine.dynamics, engine.work, float(t), q[i], v[i], (lam[i], mu[i]))
         except NonFiniteValue as error:
-            return Multipliers(lam[:i], mu[:i], f"{error}, when the multipliers were recovered.")
+            note = f"{error}, when the multipliers were recovered."
+            return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
         if found.singular or found.residual > 0:
             undetermined.append(float(t))
         else:
             lam[i], mu[i] = found.lam, found.mu
-    note = ""
-    if undetermined:
-        note = (
-            f"The acceleration level determines no multipliers at {len(undetermined)} times, "
-            f"first at t = {undetermined[0]:.17g}; stage values (first order) stand there."
-        )
-    return Multipliers(lam, mu, note)
+    if not undetermined:
+        return Recovered(lam, mu)
+    note = (
+        f"The acceleration level determines no multipliers at {len(undetermined)} times, "
+        f"first at t = {undetermined[0]:.17g}; stage values (first order) stand there."
+    )
+    return Recovered(lam, mu, note)
 
 
 def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.counting import Work
+from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request, plan_steps
 from hhtbench.result import Solution, Status
@@ -30,9 +30,9 @@ MAX_STEPS = 1_000_000  # with error control, unless max_num_steps says otherwise
 class Run:
     """One integration from ``place`` to ``t1`` [s] with the options of ``solver`` (an HHT)."""
 
-    def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses) -> None:
+    def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses, clock: Clock) -> None:
         self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
-        self.work = Work(max_evaluations=request.max_evaluations, max_seconds=request.max_seconds)
+        self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
         self.history: History | None = None
         self.engine: HostEngine | None = None
 

@@ -149,8 +149,8 @@ class HHT(ByHand):
             raise ProblemError(f"the interval from {t0:g} to {t1:g} s is longer than a float holds; take a shorter one.")
         if asked.fixed:
             plan_steps(asked, t0, t1)
-        with self._alone():
-            return Run(self, asked, t1, place, guesses).solution()
+        with self._alone(asked.max_seconds) as clock:
+            return Run(self, asked, t1, place, guesses, clock).solution()
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""

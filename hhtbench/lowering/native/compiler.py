@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhtbench.counting import preparing
 from hhtbench.lowering.flattening import Flat, flat_function, jitted
 from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
@@ -85,7 +86,7 @@ def native(
     with _lock:
         known = key in _memory
         if not known:
-            _memory[key] = _made(flat, pattern, shapes, kind)
+            _memory[key] = _made(getattr(function, "__name__", "a function"), flat, pattern, shapes, kind)
         loaded = _memory[key]
     if isinstance(loaded, NotNative):
         raise loaded
@@ -115,39 +116,40 @@ def _bound(loaded: _Loaded, parameters: np.ndarray, *, cached: bool) -> Native:
 
 
 def _made(
-    flat: Flat, pattern: np.ndarray, shapes: Shapes, kind: tuple[bool, str, tuple[int, int] | None]
+    name: str, flat: Flat, pattern: np.ndarray, shapes: Shapes, kind: tuple[bool, str, tuple[int, int] | None]
 ) -> _Loaded | NotNative:
     """Traced, then from disk by content, or generated: no key of other kind can tell what a function's value depends on."""
     compact, stage, rows = kind
     try:
-        reading, taken = staged(_read(flat, pattern, shapes), shapes, stage, rows)
+        reading, taken = staged(_read(name, flat, pattern, shapes), shapes, stage, rows)
         written = write(reading, taken, compact=compact, limit=MOST_OPERATIONS)
     except NotNative as error:
         return error
     seconds = {"trace": reading.trace, "lower": reading.lower + written.seconds, "generate": 0.0}
-    name = f"{written.content}.code"
-    kept = disk.read_file(name)
+    file = f"{written.content}.code"
+    kept = disk.read_file(file)
     began = time.perf_counter()
     if kept is not None:
         code = Code.from_bytes(kept)
     else:
         try:
-            code = compiled(written)
+            with preparing(f"generating {name}"):
+                code = compiled(written)
         except RuntimeError as error:  # LLVM's word for whatever it cannot do; another version may
             return NotNative(f"LLVM does not generate code for it: {error}")
         seconds["generate"] = time.perf_counter() - began
-        disk.write_file(name, code.to_bytes())
+        disk.write_file(file, code.to_bytes())
     began = time.perf_counter()
     addresses = load(code.binary, ENTRY, CALL)
     seconds["load"] = time.perf_counter() - began
     return _Loaded(code, addresses, seconds, kept is not None)
 
 
-def _read(flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
+def _read(name: str, flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
     """The scalar graph; that of the last function is remembered, for its other stage."""
     key = (flat.key, pattern.tobytes(), shapes)
     if key not in _last:
-        found = read(jitted(flat), pattern, shapes, MOST_OPERATIONS)
+        found = read(name, jitted(flat), pattern, shapes, MOST_OPERATIONS)
         _last.clear()
         _last[key] = found
     return _last[key]

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from hhtbench.counting import preparing
 from hhtbench.lowering.native import control, elementwise, indexing, movement, solving, sums
 from hhtbench.lowering.native.graph import Graph
 from hhtbench.lowering.native.reasons import NotNative
@@ -41,8 +42,10 @@ def pattern_of(parameters: np.ndarray) -> np.ndarray:
     return pattern
 
 
-def read(function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Reading:
-    """The graph of ``function(parameters, *arrays)``, which went through ``jax.jit``: XLA, if it must, uses the same trace.
+def read(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Reading:
+    """The graph of ``function(parameters, *arrays)``, known as ``name``.
+
+    It went through ``jax.jit``: XLA, if it must, uses the same trace.
 
     Raises
     ------
@@ -51,14 +54,16 @@ def read(function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Read
     """
     began = time.perf_counter()
     structs = [jax.ShapeDtypeStruct(shape, np.float64) for shape in ((pattern.size,), *shapes)]
-    computation = function.trace(*structs)
+    with preparing(f"tracing {name}"):
+        computation = function.trace(*structs)
     traced = time.perf_counter()
     leaves = jax.tree.leaves(computation.out_info)
     if len(leaves) != 1:
         raise NotNative(f"the function returns {len(leaves)} arrays instead of one")
     graph = Graph(limit * GROWTH)
-    (value,) = Walk(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
-    outputs = _outputs(graph, value)
+    with preparing(f"lowering {name}"):
+        (value,) = Walk(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
+        outputs = _outputs(graph, value)
     return Reading(graph, outputs, tuple(leaves[0].shape), traced - began, time.perf_counter() - traced)
 
 

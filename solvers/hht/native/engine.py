@@ -44,7 +44,7 @@ from solvers.hht.newton import NewtonOptions
 from solvers.hht.state import State, Step
 
 FIRST, MOST = 512, 65_536  # steps of a loop: fewer at first, so that one that is slow can be interrupted
-SLOW = 0.05  # [s] of one loop, above which the next is no longer: budgets and the user's interrupt are looked at between
+SLOW = 0.05  # [s] of one loop, at most: budgets and the user's interrupt are looked at between
 UNLIMITED = 2**62
 FEW = 20  # output rows below which their multipliers are found one by one: no further code is needed for them
 
@@ -58,7 +58,7 @@ class NativeEngine(HostEngine):
         self.kernel = kernel
         self._memory: Memory | None = None
         super().__init__(dynamics, method, work, fallback, choice=Choice(kernel.analysis, None, None))
-        self._most = FIRST
+        self._most = FIRST if work.clock.limit is None else FEW
 
     def distrust(self) -> str:
         """Give up the declared derivatives: what they leave out is missing in the pattern of the machine code too."""
@@ -80,8 +80,8 @@ class NativeEngine(HostEngine):
         if made:
             history.commit(made)
             self.work.add("steps_accepted", made)
-        slow = time.perf_counter() - started > SLOW
-        self._most = max(FIRST // 8, self._most // 8) if slow else min(8 * self._most, MOST)
+        each = (time.perf_counter() - started) / max(made, 1)
+        self._most = int(min(8 * self._most, MOST, max(SLOW / each, 1.0)))
         return state, made
 
     def one(self, state: State, advance: Advance, stop: float, watched: Watched) -> Step | None:
@@ -152,7 +152,11 @@ class NativeEngine(HostEngine):
         at = tuple(int(array.ctypes.data) for array in (place, x, terms))
         code = kkt.address, int(kkt.parameters.ctypes.data)
         work = np.empty((x.size, x.size)), np.empty(x.size), np.empty(x.size)
-        recover(code, at, s.linear_reaction, place, x, terms, work, rows, done)
+        for first in range(0, times.size, FIRST):
+            if self.work.clock.left() < 0.0:
+                break
+            part = slice(first, first + FIRST)
+            recover(code, at, s.linear_reaction, place, x, terms, work, rows[part], done[part])
         lam[done], mu[done] = np.split(rows[done, 1 + 2 * s.n :], [s.m], axis=1)
         self.work.add("residual_evaluations", int(done.sum()))
         return done

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 
 from hhtbench.arguments import Vector
+from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Native, native
 from solvers.hht.events import Event
 
@@ -36,6 +37,8 @@ class CompiledEvents:
                 native(event_value, dynamics, function, seen, shapes=shapes)
                 for function, seen in zip(self._functions, self._seen, strict=True)
             ]
+        except BudgetSpent:
+            raise
         except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
             return
 

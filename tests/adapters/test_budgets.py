@@ -1,0 +1,106 @@
+"""``max_seconds`` holds for all of a solve: tracing, compiling, steps, output rows and their multipliers."""
+
+import re
+import time
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.counting import Clock, Work, preparing, timed
+from hhtbench.errors import BudgetSpent
+from hhtbench.protocol import NumpySystem
+from hhtbench.request import Request
+from hhtbench.result import Status
+
+SOLVERS = ["hht", "hht(engine=host)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]
+
+
+TRACED = []
+
+
+class SlowToTrace(hb.System):
+    """A pendulum whose force takes its time whenever Python runs it."""
+
+    mark: float = 0.0
+
+    def force(self, t, q, v):
+        TRACED.append(t)
+        time.sleep(0.2)
+        return jnp.stack([0.0, -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1) / 2])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_budget_is_looked_at_between_traces_and_the_status_says_where_the_time_went(solver):
+    """A whole start traces the force more than ten times; one trace more than fits into the budget may be begun."""
+    system = SlowToTrace(mark=float(SOLVERS.index(solver)))
+    problem = hb.Problem(name="slow", system=system, t_span=(0, 1), q0=[1, 0], v0=[0, 0])
+    TRACED.clear()
+    loaded = hb.load_solver(solver)
+    solution = hb.solve(problem, loaded, rtol=1e-3, max_seconds=0.5)
+    assert solution.status is Status.deadline
+    assert solution.t.size <= 1
+    told = re.search(r"\(([\d.]+) s for tracing and compiling in all\)", solution.message)
+    assert told, solution.message
+    assert float(told[1]) > 0.3
+    assert len(TRACED) <= 4, "0.6 s of them fit, or a function that traces it twice"
+
+
+def slow_pendulum(seconds):
+    def force(t, q, v):
+        time.sleep(seconds)
+        return np.array([0.0, -9.81])
+
+    return NumpySystem(
+        force=force,
+        constraint=lambda t, q: np.array([(q @ q - 1) / 2]),
+        constraint_jacobian=lambda t, q: q[None, :],
+        constraint_acceleration=lambda t, q, v: np.array([v @ v]),
+        force_jacobians=lambda t, q, v: (None, None),
+    )
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida", "scipy(method=BDF)"])
+def test_multipliers_of_many_rows_do_not_overrun_the_budget(solver):
+    """The steps take a tenth of a second or two; multipliers at 5,000 rows would take more than ten."""
+    problem = hb.Problem(name="slow", system=slow_pendulum(0.002), t_span=(0, 0.2), q0=[1, 0], v0=[0, 0])
+    hb.load_solver(solver).warm_up(problem, Request(rtol=1e-2, atol=1e-2))
+    solution = hb.solve(problem, solver, rtol=1e-2, atol=1e-2, t_eval=np.linspace(0, 0.2, 5000), max_seconds=1.0)
+    assert solution.status is Status.deadline
+    assert solution.t[-1] == 0.2, "no row is lost"
+    assert np.isfinite(solution.q).all()
+    recovered = int(re.search(r"ended when (\d+) of 5000 rows had their multipliers", solution.message)[1])
+    assert recovered < 1.2 * 1.0 / 0.002
+    np.testing.assert_allclose(solution.lam[:recovered, 0], 3 * 9.81 * solution.q[:recovered, 1], atol=2.0)
+
+
+def test_what_a_budget_was_spent_on_is_told():
+    with (
+        timed(0.05) as clock,
+        pytest.raises(BudgetSpent, match=r"while tracing f, 0.06[0-9]* s that .* \(0.06[0-9]* s for tracing"),
+    ):
+        with preparing("tracing f"):
+            time.sleep(0.06)
+        with preparing("tracing g"):
+            raise AssertionError("it was begun")
+    assert clock.prepared.keys() == {"tracing f"}
+    Work(clock=Clock()).check_time()  # without a limit it never ends
+
+
+def test_a_solve_inside_a_callback_has_a_budget_of_its_own():
+    inner = []
+
+    def force(t, q, v):
+        if not inner:
+            free = NumpySystem(force=lambda t, q, v: -q)
+            problem = hb.Problem(name="inner", system=free, t_span=(0, 1), q0=[1.0], v0=[0.0])
+            inner.append(hb.solve(problem, "hht", step=0.1, max_seconds=60.0))
+        return -q
+
+    outer = hb.Problem(name="outer", system=NumpySystem(force=force), t_span=(0, 1e9), q0=[1.0], v0=[0.0])
+    assert hb.solve(outer, "hht", step=0.1, max_seconds=0.3).status is Status.deadline
+    assert inner[0].status is Status.success
