@@ -109,8 +109,8 @@ class HostEngine:
     def step(self, state: State, h: float, t1: float) -> Step | Failure:
         """One step of signed length ``h`` [s] to ``t1``.
 
-        A first failure is retried from the plain guess with damped full Newton, so one stray NaN or a bad
-        extrapolation costs a retry and not the run; a second is a :class:`Failure` with its cause.
+        A first failure is retried from the plain guess with full Newton, whole and then damped, so one stray NaN or a bad
+        extrapolation costs a retry and not the run; a third is a :class:`Failure` with its cause.
         """
         if self._moves_nothing(state, h):
             taken = self._guarded(self._shortest, state, h, t1)
@@ -120,8 +120,11 @@ class HostEngine:
         if isinstance(taken, Step):
             return taken
         self.work.add("steps_rejected_newton")
-        taken = self._guarded(self._damped, state, h, t1)
-        return taken if isinstance(taken, Step) else self._failure(taken, state, h, t1)
+        for attempt in (self._whole, self._damped):
+            taken = self._guarded(attempt, state, h, t1)
+            if isinstance(taken, Step):
+                return taken
+        return self._failure(taken, state, h, t1)
 
     def _guarded(self, attempt: Callable[..., Step | Outcome], state: State, h: float, t1: float) -> Step | Outcome:
         """``attempt``, with a value that is not finite turned into an outcome and counted."""
@@ -138,6 +141,11 @@ class HostEngine:
         packed = self._packed(state, h, t1)
         outcome = self._iteration(state, h, packed).solve(self._guess(state, h), state.factor)
         return self._accept(state, h, t1, outcome, packed)
+
+    def _whole(self, state: State, h: float, t1: float) -> Step | Outcome:
+        """Newton with fresh matrices from the plain guess."""
+        packed, guess = self._packed(state, h, t1), self._plain_guess(self.with_multipliers(state))
+        return self._accept(state, h, t1, self._iteration(state, h, packed).solve_whole(guess), packed)
 
     def _damped(self, state: State, h: float, t1: float) -> Step | Outcome:
         """Damped Newton from the plain guess, then the same with derivatives that no user wrote."""
@@ -182,9 +190,7 @@ class HostEngine:
     def _iteration(self, state: State, h: float, packed: Vector) -> Iteration:
         accelerated = abs(h) * max(largest(state.vdot), largest(state.f), largest(state.a))
         sizes = max(state.size_q, abs(h) * state.size_v, TINY), max(state.size_v, accelerated, TINY)
-        return Iteration(
-            self.functions, self.layout, packed, h, sizes, self.work.add, self._fallback is None, self.choice.newton
-        )
+        return Iteration(self.functions, self.layout, packed, h, sizes, self.work.add, self.choice.newton)
 
     def _guess(self, state: State, h: float) -> Vector:
         """Unknowns extrapolated from steps of this length, else those of the last."""

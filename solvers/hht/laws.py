@@ -55,6 +55,19 @@ def force_at_end(alpha: float, a: Any, f0: Any) -> Any:
     return (a + alpha * f0) / (1.0 + alpha)
 
 
+def digits(n: int) -> int:
+    """How many binary digits tell ``n`` coordinates apart."""
+    count = 1
+    while 2**count < n:
+        count += 1
+    return count
+
+
+def has_digit(number: Any, digit: int, value: int) -> Any:
+    """Whether the binary ``digit`` of a coordinate's ``number`` is ``value``: for some of both any two differ, (H30)."""
+    return (number >> digit) % 2 == value
+
+
 def cubic(s: Any, h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     """q and v at the part ``s`` of a step of ``h`` [s], (H17)."""
     rise = q1 - q0

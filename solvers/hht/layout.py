@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from hhtbench.arguments import Vector
 from hhtbench.lowering import Structure
-
-ROUNDOFF = float(np.finfo(np.float64).eps)
+from solvers.hht.laws import EPS, digits, has_digit
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,18 @@ class Layout:
         """
         return vector * _lots(vector.size, len(self.scalars))
 
+    def disturbances(self, vector: Vector) -> Iterator[Vector]:
+        """The packed known values with some of the coordinates moved by one roundoff, (H30)."""
+        n, start = self.structure.n, len(self.scalars)
+        for digit in range(digits(n)):
+            for value in (0, 1):
+                moved, at = vector.copy(), start
+                for shape in self.arrays.values():
+                    if shape == (n,):
+                        moved[at : at + n][has_digit(np.arange(n), digit, value)] *= 1.0 + EPS
+                    at += math.prod(shape)
+                yield moved
+
     def known(self, vector: Any) -> dict[str, Any]:
         """The inverse of :meth:`pack`."""
         result = {name: vector[i] for i, name in enumerate(self.scalars)}
@@ -87,7 +99,7 @@ class Layout:
 
 @functools.lru_cache(maxsize=8)
 def _lots(size: int, exact: int) -> np.ndarray:
-    factors = 1.0 + np.random.default_rng(0).choice([0.0, ROUNDOFF], size)
+    factors = 1.0 + np.random.default_rng(0).choice([0.0, EPS], size)
     factors[:exact] = 1.0
     return factors
 

@@ -26,8 +26,10 @@ class NewtonOptions:
 
     tolerance: float = 1e-13  #: error left in q1, v1 over typical sizes: just above roundoff, both levels then hold to it
     margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
-    stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it they are failure
-    standstill: float = 1e-8  #: the same where an exact matrix does not shrink them at all: coordinates far from the origin
+    stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it that is measured, (H30)
+    stalled: float = 0.5  #: contraction of a matrix at the very iterate from which it counts as none
+    blinded: float = 1e-8  #: increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
+    second: float = 0.5  #: what of an increment is left two later at most, (H29)
     other_step: float = 0.01  #: relative change of h from which a kept matrix is not used: its maps misjudge every increment
     refresh_rate: float = 0.02  #: contraction above which a new matrix costs less than the iterations it saves
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
@@ -72,7 +74,6 @@ class Iteration:
     h: float  #: signed step [s]
     sizes: tuple[float, float]  #: typical sizes of q and of v
     count: Callable[[str], None]  #: raises a counter
-    exact: bool  #: no derivative in the matrix was written by a user: only roundoff keeps small increments from shrinking
     options: NewtonOptions = NewtonOptions()
 
     def solve(self, x: Vector, factor: Factor | None) -> Outcome:
@@ -106,7 +107,7 @@ class Iteration:
             enough = self._enough(factor, sizes)
             if self._converged(moved, slowest if rate else 0.0, enough):
                 return Outcome(candidate, replace(factor, rate=slowest), "")
-            if fresh and self._stagnated(moved, rate):
+            if fresh and rate >= options.stalled and self._is_roundoff(x, increment, factor, sizes):
                 if stood:  # with a matrix at the very iterate too: roundoff is left
                     return Outcome(candidate, replace(factor, rate=slowest), "")
                 stood, factor, x, before = True, None, candidate, moved
@@ -119,6 +120,24 @@ class Iteration:
                 factor, x = None, (candidate if rate < 1 else x)
                 continue
             x, last = candidate, moved
+        return Outcome(None, None, "diverged", x)
+
+    def solve_whole(self, x: Vector) -> Outcome:
+        """Newton with a fresh matrix each time and whole increments, as long as every second one is half as long, (H29)."""
+        last, before, sizes = math.inf, math.inf, None
+        for _ in range(self.options.max_iterations):
+            factor, residual = self._factorise(x)
+            if factor is None:
+                return Outcome(None, None, "singular" if np.isfinite(residual).all() else "nonfinite", x)
+            self.count("newton_iterations")
+            increment = self._solve(factor, residual)
+            sizes = sizes or self._typical(factor, increment)
+            moved = self._size(factor, increment, sizes)
+            if self._is_last(x, increment, factor, sizes, moved / last):
+                return Outcome(x - increment, factor, "")
+            if not moved <= self.options.second * before:
+                break
+            x, last, before = x - increment, moved, last
         return Outcome(None, None, "diverged", x)
 
     def solve_damped(self, x: Vector) -> Outcome:
@@ -134,9 +153,7 @@ class Iteration:
             sizes = sizes or self._typical(factor, increment)
             moved = self._size(factor, increment, sizes)
             rate = moved / last if math.isfinite(last) and not halving else 0.0  # a halved increment tells no rate
-            slowest = max(rate, self.options.least_rate) if rate else 0.0
-            done = self._converged(moved, slowest, self._enough(factor, sizes))
-            if done or self._stagnated(moved, rate) or self._stands_still(moved, rate):
+            if self._is_last(x, increment, factor, sizes, rate):
                 return Outcome(x - increment, factor, "")
             size = float(np.linalg.norm(increment))
             for halving in range(self.options.max_halvings):
@@ -146,7 +163,7 @@ class Iteration:
                 except NonFiniteValue as error:  # a NumPy system's way to say what a compiled one says with NaN
                     residual, cause = np.full_like(x, np.nan), error
                 # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
-                if float(np.linalg.norm(self._solve(factor, residual))) < size or moved <= self.options.standstill:
+                if float(np.linalg.norm(self._solve(factor, residual))) < size or moved <= self.options.blinded:
                     break
             else:
                 finite = bool(np.all(np.isfinite(residual)))
@@ -204,10 +221,18 @@ class Iteration:
         left = moved * rate / (1.0 - rate) if 0.0 < rate < 1.0 else moved
         return moved <= enough or left <= self.options.margin * enough
 
-    def _stagnated(self, moved: float, rate: float) -> bool:
-        """Whether what is left is roundoff: small, and not shrinking although the matrix is fresh."""
-        return moved <= self.options.stagnation and rate >= 0.5
+    def _is_last(self, x: Vector, increment: Vector, factor: Factor, sizes: tuple[float, float], rate: float) -> bool:
+        """Whether ``increment``, by a matrix at ``x`` and ``rate`` times the last one (0: the first), ends the iteration."""
+        slowest = max(rate, self.options.least_rate) if rate else 0.0
+        if self._converged(self._size(factor, increment, sizes), slowest, self._enough(factor, sizes)):
+            return True
+        return rate >= self.options.stalled and self._is_roundoff(x, increment, factor, sizes)
 
-    def _stands_still(self, moved: float, rate: float) -> bool:
-        """The same for increments that each come from a matrix at its own iterate: with exact ones only roundoff is left."""
-        return self.exact and moved <= self.options.standstill and rate >= self.options.worst_rate
+    def _is_roundoff(self, x: Vector, increment: Vector, factor: Factor, sizes: tuple[float, float]) -> bool:
+        """Whether an increment at ``x`` that a fresh matrix did not shrink is of the size that roundoff makes it, (H30)."""
+        moved = self._size(factor, increment, sizes)
+        if moved <= self.options.stagnation:
+            return True
+        disturbed = (self.functions.residual(x, packed) for packed in self.layout.disturbances(self.packed))
+        noise = max(self._size(factor, self._solve(factor, residual) - increment, sizes) for residual in disturbed)
+        return moved <= self.options.noise_margin * noise

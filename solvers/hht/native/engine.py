@@ -129,8 +129,7 @@ class NativeEngine(HostEngine):
         if self._memory is None or floats(self._memory, EVENT_VALUES).size != len(watched.events):
             self._memory = self.kernel.memory(watched.sections(), len(watched.events))
             z, c, o = self._memory, self.method.coefficients, NewtonOptions()
-            exact = o.standstill if self._fallback is None else 0.0
-            floats(z, CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in NEWTON_CONSTANTS), exact]
+            floats(z, CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in NEWTON_CONSTANTS)]
             z.i[RESCALE_A], z.i[TRAPEZOIDAL] = self.method.rescale_a, self.method.start == "trapezoidal"
             z.i[MAX_ITERATIONS], z.i[MAX_DAMPED], z.i[MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
         z, limit = self._memory, self.work.max_evaluations

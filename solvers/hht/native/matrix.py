@@ -6,11 +6,12 @@ from typing import Any
 
 from solvers.hht.kernels import factor_filled, solve_into
 from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import compiled
+from solvers.hht.native.compiled import compiled, inlined
 from solvers.hht.native.parts import address, half, half_address, half_of_pivots, indices, part
 from solvers.hht.native.tables import (
     BLOCKS,
     BUILT,
+    C_EARLY,
     C_EARLY_MATRIX,
     C_MATRIX,
     C_RESIDUAL,
@@ -220,6 +221,16 @@ def factorise(z: Any, slot: Any, h: Any) -> Any:
         maps[k] = entries[own + k]
     part(z, FACTOR_H)[slot], part(z, USES)[slot], part(z, BUILT)[slot] = h, 0.0, 0.0
     return CONVERGED
+
+
+@inlined
+def early(z: Any) -> None:
+    """What every iterate's residual needs of the known values."""
+    x, given = address(z, X), address(z, STEP)
+    if z.i[SMALL]:  # x and what else varies are given, and not looked at
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, x, x, given))
+    else:
+        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, given))
 
 
 @compiled

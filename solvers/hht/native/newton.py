@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.laws import NOTHING
-from solvers.hht.native.compiled import compiled
-from solvers.hht.native.matrix import correct, renew, step_back
+from solvers.hht.laws import EPS, NOTHING
+from solvers.hht.native.calls import view
+from solvers.hht.native.compiled import compiled, digits, has_digit
+from solvers.hht.native.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.native.parts import part, put
 from solvers.hht.native.tables import (
     BASE_X,
+    BLINDED,
     CONSTANTS,
     CONVERGED,
     DIVERGED,
@@ -27,18 +29,22 @@ from solvers.hht.native.tables import (
     MAX_HALVINGS,
     MAX_ITERATIONS,
     NEWTON,
+    NOISE_MARGIN,
     NONFINITE,
     OTHER_STEP,
     RATE,
     REFRESH_RATE,
     RESIDUALS,
+    SECOND,
     SOLVES,
     SPENT,
     STAGNATION,
-    STANDSTILL,
-    STANDSTILL_SIZE,
+    STALLED,
     TOLERANCE,
+    UNDISTURBED,
     WORST_RATE,
+    N,
+    Q,
     X,
 )
 
@@ -82,7 +88,7 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
         if converged(moved, slowest if rate != 0.0 else 0.0, o[TOLERANCE], o[MARGIN]):
             step_back(z)
             return CONVERGED, slot, slowest
-        if fresh and moved <= o[STAGNATION] and rate >= 0.5:
+        if fresh and rate >= o[STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts):
             step_back(z)
             if stood:
                 return CONVERGED, slot, slowest
@@ -99,6 +105,37 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             continue
         step_back(z)
         last = moved
+    return DIVERGED, -1, 0.0
+
+
+@compiled
+def whole(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
+    """The same with a fresh matrix each time and whole increments.
+
+    :meth:`solvers.hht.newton.Iteration.solve_whole`.
+    """
+    spare, second = 1 - kept if kept >= 0 else 0, part(z, CONSTANTS)[SECOND]
+    last, before, typical, per_q, per_v = math.inf, math.inf, False, 0.0, 0.0
+    for _ in range(z.i[MAX_ITERATIONS]):
+        if counts[RESIDUALS] >= z.i[EVALUATIONS]:
+            return SPENT, -1, 0.0
+        counts[NEWTON] += 1
+        counts[RESIDUALS] += 1
+        counts[SOLVES] += 1
+        ended = renew(z, spare, h, counts)
+        if ended != CONVERGED:
+            return ended, -1, 0.0
+        in_q, in_v = correct(z, spare, True)
+        if not typical:
+            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
+        moved = max(in_q * per_q, in_v * per_v)
+        if is_last(z, spare, moved, moved / last, per_q, per_v, counts):
+            step_back(z)
+            return CONVERGED, spare, 0.0
+        if not (math.isfinite(in_q + in_v) and moved <= second * before):
+            return DIVERGED, -1, 0.0
+        step_back(z)
+        last, before = moved, last
     return DIVERGED, -1, 0.0
 
 
@@ -127,9 +164,7 @@ def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
         moved = max(in_q * per_q, in_v * per_v)
         rate = moved / last if last < math.inf and not halved else 0.0  # a halved increment tells no rate
-        done = converged(moved, max(rate, o[LEAST_RATE]) if rate != 0.0 else 0.0, o[TOLERANCE], o[MARGIN])
-        done = done or (moved <= o[STAGNATION] and rate >= 0.5)
-        if done or (moved <= o[STANDSTILL] and rate >= o[WORST_RATE]):
+        if is_last(z, spare, moved, rate, per_q, per_v, counts):
             step_back(z)
             return CONVERGED, spare, 0.0
         put(base, 0, x)
@@ -143,7 +178,7 @@ def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             counts[SOLVES] += 1
             correct(z, spare, False)
             # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
-            if length(increment, x.size) < size or moved <= o[STANDSTILL_SIZE]:
+            if length(increment, x.size) < size or moved <= o[BLINDED]:
                 smaller = True
                 break
         if not smaller:
@@ -152,6 +187,43 @@ def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
         counts[RESIDUALS] += 1
         ended = renew(z, spare, h, counts)
     return DIVERGED, -1, 0.0
+
+
+@compiled
+def is_last(z: Any, slot: Any, moved: Any, rate: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
+    """:meth:`solvers.hht.newton.Iteration._is_last`."""
+    o = part(z, CONSTANTS)
+    if converged(moved, max(rate, o[LEAST_RATE]) if rate != 0.0 else 0.0, o[TOLERANCE], o[MARGIN]):
+        return True
+    return rate >= o[STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts)
+
+
+@compiled
+def is_roundoff(z: Any, slot: Any, moved: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
+    """:meth:`solvers.hht.newton.Iteration._is_roundoff`."""
+    o, n = part(z, CONSTANTS), z.i[N]
+    evaluations = 2 * digits(n)
+    if moved <= o[STAGNATION] or counts[RESIDUALS] + evaluations >= z.i[EVALUATIONS]:
+        return moved <= o[STAGNATION]
+    counts[RESIDUALS] += evaluations
+    counts[SOLVES] += evaluations
+    noise, state, kept = 0.0, view(z.w, z.i[2 * Q], 4 * n), part(z, UNDISTURBED)
+    increment, full = part(z, INCREMENT), part(z, FULL)
+    put(kept, 0, state)
+    put(full, 0, increment)
+    for k in range(evaluations):
+        for i in range(state.size):  # q, v, a, f
+            state[i] = kept[i] * (1.0 + EPS) if has_digit(i % n, k // 2, k % 2) else kept[i]
+        early(z)
+        correct(z, slot, False)
+        for i in range(part(z, X).size):
+            increment[i] -= full[i]
+        in_q, in_v = moved_by(z, slot, increment)
+        noise = max(noise, in_q * per_q, in_v * per_v)
+    put(state, 0, kept)
+    put(increment, 0, full)
+    early(z)
+    return moved <= o[NOISE_MARGIN] * noise
 
 
 @compiled

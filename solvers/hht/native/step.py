@@ -9,11 +9,11 @@ import numpy as np
 from solvers.hht.laws import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.native.calls import invoke, view
 from solvers.hht.native.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.native.newton import damped, newton
+from solvers.hht.native.matrix import early
+from solvers.hht.native.newton import damped, newton, whole
 from solvers.hht.native.parts import address, part, put, top
 from solvers.hht.native.tables import (
     ALPHA,
-    C_EARLY,
     C_END,
     C_INVERSE,
     CONSTANTS,
@@ -28,6 +28,7 @@ from solvers.hht.native.tables import (
     KNOWN,
     LAM,
     MU,
+    NONFINITE,
     NUMBER,
     O_LAM0,
     O_LAM1,
@@ -175,7 +176,10 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     if ended in (DIVERGED, SINGULAR) and not 0.0 < abs(number[H]) < MUCH_SHORTER * abs(h):
         counts[RESTARTS] += 1  # after a far shorter step the multipliers are roundoff over its h^2: no guess
         plain_guess(z, part(z, X))
-        ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
+        ended, slot, rate = whole(z, kept, h, typical_q, typical_v, counts)
+        if ended in (DIVERGED, SINGULAR, NONFINITE):
+            plain_guess(z, part(z, X))
+            ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
     if ended == CONVERGED:
         finish(z)
         if z.i[VARIABLE]:
@@ -185,16 +189,6 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
             at = address(z, PLACE)
             invoke(z.i[C_INVERSE], (address(z, END_INVERSE), z.i[C_INVERSE + 1], at, at + 8))
     return ended, slot, rate
-
-
-@compiled
-def early(z: Any) -> None:
-    """What every iterate's residual needs of the known values."""
-    x, given = address(z, X), address(z, STEP)
-    if z.i[SMALL]:  # x and what else varies are given, and not looked at
-        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, x, x, given))
-    else:
-        invoke(z.i[C_EARLY], (address(z, EARLY), z.i[C_EARLY + 1], x, given))
 
 
 @compiled

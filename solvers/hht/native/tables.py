@@ -31,7 +31,7 @@ FLOATS = (
     "raw_given", "raw", "place", "levels", "error", "weights", "rtol", "atol",
     "storage", "couplings", "maps", "factor_h", "rate", "uses", "built", "inverse_matrix",
     "constants", "event", "event_values", "event_ends", "early", "early_matrix", "fresh",
-    "rights", "works", "answers", "changes", "base_x", "full",
+    "rights", "works", "answers", "changes", "base_x", "full", "undisturbed",
 )  # fmt: skip
 # What packed_known takes: the step, see GIVEN in solvers.hht.weights, and behind it the state.
 STEP = 0
@@ -49,15 +49,17 @@ CONSTANTS, EVENT, EVENT_VALUES, EVENT_ENDS, EARLY, EARLY_MATRIX = range(41, 47) 
 FRESH = 47  # of a small system: what fresh_correction returns
 RIGHTS, WORKS, ANSWERS, CHANGES = range(48, 52)  # two right-hand sides at once, entry beside entry
 BASE_X, FULL = range(52, 54)  # of damped iterations: the iterate and the whole increment
+UNDISTURBED = 54  # q, v, a, f while roundoff is measured
 
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER
 H_NEXT, LAST, LAST_ERROR, HAS_ROLLING = range(4)  # in MEMORY
 NEWTON_CONSTANTS = (
-    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "standstill",
+    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
+    "stalled", "second", "noise_margin",
 )  # fmt: skip
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
-TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, STANDSTILL_SIZE = range(3, 11)
-STANDSTILL = 11  # the same, or 0 where a derivative in the matrix was written by a user
+TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
+STALLED, SECOND, NOISE_MARGIN = range(11, 14)
 
 INTEGERS = (
     "header",
