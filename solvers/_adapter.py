@@ -6,9 +6,7 @@ each counted and guarded, and takes the steps; the subclass of :class:`Adapter` 
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
@@ -26,6 +24,7 @@ from hhtbench.result import Counters, Solution, Status
 from solvers import forms
 from solvers._run import Halt, Run
 from solvers._start import empty_solution
+from solvers._sundials import overheard
 
 SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
     -1: Status.max_steps,
@@ -132,7 +131,7 @@ def _structure(problem: Problem) -> Structure | None:
 
 def step_sundials(run: Run, solver: Any) -> None:
     """Take the steps of ``solver``, an IDA or CVODE of scikit-sundae after ``init_step``, until ``run.t1``."""
-    with _overheard() as said:
+    with overheard() as said:
         while run.unfinished():
             step = solver.step(run.t1, method="onestep", tstop=run.t1)
             if step.status < 0:
@@ -156,32 +155,3 @@ def _within(solver: Any, end: float, time: float) -> Any:
     found = solver.step(time, method="normal", tstop=None)
     solver.step(end, method="normal", tstop=None)
     return found
-
-
-class _Listener:
-    """A stdout that keeps what SUNDIALS' error handler prints and passes on what a callback prints."""
-
-    def __init__(self, stream: Any, said: list[str]) -> None:
-        self.stream, self.said = stream, said
-        self.skip_newline = False
-
-    def write(self, text: str) -> int:
-        if text.startswith("\n[") and ", Error: " in text:
-            self.said.append(text.strip())
-            self.skip_newline = True
-        elif not (self.skip_newline and text == "\n"):
-            self.stream.write(text)
-            self.skip_newline = False
-        return len(text)
-
-    def flush(self) -> None:
-        self.stream.flush()
-
-
-@contextmanager
-def _overheard() -> Iterator[list[str]]:
-    """Keep SUNDIALS' printed errors out of the terminal."""
-
-    said: list[str] = []
-    with redirect_stdout(_Listener(sys.stdout, said)):
-        yield said

@@ -253,28 +253,6 @@ def test_an_exception_in_the_jacobian_comes_back_through_c():
         assert caught.value is raised
 
 
-def test_nothing_of_a_library_is_printed(capfd):
-    for solver in HOST:
-        solver.solve(numpy_ring(force=until(0.5)), LOOSE)
-    plain = numpy_ring()  # how index 3 fails hangs on roundoff: plain callables give the same on every route
-    failed = ida.solver(form="index3").solve(plain, Request(rtol=2e-8, max_seconds=20.0))
-    assert failed.status in (Status.newton_failed, Status.step_too_small)
-    assert "Error: " in failed.message, "what IDA prints goes into the message"
-    assert capfd.readouterr() == ("", "")
-
-
-def test_what_a_callback_prints_is_passed_on(capfd):
-    calls = []
-
-    def force(t, q, v):
-        calls.append(t)
-        sys.stdout.write("here\n")
-        return np.zeros(2)
-
-    ida.solver().solve(numpy_ring(force=force), LOOSE)
-    assert capfd.readouterr().out == "here\n" * len(calls)
-
-
 def test_a_buffer_that_the_system_reuses_does_no_harm():
     buffer = np.zeros(2)
 
