@@ -41,13 +41,13 @@ test: $(STAMP)
 # Exudyn is the optional extra "bench"; without it the ratios are missing.
 bench-chain: $(STAMP)
 	-@$(PIP) install exudyn==1.13.6
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.chain
+	$(BIN)/python -m tests.performance.chain
 
 # The exit code says whether a limit is broken.  QUICK=--quick: the reference solvers on three problems only.
 bench-engine: $(STAMP)
 	-@$(PIP) install exudyn==1.13.6
 	@mkdir -p reports/latest
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.performance.engine $(QUICK)
+	$(BIN)/python -m tests.performance.engine $(QUICK)
 
 validate: $(STAMP)
 	@mkdir -p reports/latest

@@ -20,6 +20,7 @@ from hhtbench.drawing.command import show_command
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, read_evidence
 from hhtbench.library import check_all
+from hhtbench.processes import one_blas_thread
 from hhtbench.reference.command import reference_command
 from hhtbench.registry import load_problem, load_verification
 from hhtbench.report import write_comparison, write_report
@@ -57,6 +58,7 @@ def main(traceback: bool) -> None:
 
     Exit codes: 0 all well; 1 a claim fails or a solve stops early; 2 wrong use.
     """
+    one_blas_thread()
 
 
 @main.command("list")

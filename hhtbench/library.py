@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import replace
-from multiprocessing import get_context
 
 from hhtbench.check import check
 from hhtbench.evidence import Evidence, Row
+from hhtbench.processes import worker_processes
 from hhtbench.registry import list_problems, load_problem
 
 
@@ -19,7 +19,7 @@ def check_all(jobs: int, tell: Callable[[str], None] = lambda text: None) -> Evi
     A problem that cannot even be made is one failing row.
     """
     began, found = time.perf_counter(), {}
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with worker_processes(jobs) as pool:
         waiting = {pool.submit(_check_one, name): name for name in list_problems()}
         for done in as_completed(waiting):
             name = waiting[done]

@@ -14,7 +14,8 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+from hhtbench.processes import THREADS
+
 START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[3]); "
     "from hhtbench.campaign.worker import serve; serve(int(sys.argv[1]), int(sys.argv[2]))"

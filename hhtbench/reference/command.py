@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from tabulate import tabulate
 
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, Row
+from hhtbench.processes import worker_processes
 from hhtbench.reference.certify import Certificate, certify
 from hhtbench.reference.files import read_certificate, write_certificate
 from hhtbench.reference.plan import Entry, choose, load_plan, registered_folder, registered_plans
@@ -41,7 +41,7 @@ def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: in
     entries = choose(registered_plans() if file is None else load_plan(file), names)
     out.mkdir(parents=True, exist_ok=True)
     failed = 0
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+    with worker_processes(jobs, max_tasks_per_child=1) as pool:
         waiting = {pool.submit(certify, entry): entry for entry in entries}
         for done in as_completed(waiting):
             entry, error = waiting[done], done.exception()

@@ -1,0 +1,5 @@
+"""Benchmarks.  BLAS has one thread in them, for the reason that hhtbench/processes.py gives."""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is loaded: the imports are timed too

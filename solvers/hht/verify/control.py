@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from hhtbench import list_problems, load_problem
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.evidence import Curve, Evidence, Plot, Row
+from hhtbench.processes import worker_processes
 from hhtbench.protocol import Problem
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.request import Request
@@ -103,7 +103,7 @@ def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
     cells = [(spec, tolerance, ALPHA["default"], "error") for spec in specs for tolerance in TOLERANCES]
     cells += [(spec, tolerance, ALPHA["stiff"], "error") for spec in STIFF for tolerance in TOLERANCES[:3]]
     cells += [(spec, 1e-4, ALPHA["default"], "chrono") for spec in SEPARATED]
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with worker_processes(jobs) as pool:
         waiting = {pool.submit(run, *cell): cell for cell in cells}
         effective = pool.submit(effectivities)
         for done in as_completed(waiting):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 from hhtbench import load_problem
 from hhtbench.evidence import Evidence, Plot, Row
+from hhtbench.processes import worker_processes
 from solvers.hht.verify.constraints import andrews, drift, kinds, multipliers, unconstrained
 from solvers.hht.verify.figures import extrapolated, pendulum_figures, test1_figures
 from solvers.hht.verify.local import amplification, local_errors, multiplier_guess
@@ -54,8 +54,8 @@ def _nobody(line: str) -> None:
 
 
 def _in_workers(jobs: int, tell: Progress) -> list[Part]:
-    """The parts from a pool of fresh processes: JAX's threads do not survive a fork."""
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    """The parts from a pool of processes."""
+    with worker_processes(jobs) as pool:
         futures = [pool.submit(part, _nobody) for part in PARTS]
         names = {future: part.__name__.strip("_").replace("_", " ") for future, part in zip(futures, PARTS, strict=True)}
         for future in as_completed(futures):

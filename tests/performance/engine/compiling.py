@@ -59,7 +59,6 @@ def _probe(name: str, cache: Path) -> dict[str, float] | str:
         "HHTBENCH_CACHE": str(cache),
         "JAX_COMPILATION_CACHE_DIR": str(cache / "xla"),
         "NUMBA_CACHE_DIR": str(cache / "numba"),
-        "OMP_NUM_THREADS": "1",
     }
     command = [sys.executable, "-m", "tests.performance.engine.probe", name]
     try:

@@ -1,0 +1,67 @@
+"""BLAS has one thread in every process that hhtbench starts, unless the user names a number."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hhtbench import processes
+from hhtbench.campaign.process import WorkerProcess
+from hhtbench.filespec import load_attribute
+from hhtbench.processes import THREADS, one_blas_thread, openblas, worker_processes
+
+TELLING = """
+from pathlib import Path
+from hhtbench.processes import openblas
+from outside.fall import problem
+
+THREADS = [get() for get in openblas("get")]
+Path(__file__).with_name("told").write_text(str(THREADS))
+"""
+ONE = [1 for _ in openblas("get")]
+
+
+@pytest.fixture
+def telling(tmp_path: Path, outside: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A problem's file that writes down how many threads BLAS has where it is loaded; nobody named a number before."""
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PYTHONPATH", str(outside))
+    file = tmp_path / "telling.py"
+    file.write_text(TELLING)
+    return file
+
+
+def test_a_command_has_one(telling):
+    command = [sys.executable, "-c", "from hhtbench.cli import main; main()", "describe", f"{telling}:problem"]
+    subprocess.run(command, check=True, capture_output=True)
+    assert telling.with_name("told").read_text() == str(ONE)
+
+
+def test_the_worker_of_a_campaign_has_one(telling):
+    worker, end = WorkerProcess(), time.monotonic() + 60
+    worker.submit("a cell", {"problem": f"{telling}:problem", "solver": "absent", "request": {}, "repeats": 0})
+    while worker.receive() is None:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    worker.kill()
+    assert telling.with_name("told").read_text() == str(ONE)
+
+
+def test_a_pool_of_processes_has_one_and_its_parent_keeps_its_own(telling):
+    with worker_processes(1) as pool:
+        assert pool.submit(load_attribute, str(telling), "THREADS").result() == ONE
+    assert not set(THREADS) & set(os.environ)
+
+
+@pytest.mark.parametrize("chosen", [{"OMP_NUM_THREADS": "2"}, {"OPENBLAS_NUM_THREADS": "4"}, {}])
+def test_a_number_that_the_user_names_is_kept(chosen, monkeypatch):
+    given = []
+    monkeypatch.setattr(processes, "openblas", lambda verb: [given.append])
+    monkeypatch.setattr(os, "environ", dict(chosen))
+    one_blas_thread()
+    assert given == ([] if chosen else [1])
+    assert os.environ == (chosen or dict.fromkeys(THREADS, "1"))
