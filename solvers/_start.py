@@ -14,10 +14,12 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
+    CONSISTENT,
     AccelerationLevel,
     ConstraintLevels,
     Levels,
     Structure,
+    asymmetry,
     augment,
     compile_function,
     constraint_rank,
@@ -36,8 +38,6 @@ from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
-
-CONSISTENT = 1e-8  # scaled violation up to which a start counts as consistent: data given with eight digits
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,20 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
             stacklevel=2,
         )
         dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
+    _warn_of_asymmetry(dynamics)
     return regular(independent(dynamics, place), place)
+
+
+def _warn_of_asymmetry(dynamics: Any) -> None:
+    """Say that a constant mass is not symmetric; the equations are solved as they stand."""
+    mass = dynamics.constant_mass
+    entries = "" if mass is None or isinstance(mass, Diagonal) else asymmetry(np.asarray(mass))[1]
+    if entries:
+        warnings.warn(
+            f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one.",
+            UserWarning,
+            stacklevel=2,
+        )
 
 
 def independent(dynamics: Any, place: Place) -> Any:
@@ -158,18 +171,9 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
 
 def violations(at: Levels, place: Place, bound: float) -> str:
     """Rows above ``bound`` in words, position level first; empty when there are none."""
-    m = at.position.size
-    named = [(f"g[{i}]", at.position[i], r) for i, r in enumerate(at.scaled_position(size_of(place.q)))]
-    names = [f"(g_t + g_q v)[{i}]" for i in range(m)] + [f"k[{i}]" for i in range(at.velocity.size)]
-    scaled = at.scaled_velocity(max(float(np.max(np.abs(place.v))), np.finfo(float).tiny))
-    named += list(zip(names, at.velocity_drift, scaled, strict=True))
-    rows = [f"{name} = {value:.3g} ({relative:.1g} of its size)" for name, value, relative in named if not relative <= bound]
-    return ", ".join(rows)
-
-
-def size_of(q: Vector) -> float:
-    """Largest coordinate, one at rest in the origin."""
-    return float(np.max(np.abs(q))) or 1.0
+    position, velocity = at.misfits(place.q, place.v)
+    wrong = [row for row in position + velocity if not row.relative <= bound]
+    return ", ".join(f"{row.name} = {row.value:.3g} ({row.relative:.1g} of its size)" for row in wrong)
 
 
 def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> Levels:

@@ -71,7 +71,7 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
     start = examine(trusted, problem, sizes) if finite.passed else _unknown(s, str(finite.measured))
     rows += mass_rows(trusted, states, start)
     rows += [
-        *consistency_rows(start, sizes),
+        *consistency_rows(start, problem),
         *guess_rows(start, problem, sizes),
         *regularity_rows(start, "redundant" in problem.tags),
     ]

@@ -12,12 +12,21 @@ from hhtbench.check.reference import State, split
 from hhtbench.check.rows import attempt, not_measured
 from hhtbench.check.scales import Sizes
 from hhtbench.evidence import Row
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, ConstraintRank, Levels, constraint_rank, mass_is_singular
+from hhtbench.lowering import (
+    CONSISTENT,
+    SYMMETRIC,
+    AccelerationLevel,
+    ConstraintLevels,
+    ConstraintRank,
+    Levels,
+    Misfit,
+    asymmetry,
+    constraint_rank,
+    mass_is_singular,
+)
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.protocol import Problem
 
-CONSISTENT = 1e-8  # of the typical size
-SYMMETRIC = 1e-12
 SEMIDEFINITE = 1e-12
 DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows
 MOST_NAMED = 6  # offending rows in one text
@@ -101,7 +110,7 @@ def mass_rows(dynamics: Any, states: list[State], found: Start) -> list[Row]:
     if dynamics.structure.mass == "identity":
         return []
     claims = (
-        ("mass/symmetric", "the mass matrix is symmetric", f"{SYMMETRIC:.0e} of its size"),
+        ("mass/symmetric", "the mass matrix is symmetric", f"{SYMMETRIC:.0e} of the diagonal entries"),
         ("mass/definite", "the mass matrix has no negative direction", "smallest eigenvalue not below 0"),
     )
     points = states if dynamics.structure.mass == "variable" else states[:1]
@@ -110,7 +119,7 @@ def mass_rows(dynamics: Any, states: list[State], found: Start) -> list[Row]:
     fault = outcome.fault or ("" if np.all(np.isfinite(outcome.value)) else "it holds NaN or infinity")
     if fault:
         return [not_measured(*claim, fault) for claim in claims]
-    skew = max(float(np.abs(mass - mass.T).max() / (np.abs(mass).max() or 1.0)) for mass in outcome.value)
+    skew, entries = max(map(asymmetry, outcome.value))
     smallest = min(_smallest_eigenvalue(mass) for mass in outcome.value)
     ok = smallest >= -SEMIDEFINITE
     text = f"{smallest:.2g} (unit diagonal)"
@@ -118,7 +127,13 @@ def mass_rows(dynamics: Any, states: list[State], found: Start) -> list[Row]:
         regular = found.found is not None and not found.found.singular
         text = f"singular; {'allowed, since the KKT matrix is regular' if regular else 'and the KKT matrix is not regular'}"
     return [
-        Row(id=claims[0][0], claim=claims[0][1], measured=skew, bound=claims[0][2], passed=skew <= SYMMETRIC),
+        Row(
+            id=claims[0][0],
+            claim=claims[0][1],
+            measured=f"{skew:.2g}: {entries}" if entries else skew,
+            bound=claims[0][2],
+            passed=not entries,
+        ),
         Row(id=claims[1][0], claim=claims[1][1], measured=text, bound=claims[1][2], passed=ok),
     ]
 
@@ -130,36 +145,31 @@ def _smallest_eigenvalue(mass: Matrix) -> float:
     return float(np.linalg.eigvalsh((mass + mass.T) / 2 / np.outer(size, size)).min())
 
 
-def consistency_rows(start: Start, sizes: Sizes) -> list[Row]:
-    """The start satisfies the constraints at all three levels."""
-    rows = []
-    bound = f"{CONSISTENT:.0e} of the typical size"
+def consistency_rows(start: Start, problem: Problem) -> list[Row]:
+    """The start satisfies the constraints at all three levels; the first two as the solvers judge them."""
+    levels = {}
     if start.m:
-        claim = "the start satisfies the position constraints"
-        if start.levels is None:
-            rows.append(not_measured("start/position", claim, bound, start.fault))
-        else:
-            labels = [f"g[{i}]" for i in range(start.m)]
-            scaled = start.levels.scaled_position(sizes.q)
-            rows.append(_level_row("start/position", claim, bound, scaled, start.levels.position, labels))
+        levels["start/position"] = "the start satisfies the position constraints", "coordinate"
     if start.m + start.p:
-        claim = "the start's velocities satisfy the constraints"
-        if start.levels is None:
-            rows.append(not_measured("start/velocity", claim, bound, start.fault))
+        levels["start/velocity"] = "the start's velocities satisfy the constraints", "velocity"
+    rows = []
+    found = None if start.levels is None else start.levels.misfits(problem.q0, problem.v0)
+    for row_id, (claim, unit) in levels.items():
+        bound = f"{CONSISTENT:.0e} of the largest {unit}"
+        if found is None:
+            rows.append(not_measured(row_id, claim, bound, start.fault))
         else:
-            labels = [f"(g_t + g_q v)[{i}]" for i in range(start.m)] + [f"k[{i}]" for i in range(start.p)]
-            scaled = start.levels.scaled_velocity(sizes.v)
-            rows.append(_level_row("start/velocity", claim, bound, scaled, start.levels.velocity_drift, labels))
+            rows.append(_level_row(row_id, claim, bound, found[row_id == "start/velocity"]))
     return [*rows, _acceleration_row(start)]
 
 
-def _level_row(row_id: str, claim: str, bound: str, scaled: Vector, values: Vector, labels: list[str]) -> Row:
-    """Names the offending rows with their sizes."""
-    wrong = [i for i in np.argsort(-np.nan_to_num(scaled, nan=np.inf)) if not scaled[i] <= CONSISTENT]
-    measured: str | float = float(scaled.max(initial=0.0))
+def _level_row(row_id: str, claim: str, bound: str, misfits: list[Misfit]) -> Row:
+    """Names the offending rows with their sizes, the largest first."""
+    largest = sorted(misfits, key=lambda row: np.nan_to_num(row.relative, nan=np.inf), reverse=True)
+    wrong = [f"{row.name} = {row.value:.3g}" for row in largest if not row.relative <= CONSISTENT]
+    measured: str | float = float(largest[0].relative)
     if wrong:
-        named = ", ".join(f"{labels[i]} = {values[i]:.3g}" for i in wrong[:MOST_NAMED])
-        measured = f"{measured:.2g}: {named}{', ...' if len(wrong) > MOST_NAMED else ''}"
+        measured = f"{measured:.2g}: {', '.join(wrong[:MOST_NAMED])}{', ...' if len(wrong) > MOST_NAMED else ''}"
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=not wrong)
 
 
@@ -171,7 +181,8 @@ def _acceleration_row(start: Start) -> Row:
     n, m = start.n, start.m
     labels = [f"(M vdot - F - Q)[{i}]" for i in range(n)]
     labels += [f"d2g/dt2[{i}]" for i in range(m)] + [f"dk/dt[{i}]" for i in range(start.p)]
-    row = _level_row("start/acceleration", claim, bound, start.imbalance, start.imbalance, labels)
+    misfits = [Misfit(name, size, size) for name, size in zip(labels, start.imbalance, strict=True)]
+    row = _level_row("start/acceleration", claim, bound, misfits)
     if row.passed and start.found.singular:
         return Row(id=row.id, claim=claim, measured=f"{row.measured:.2g}, but not unique", bound=bound, passed=True)
     return row

@@ -7,23 +7,27 @@ other module compiles anything.
 from hhtbench.lowering.augmented import augment
 from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.derive import Dynamics, derive
-from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank, mass_is_singular
-from hhtbench.lowering.levels import ConstraintLevels, Levels
+from hhtbench.lowering.kkt import SYMMETRIC, AccelerationLevel, ConstraintRank, asymmetry, constraint_rank, mass_is_singular
+from hhtbench.lowering.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.native import Native, NotNative, native
 from hhtbench.lowering.reduced import padded, reduce_redundant, smallest, unreduced
 from hhtbench.lowering.routes import Route, route_of, routes, too_large
 from hhtbench.lowering.structure import Structure
 
 __all__ = [
+    "CONSISTENT",
+    "SYMMETRIC",
     "AccelerationLevel",
     "ConstraintLevels",
     "ConstraintRank",
     "Dynamics",
     "Levels",
+    "Misfit",
     "Native",
     "NotNative",
     "Route",
     "Structure",
+    "asymmetry",
     "augment",
     "compile_function",
     "constraint_rank",
@@ -34,6 +38,7 @@ __all__ = [
     "reduce_redundant",
     "route_of",
     "routes",
+    "size_of",
     "smallest",
     "too_large",
     "unreduced",

@@ -23,6 +23,7 @@ MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor gue
 CONVERGED = 1e-13  # last increment relative to the unknowns
 STAGNATION = 1e-9  # increments that no longer shrink below this are roundoff
 RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
+SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR_MASS = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
 
 
@@ -133,6 +134,20 @@ def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.sum(diagonal > RANK_TOLERANCE * np.sqrt(stacked.shape[0])))
     return ConstraintRank(stacked.shape[0], rank, tuple(sorted(int(i) for i in pivots[rank:])))
+
+
+def asymmetry(mass: Matrix) -> tuple[float, str]:
+    """How far the mass matrix (n, n) is from symmetric, and the worst pair of entries in words, "" within roundoff.
+
+    Measured by the root of the product of the two diagonal entries, which no entry of a positive definite matrix exceeds.
+    """
+    diagonal = np.sqrt(np.abs(np.diag(mass)))
+    size = np.outer(diagonal, diagonal)
+    apart = np.abs(mass - mass.T) / np.where(size > 0, size, np.max(np.abs(mass), initial=0.0) or 1.0)
+    i, j = sorted(np.unravel_index(np.argmax(apart), apart.shape))
+    if not apart[i, j] > SYMMETRIC:
+        return float(apart[i, j]), ""
+    return float(apart[i, j]), f"M[{i}, {j}] = {mass[i, j]:.6g} and M[{j}, {i}] = {mass[j, i]:.6g}"
 
 
 def mass_is_singular(mass: Matrix) -> bool:

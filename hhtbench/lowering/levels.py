@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,6 +12,16 @@ from hhtbench.arguments import Vector
 from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.matrix_free import MatrixFree, large
+
+CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
+
+
+class Misfit(NamedTuple):
+    """By how much one row of the constraints is violated at a start."""
+
+    name: str
+    value: float
+    relative: float  #: in units of the largest coordinate or velocity there
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,19 @@ class Levels:
         size = np.abs(rows) @ np.broadcast_to(s_v, rows.shape[1])
         size[: self.time_derivative.size] += np.abs(self.time_derivative)
         return _relative(self.velocity_drift, size)
+
+    def misfits(self, q: Vector, v: Vector) -> tuple[list[Misfit], list[Misfit]]:
+        """How far the start (q, v) of these levels is from consistent: at the position level, at the velocity level."""
+        m, p = self.position.size, self.velocity.size
+        names = [f"(g_t + g_q v)[{i}]" for i in range(m)] + [f"k[{i}]" for i in range(p)]
+        position = zip([f"g[{i}]" for i in range(m)], self.position, self.scaled_position(size_of(q)), strict=True)
+        velocity = zip(names, self.velocity_drift, self.scaled_velocity(size_of(v)), strict=True)
+        return [Misfit(*row) for row in position], [Misfit(*row) for row in velocity]
+
+
+def size_of(x: Vector) -> float:
+    """Largest entry; one where all are zero, at the origin or at rest, where roundoff has no size to be measured by."""
+    return float(np.max(np.abs(x), initial=0.0)) or 1.0
 
 
 class ConstraintLevels:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels
+from hhtbench.lowering import ConstraintLevels, size_of
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.lowering.kkt_sparse import solve_scaled_sparse
 from hhtbench.lowering.matrix_free import large
@@ -21,7 +21,6 @@ from solvers._start import (
     as_arguments,
     expect_finite,
     finite_levels,
-    size_of,
     start_acceleration,
     violations,
 )

@@ -318,14 +318,6 @@ def test_a_velocity_constraint_that_does_not_hold_is_named():
     assert "k[0] = -0.1" in row(evidence, "start/velocity").measured
 
 
-def test_inconsistency_is_measured_in_typical_sizes():
-    """1e-9 m is nothing for a machine of one metre and much for one of a micrometre."""
-    functions = {"force": lambda t, q, v: -q, "constraint": lambda t, q: q[:1] - 1.0 - 1e-9}
-    at_rest = {"v0": np.zeros(2)}
-    assert row(check(problem(functions, **at_rest)), "start/position").passed
-    assert not row(check(problem(functions, **at_rest, scales=Scales(q=1e-6))), "start/position").passed
-
-
 def test_contradictory_accelerations_are_found():
     """Two constraints with one gradient and different accelerations; both hold at the start."""
     both = {"force": lambda t, q, v: -q, "constraint": lambda t, q: np.array([q[0] - 1.0, q[0] - 1.0 - t**2])}
