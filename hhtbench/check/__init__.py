@@ -75,13 +75,13 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
         *guess_rows(start, problem, sizes),
         *regularity_rows(start, "redundant" in problem.tags),
     ]
-    rows += conservation_rows(trusted, problem, sizes, shapes.faults)
+    rows += conservation_rows(trusted, problem, sizes, states[1:], shapes.faults)
     return [*rows, scales, *data_rows(problem, s.m, s.p, sizes, start)]
 
 
 BLOCKED = (  # rows that stand for what cannot be measured at all
     ("derivative", "the derivatives agree with the functions", "1e-06 by differences"),
-    ("start", "the start is consistent", "1e-08 of the typical size"),
+    ("start", "the start is consistent", "1e-08 of the largest coordinate or velocity"),
     ("kkt", "the KKT matrix is regular", "regular"),
     ("index", "the differential index is defined", "0, 2 or 3"),
 )

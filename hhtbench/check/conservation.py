@@ -1,4 +1,8 @@
-"""Energy and invariants along the known motion: what is declared to be conserved is, what is fed is fed by ``power``."""
+"""Energy and invariants: what is declared to be conserved is, what is fed is fed by ``power``.
+
+The balance must hold at every consistent state.  It is measured along the known motion and at made-up states too, since at
+the start both of its sides may vanish: nothing moves there, and a motion may not be known.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +12,38 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.check.deviation import OWN_ERROR
+from hhtbench.check.reference import State, split
 from hhtbench.check.rows import attempt, not_measured
 from hhtbench.check.scales import Sizes
 from hhtbench.evidence import Row
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, constraint_rank, reduce_redundant
+from hhtbench.lowering import (
+    CONSISTENT,
+    AccelerationLevel,
+    ConstraintLevels,
+    compile_function,
+    constraint_rank,
+    reduce_redundant,
+)
 from hhtbench.lowering.differences import derivative_along
 from hhtbench.protocol import Problem, declared
 
 MOST_TIMES = 8  # points of the known motion that are looked at
 MEASURED = ("energy", "power", "invariants")
 BALANCE = 1e-9  # of the largest term of the power balance
-BY_DIFFERENCES = 1e-6  # the same for plain callables
+BY_DIFFERENCES = 1e-6  # the same for plain callables, beside the error that their differences show themselves
+PROJECTIONS = 8  # onto the constraints from nearby: quadratic convergence needs 4
 CONSERVED = 1e-9  # of the size, where the known motion is a closed solution
 SLACK = 100.0  # error bars of a reference that a change of an invariant may have: it sums over the coordinates
 
 Point = tuple[float, Vector, Vector]  # t, q, v
 
 
-def conservation_rows(dynamics: Any, problem: Problem, sizes: Sizes, faults: dict[str, str]) -> list[Row]:
-    """Power balance at points of the known motion, and constancy of what is conserved along it."""
+def conservation_rows(
+    dynamics: Any, problem: Problem, sizes: Sizes, states: list[State], faults: dict[str, str]
+) -> list[Row]:
+    """Power balance at consistent states, and constancy of what is conserved along the known motion."""
     start = (problem.t_span[0], problem.q0, problem.v0)
     known = attempt(lambda: _known_motion(problem))  # where that fails, a row on the data says so
     motion = [start, *(known.value or [])]
@@ -35,23 +51,23 @@ def conservation_rows(dynamics: Any, problem: Problem, sizes: Sizes, faults: dic
     rows = []
     finite = attempt(lambda: bool(np.isfinite(float(declared(problem.system, "energy")(*start)))))
     if "energy" in names and "power" not in faults and finite.value:
-        rows.append(_balance_row(dynamics, problem, motion, sizes))
+        rows.append(_balance_row(dynamics, problem, motion, sizes, states))
     conserved = [name for name in names if name == "invariants" or (name == "energy" and "power" not in names)]
     if conserved and known.value:
         rows.append(_constancy_row(problem, conserved, motion))
     return rows
 
 
-def _balance_row(dynamics: Any, problem: Problem, motion: list[Point], sizes: Sizes) -> Row:
+def _balance_row(dynamics: Any, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> Row:
     fed = declared(problem.system, "power") is not None
     claim = "the energy changes by the declared power" if fed else "the rate of the energy is zero: no power is declared"
     limit = BALANCE if dynamics.xp is jnp else BY_DIFFERENCES
     bound = f"{limit:.0e} of the largest term of that rate"
-    outcome = attempt(lambda: _imbalances(dynamics, problem, motion, sizes.t))
+    outcome = attempt(lambda: _imbalances(dynamics, problem, motion, sizes, states))
     if outcome.fault:
         return not_measured("energy/balance", claim, bound, outcome.fault)
     worst = max(outcome.value)
-    text = f"{worst:.2g} at {len(motion)} points of the known motion"
+    text = f"{worst:.2g} at {len(outcome.value)} consistent states"
     return Row(id="energy/balance", claim=claim, measured=text, bound=bound, passed=worst <= limit)
 
 
@@ -105,23 +121,55 @@ def _known_motion(problem: Problem) -> list[Point]:
     return [(float(t[i]), problem.reference["q"][i], problem.reference["v"][i]) for i in rows]
 
 
-def _imbalances(dynamics: Any, problem: Problem, motion: list[Point], time: float) -> list[float]:
-    """|d energy/dt - power| over the size of its terms, at consistent states.
+def _imbalances(dynamics: Any, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> list[float]:
+    """|d energy/dt - power| over the size of its terms, at the points of ``motion`` and at consistent ones near ``states``.
 
-    Near rest the terms are roundoff; the largest kinetic energy per typical ``time`` [s] is the least size.
+    Near rest the terms are roundoff; the largest kinetic energy per typical time [s] is the least size.
     """
     dynamics = _independent(dynamics, motion[0])
     level, terms = AccelerationLevel(dynamics), compile_function(energy_terms, dynamics)
     found = []
-    for t, q, v in motion:
-        at = level.solve(t, q, v, problem.lam_guess, problem.mu_guess)
-        if not at.singular and not at.residual > 0:  # else there are no accelerations: the rows on the KKT matrix say so
-            found.append(np.asarray(terms(t, q, v, at.vdot, at.lam, at.mu)))
+    for i, place in enumerate([*motion, *_made_up(dynamics, sizes, states)]):
+        at = level.solve(*place, problem.lam_guess, problem.mu_guess)
+        if at.singular or at.residual > 0:  # there are no accelerations: the rows on the KKT matrix say so
+            continue
+        rates = np.asarray(terms(*place, at.vdot, at.lam, at.mu))
+        if i < len(motion) or np.isfinite(rates).all():  # a made-up state may lie where something is not defined
+            found.append(rates)
     if not found:
-        raise ValueError("the accelerations are determined at no point of the known motion")
-    rates = np.array(found).reshape(-1, 6)
-    size = np.maximum(np.max(np.abs(rates[:, :5]), axis=1), np.max(np.abs(rates[:, 5]), initial=0.0) / time)
-    return [float(x) for x in np.abs(rates[:, 0] - rates[:, 1]) / np.maximum(size, np.finfo(float).tiny)]
+        raise ValueError("the accelerations are determined at no consistent state")
+    table = np.array(found)
+    size = np.maximum(np.max(np.abs(table[:, :5]), axis=1), np.max(np.abs(table[:, 5])) / sizes.t)
+    apart = np.maximum(np.abs(table[:, 0] - table[:, 1]) - OWN_ERROR * table[:, 6], 0.0)
+    return [float(x) for x in apart / np.maximum(size, np.finfo(float).tiny)]
+
+
+def _made_up(dynamics: Any, sizes: Sizes, states: list[State]) -> list[Point]:
+    """The ``states`` moved onto the constraints, where that succeeds."""
+    levels = ConstraintLevels(dynamics, full=True)
+    places = [split(dynamics.structure, state.z) for state in states]
+    moved = [
+        attempt(lambda a=a: _consistent(levels, float(a["t"]), a["q"], a["v"], sizes)).value  # type: ignore[misc]
+        for a in places
+    ]
+    return [place for place in moved if place is not None]
+
+
+def _consistent(levels: ConstraintLevels, t: float, q: Vector, v: Vector, sizes: Sizes) -> Point | None:
+    """The nearest consistent place in typical sizes, by Newton's method; None where it does not get there."""
+    for _ in range(PROJECTIONS):
+        at = levels.at(t, q, v)
+        q = q - _least(at.position_jacobian, at.position, sizes.q)
+    for _ in range(PROJECTIONS):
+        at = levels.at(t, q, v)
+        v = v - _least(at.rows, at.velocity_drift, sizes.v)
+    position, velocity = levels.at(t, q, v).misfits(q, v)
+    return (t, q, v) if all(row.relative <= CONSISTENT for row in position + velocity) else None
+
+
+def _least(rows: Matrix, value: Vector, size: Vector) -> Vector:
+    """The least x in units of ``size`` with ``rows x = value``."""
+    return np.asarray(size * np.linalg.lstsq(rows * size, value)[0], dtype=np.float64)
 
 
 def _independent(dynamics: Any, place: Point) -> Any:
@@ -135,18 +183,24 @@ def _independent(dynamics: Any, place: Point) -> Any:
 
 
 def energy_terms(dynamics: Any, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:
-    """d energy/dt, power, the three rates that the first consists of (by t, q and v) [W]; kinetic energy [J]: (6,)."""
+    """d energy/dt, power, the rates that the first consists of (by t, q, v) [W], kinetic energy [J], error [W]: (7,)."""
     system, xp = dynamics.system, dynamics.xp
+    error: Any = 0.0
     if xp is jnp:
         t = jnp.asarray(t, dtype=float)
         along = lambda dt, dq, dv: jax.jvp(system.energy, (t, q, v), (dt, dq, dv))[1]  # noqa: E731
         parts = [along(jnp.ones_like(t), 0 * q, 0 * v), along(0 * t, v, 0 * v), along(0 * t, 0 * q, vdot)]
     else:
-
-        def along(dt: float, by_q: Any, by_v: Any) -> Any:
-            curve = lambda e: np.atleast_1d(system.energy(t + e * dt, q + e * by_q, v + e * by_v))  # noqa: E731
-            return derivative_along(curve, t, q, v)[0]
-
-        parts = [along(1.0, 0 * q, 0 * v), along(0.0, v, 0 * v), along(0.0, 0 * q, vdot)]
+        moves = [(1.0, 0 * q, 0 * v), (0.0, v, 0 * v), (0.0, 0 * q, vdot)]
+        parts, half = ([_rate(system.energy, t, q, v, move, size) for move in moves] for size in (1.0, 0.5))
+        error = sum(abs(a - b) for a, b in zip(parts, half, strict=True))
     power = system.power(t, q, v, lam, mu) if declared(system, "power") is not None else 0.0
-    return xp.stack([xp.asarray(x, dtype=float) for x in (sum(parts), power, *parts, v @ dynamics.mass(t, q) @ v / 2)])
+    kinetic = v @ dynamics.mass(t, q) @ v / 2
+    return xp.stack([xp.asarray(x, dtype=float) for x in (sum(parts), power, *parts, kinetic, error)])
+
+
+def _rate(energy: Any, t: float, q: Vector, v: Vector, move: tuple[float, Vector, Vector], size: float) -> float:
+    """Rate of the energy along ``move`` of (t, q, v), by a difference over ``size`` times the usual step."""
+    dt, dq, dv = (size * x for x in move)
+    curve = lambda e: np.atleast_1d(energy(t + e * dt, q + e * dq, v + e * dv))  # noqa: E731
+    return float(derivative_along(curve, t, q, v)[0]) / size

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.check.reference import Reference, References, State, blocks, part_rows, parts_of, split
+from hhtbench.arguments import Matrix
+from hhtbench.check.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
+from hhtbench.check.reference import Reference, References, State, part_rows, parts_of, split
 from hhtbench.check.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Structure, compile_function, route_of
@@ -124,14 +125,6 @@ class Sample:
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
 
 
-@dataclass(frozen=True)
-class Worst:
-    """The largest deviation found: relative size and a text that names the entry."""
-
-    size: float = 0.0
-    text: str = ""
-
-
 def names_of(s: Structure) -> tuple[str, ...]:
     """The derivatives that a system of this structure has."""
     parts = parts_of(s)
@@ -182,7 +175,7 @@ def derivative_rows(dynamics: Any, references: References, samples: list[Sample]
         first_order = not is_declared and derivative.first_order and route_of(dynamics) == "numpy"
         claim = f"{derivative.text} ({origin}) agrees with {SYMBOLS[derivative.part]}"
         bound = f"{FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND:.0e} by differences"
-        failed = [f"derivative/{x}" for x in derivative.rests_on if x in rows and not rows[x].passed]
+        failed = [f"derivative/{x}" for x in derivative.rests_on if x in rows and rows[x].passed is False]
         rests_on = [] if is_declared else failed
         if is_declared and derivative.declared_as in faulty:
             reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
@@ -201,23 +194,24 @@ def _row(name: str, claim: str, bound: str, references: References, samples: lis
     reason = references.no_complex_step.get(derivative.part, "")
     limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
     floor = _difference_floor(name, references)
-    expected = _of_one_size(
-        [_expected(x.reference, x.reference.differences, derivative, references, x.state) for x in samples]
-    )
-    for sample, by_differences in zip(samples, expected, strict=True):
+    expected = of_one_size([by_differences(derivative, references, x.reference, x.state) for x in samples])
+    for sample, roughly in zip(samples, expected, strict=True):
         given = sample.given[name]
         if isinstance(given, str):
             return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
-        difference = _worse(difference, given, by_differences, floor, sample.label)
+        difference = worse(difference, given, roughly, floor, sample.label)
         if reason:
             continue
-        exactly = _expected(sample.reference, sample.reference.complex_step, derivative, references, sample.state)
-        by_complex_step = replace(exactly, row_size=by_differences.row_size)
-        if _worse(Worst(), by_complex_step.matrix, by_differences, floor, "").size > FIRST_ORDER_BOUND:
+        exactly = by_complex_step(derivative, references, sample.reference, sample.state, roughly.row_size)
+        if worse(Worst(), exactly.matrix, roughly, floor, "").size > FIRST_ORDER_BOUND:
             reason = "it is not holomorphic as written (abs, a comparison)"
         else:
-            exact = _worse(exact, given, by_complex_step, COMPLEX_FLOOR, sample.label)
+            exact = worse(exact, given, exactly, COMPLEX_FLOOR, sample.label)
     good = difference.size <= limit and (bool(reason) or exact.size <= COMPLEX_BOUND)
+    blur, where = max((one.blur, sample.label) for one, sample in zip(expected, samples, strict=True))
+    if good and reason and blur > USABLE:
+        return _unjudged(name, claim, bound, references, where)
+    bound += f" beside their own error of {blur:.0e}" if blur > limit else ""
     bound = bound if reason else f"{bound}, {COMPLEX_BOUND:.0e} by the complex step"
     measured = _measured(difference, exact, reason) if good else _fault(difference, exact, limit)
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=good)
@@ -235,56 +229,14 @@ def _difference_floor(name: str, references: References) -> float:
     return NESTED_FLOOR if nested else DIFFERENCE_FLOOR
 
 
-@dataclass(frozen=True)
-class Expected:
-    """A derivative by a reference, and what its rows are measured by."""
-
-    matrix: Matrix  #: (rows, columns)
-    row_size: Matrix  #: (rows, 1) largest term of the derivative
-    terms: Matrix  #: (rows, 1) size of all that enters the row's function
-    scale: Vector  #: (columns,) typical size of the arguments
-
-
-def _expected(
-    reference: Reference, jacobians: dict[str, Matrix], derivative: Derivative, references: References, state: State
-) -> Expected:
-    where, part = blocks(references.structure), derivative.part
-    jacobian = jacobians[part]
-    terms = _largest(jacobian * references.scales) + np.abs(reference.value[part])[:, None]
-    if part == "constraint_velocity":  # it is a derivative of g itself
-        terms = terms + _largest(reference.differences["constraint"] * references.scales)
-    if derivative.by != "motion":
-        scale = references.scales[where[derivative.by]]
-        columns = jacobian[:, where[derivative.by]]
-        return Expected(columns, _largest(columns * scale), terms, scale)
-    parts = np.concatenate([jacobian[:, where["t"]], jacobian[:, where["q"]] * state.z[where["v"]]], axis=1)
-    return Expected(parts.sum(axis=1, keepdims=True), np.abs(parts).sum(axis=1, keepdims=True), terms, np.ones(1))
-
-
-def _of_one_size(expected: list[Expected]) -> list[Expected]:
-    """Every row measured by its largest derivative at any state: at the start it may vanish, by symmetry or at rest."""
-    size = np.max([one.row_size for one in expected], axis=0)
-    return [replace(one, row_size=size) for one in expected]
-
-
-def _largest(matrix: Matrix) -> Matrix:
-    """Largest magnitude of each row, (rows, 1)."""
-    return np.asarray(np.max(np.abs(matrix), axis=1, keepdims=True, initial=0.0), dtype=np.float64)
-
-
-def _worse(worst: Worst, given: Matrix, expected: Expected, floor: float, label: str) -> Worst:
-    """``worst`` or, where it is larger, the largest deviation of ``given`` relative to the size of its row."""
-    matrix = expected.matrix
-    size = expected.row_size + floor * expected.terms
-    with np.errstate(invalid="ignore", divide="ignore"):
-        change = np.abs(given - matrix) * expected.scale
-        relative = np.where(change == 0, 0.0, change / size)
-    relative = np.where(np.isnan(relative), np.inf, relative)
-    if relative.size == 0 or relative.max() <= worst.size:
-        return worst
-    i, j = np.unravel_index(np.argmax(relative), relative.shape)
-    entry = f"row {i}, column {j}, {label}: given {given[i, j]:.10g}, expected {matrix[i, j]:.10g}"
-    return Worst(float(relative[i, j]), entry)
+def _unjudged(name: str, claim: str, bound: str, references: References, where: str) -> Row:
+    """No step gives differences: what is declared or exact cannot be judged by them, what is made of them is no better."""
+    derivative = DERIVED[name]
+    text = f"differences of {SYMBOLS[derivative.part]} scatter {where}, whatever the step (is it smooth? are scales right?)"
+    if not references.from_differences or references.declares(derivative.declared_as):
+        return Row(id=f"derivative/{name}", claim=claim, measured=f"not judged: {text}", bound=bound, passed=None)
+    advice = f"; declare {derivative.declared_as}" if derivative.declared_as else ""
+    return not_measured(f"derivative/{name}", claim, bound, f"{text} and it is made of them{advice}")
 
 
 def _measured(difference: Worst, exact: Worst, reason: str) -> str:

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -19,10 +20,12 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.check.rows import attempt
 from hhtbench.lowering import Structure, compile_function, route_of
-from hhtbench.lowering.differences import derivative_along
+from hhtbench.lowering.differences import EPS, derivative_along
 from hhtbench.protocol import declared
 
-DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order
+DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried
+HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen
+AGREE = 1e-7, 1e-10  # of the row's largest derivative, of all its terms: differences this close need no smaller step
 COMPLEX_STEP = 1e-20  # of the typical size: there is no cancellation to fear
 
 
@@ -40,6 +43,7 @@ class Reference:
 
     value: dict[str, Vector]  #: part -> (rows,)
     differences: dict[str, Matrix]  #: part -> (rows, size of z)
+    errors: dict[str, Matrix]  #: of the differences: how far those of half and of twice the step are from them
     complex_step: dict[str, Matrix]  #: the same, for the parts that accept complex numbers
 
 
@@ -144,9 +148,9 @@ class References:
     def at(self, state: State) -> Reference:
         """Values and Jacobians at ``state``."""
         value = self.values(state)
-        differences = self._split(self.names, self._central(state))
+        differences, errors = (self._split(self.names, x) for x in self._differences(state))
         found = self._split(self._complex_names, self._complex_step(state)) if self._complex else {}
-        return Reference(value, differences, found)
+        return Reference(value, differences, errors, found)
 
     def values(self, state: State) -> dict[str, Vector]:
         """The parts at ``state``; entries may be NaN on the XLA route."""
@@ -156,15 +160,57 @@ class References:
         bounds = np.cumsum([part_rows(self.structure, name) for name in names])
         return dict(zip(names, np.split(stacked, bounds[:-1]), strict=True)) if names else {}
 
-    def _central(self, state: State) -> Matrix:
-        """Fourth-order central differences, one column per entry of z."""
-        columns = []
-        for j, z_j in enumerate(state.z):
-            step = DIFFERENCE_STEP * self.scales[j]
-            step = (z_j + step) - z_j or step  # exactly representable
-            change = [np.asarray(self._values(_moved(state.z, j, i * step), state.x)) for i in (1, -1, 2, -2)]
-            columns.append((8 * (change[0] - change[1]) - (change[2] - change[3])) / (12 * step))
-        return np.stack(columns, axis=1)
+    def _differences(self, state: State) -> tuple[Matrix, Matrix]:
+        """Fourth-order central differences, one column per entry of z, and their errors.
+
+        The step is halved until truncation and roundoff are small together, or the best of all steps is taken.
+        """
+        steps = DIFFERENCE_STEP * self.scales
+        steps = np.where((state.z + steps) - state.z == 0, steps, (state.z + steps) - state.z)  # exactly representable
+        size = np.abs(np.asarray(self._values(state.z, state.x)))[:, None]
+        wide, found, noise = self._changes(state, 2 * steps), [], []
+        for halving in range(HALVINGS):
+            near = self._changes(state, steps / 2**halving)
+            found.append((8 * near - wide) / (12 * steps / 2**halving))
+            wide = near
+            noise.append(self._noise(state, size, found[0]) * self.scales / steps * 2**halving)
+            if len(found) < 3:
+                continue
+            best, error = self._best(found, noise)
+            row = np.abs(best * self.scales)
+            if np.all(error <= AGREE[0] * self._widest(row) + AGREE[1] * (row.max(axis=1, keepdims=True) + size)):
+                break
+        return best, error / self.scales
+
+    def _changes(self, state: State, steps: Vector) -> Matrix:
+        """f(z + step) - f(z - step) along every entry of z."""
+        sides = ((_moved(state.z, j, step), _moved(state.z, j, -step)) for j, step in enumerate(steps))
+        return np.stack([np.subtract(*(self._values(z, state.x) for z in pair)) for pair in sides], axis=1)
+
+    def _noise(self, state: State, size: Matrix, jacobian: Matrix) -> Matrix:
+        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, as far as J tells."""
+        terms = np.abs(jacobian) * np.maximum(np.abs(state.z), self.scales)
+        noise = EPS * (size + np.fmax.reduce(terms, axis=1, keepdims=True))
+        if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference
+            parts = self._split(self.names, noise)
+            np.maximum(parts["constraint_velocity"], parts["constraint"] / DIFFERENCE_STEP, out=parts["constraint_velocity"])
+        return noise
+
+    def _best(self, found: list[Matrix], noise: list[Matrix]) -> tuple[Matrix, Matrix]:
+        """Of differences with ever smaller steps those whose neighbours are nearest, row by row of each block; how near."""
+        with np.errstate(invalid="ignore"):
+            apart = [self._widest(np.abs(b - a) * self.scales) for a, b in pairwise(found)]
+        error = np.maximum([np.maximum(*near) for near in pairwise(apart)], noise[1:-1])
+        error = np.where(np.isnan(error), np.inf, error)  # where the function is not defined
+        best = np.argmin(error, axis=0)[None]
+        return np.take_along_axis(np.array(found[1:-1]), best, axis=0)[0], np.take_along_axis(error, best, axis=0)[0]
+
+    def _widest(self, matrix: Matrix) -> Matrix:
+        """The largest entry in each row of each block, in all places of it: one small entry may be chance."""
+        result = np.zeros_like(matrix)
+        for where in blocks(self.structure).values():
+            result[:, where] = np.max(matrix[:, where], axis=1, keepdims=True, initial=0.0)
+        return result
 
     def _complex_step(self, state: State) -> Matrix:
         """Imaginary parts along every entry of z: the derivative without cancellation."""

@@ -1,0 +1,105 @@
+"""How far a derivative is from what a reference gives, beyond the error that the reference shows itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.check.reference import Reference, References, State, blocks
+
+if TYPE_CHECKING:
+    from hhtbench.check.derivatives import Derivative
+
+OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
+USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest deviation found: relative size and a text that names the entry."""
+
+    size: float = 0.0
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A derivative by a reference, and what its rows are measured by."""
+
+    matrix: Matrix  #: (rows, columns)
+    row_size: Matrix  #: (rows, 1) largest term of the derivative
+    terms: Matrix  #: (rows, 1) size of all that enters the row's function
+    scale: Vector  #: (columns,) typical size of the arguments
+    error: Matrix | float = 0.0  #: (rows, columns) of the matrix itself
+
+    @property
+    def blur(self) -> float:
+        """The largest error, relative to what ``USABLE`` bounds."""
+        blurred = OWN_ERROR * self.error * self.scale
+        size = self.row_size + USABLE * self.terms
+        return float(np.max(np.where(blurred > 0, blurred / np.where(size > 0, size, 1.0), 0.0), initial=0.0))
+
+
+def by_differences(derivative: Derivative, references: References, reference: Reference, state: State) -> Expected:
+    """By differences, with the error that they show themselves."""
+    where = blocks(references.structure)
+    errors = reference.errors[derivative.part]
+    if derivative.by == "motion":
+        moved = errors[:, where["q"]] @ np.abs(state.z[where["v"]])
+        error = errors[:, where["t"]] + moved[:, None]
+    else:
+        error = errors[:, where[derivative.by]]
+    return replace(_expected(derivative, references, reference, state, reference.differences), error=error)
+
+
+def by_complex_step(
+    derivative: Derivative, references: References, reference: Reference, state: State, row_size: Matrix
+) -> Expected:
+    """By the complex step, its rows measured by ``row_size``."""
+    return replace(_expected(derivative, references, reference, state, reference.complex_step), row_size=row_size)
+
+
+def _expected(
+    derivative: Derivative, references: References, reference: Reference, state: State, jacobians: dict[str, Matrix]
+) -> Expected:
+    where, part = blocks(references.structure), derivative.part
+    jacobian = jacobians[part]
+    terms = _largest(jacobian * references.scales) + np.abs(reference.value[part])[:, None]
+    if part == "constraint_velocity":  # it is a derivative of g itself
+        terms = terms + _largest(reference.differences["constraint"] * references.scales)
+    if derivative.by != "motion":
+        scale = references.scales[where[derivative.by]]
+        columns = jacobian[:, where[derivative.by]]
+        return Expected(columns, _largest(columns * scale), terms, scale)
+    parts = np.concatenate([jacobian[:, where["t"]], jacobian[:, where["q"]] * state.z[where["v"]]], axis=1)
+    return Expected(parts.sum(axis=1, keepdims=True), np.abs(parts).sum(axis=1, keepdims=True), terms, np.ones(1))
+
+
+def of_one_size(expected: list[Expected]) -> list[Expected]:
+    """Every row measured by its largest derivative and terms at any state: at the start they may vanish by symmetry."""
+    size, terms = (np.fmax.reduce([getattr(one, name) for one in expected]) for name in ("row_size", "terms"))
+    return [replace(one, row_size=size, terms=terms) for one in expected]
+
+
+def _largest(matrix: Matrix) -> Matrix:
+    """Largest magnitude of each row where it is a number, (rows, 1)."""
+    return np.asarray(np.fmax.reduce(np.abs(matrix), axis=1, keepdims=True, initial=0.0), dtype=np.float64)
+
+
+def worse(worst: Worst, given: Matrix, expected: Expected, floor: float, label: str) -> Worst:
+    """``worst`` or, where it is larger, the largest deviation of ``given`` relative to the size of its row."""
+    matrix = expected.matrix
+    size = expected.row_size + floor * expected.terms
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = np.maximum(np.abs(given - matrix) - OWN_ERROR * expected.error, 0.0) * expected.scale
+        relative = np.where(change == 0, 0.0, change / size)
+    relative = np.where(np.isfinite(given) & np.isinf(expected.error), 0.0, relative)  # there are no differences
+    relative = np.where(np.isnan(relative), np.inf, relative)
+    if relative.size == 0 or relative.max() <= worst.size:
+        return worst
+    i, j = np.unravel_index(np.argmax(relative), relative.shape)
+    entry = f"row {i}, column {j}, {label}: given {given[i, j]:.10g}, expected {matrix[i, j]:.10g}"
+    return Worst(float(relative[i, j]), entry)
