@@ -97,11 +97,10 @@ class Called(Inner):
 
     def __call__(self, *arguments: Any) -> Any:
         """Its value."""
-        made = self._made or self.for_numba()
-        if made.signatures:
-            return made(*arguments)
+        if self._made is not None and self._made.signatures:
+            return self._made(*arguments)
         with preparing(f"compiling the loop {self._function.__name__}, for all systems"):
-            return made(*arguments)
+            return self.for_numba()(*arguments)
 
 
 class Entry(Inner):
