@@ -14,6 +14,7 @@ from hhtbench.arguments import Vector, positive_integer, real_array, real_number
 from hhtbench.errors import ProblemError
 
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
+ADDS_UP = 1e-9  # of the interval: what lengths of steps that were given may be off its length
 RTOL_CEILING = 0.1  # above it a solution has no correct digit
 
 
@@ -119,7 +120,7 @@ def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
     if request.steps is None:
         raise ProblemError("the steps are not prescribed; give step=h, steps=N or steps=array of lengths.")
     total = math.fsum(request.steps)
-    if abs(total - abs(span)) > 1e-9 * abs(span):
+    if abs(total - abs(span)) > ADDS_UP * abs(span):
         raise ProblemError(f"steps must add up to the interval's length {abs(span):.17g} s; they add up to {total:.17g} s.")
     lengths = np.copysign(request.steps, span)
     return StepPlan(t0=t0, t1=t1, count=len(lengths), lengths=lengths, ends=t0 + np.cumsum(lengths))

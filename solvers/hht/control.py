@@ -13,10 +13,12 @@ from hhtbench.errors import ProblemError
 from hhtbench.request import StepPlan
 from hhtbench.result import Status
 from solvers._start import Failure
-from solvers.hht.engine import HostEngine
+from solvers.hht.engine import HostEngine, largest
 from solvers.hht.estimate import Estimator, remembered
-from solvers.hht.laws import CRUMB, fit, growth
+from solvers.hht.laws import CRUMB, SHORT, fit, growth, timed
 from solvers.hht.state import Memory, State, Step
+
+NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,7 @@ class ControlOptions:
     least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
     after_failure: float = 0.25  #: factor after Newton has failed
     spacings: float = 16.0  #: of floating-point times: what is shorter is no step
+    grown: float = 10.0  #: times an error must have grown while the step was shortened: that is roundoff over the step
 
 
 class Advance(Protocol):
@@ -102,10 +105,11 @@ class ErrorControlled:
     def __call__(self, state: State, stop: float) -> Step | Failure:
         """The next accepted step from ``state``; a :class:`Failure` when not even the smallest is accepted."""
         o, work = self.options, self.engine.work
-        h, failure, rejected = proposal(state, o), None, 0
+        h, failure, rejected, least = proposal(state, o), None, 0, math.inf
         while True:
+            h = timed(state.t, math.copysign(h, stop - state.t))
             asked = abs(h)
-            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop, o.min_step)
+            h, t1 = fit(state.t, h, stop, o.min_step)
             if state.t + h == state.t or t1 == state.t:
                 return failure or no_advance(state.t, h)
             work.check_time()
@@ -122,12 +126,27 @@ class ErrorControlled:
                     memory = remembered(taken, found, state, h_next)
                     return replace(taken, state=replace(taken.state, memory=memory))
                 work.add("steps_rejected_error")
-                failure = Failure(Status.step_too_small, _why_small(state.t, h, found.size))
+                least = min(least, found.size)
+                failure = self._unmet(state, h, found.size, least)
                 factor = max(o.shrink, (o.target / found.size) ** (1 / 3)) if rejected == 0 else o.shrink
-            smallest = self._smallest(state.t)
+            smallest = shortest(o, state.t, stop)
             if abs(h) <= smallest:
                 return failure
             h, rejected = max(abs(h) * factor, smallest), rejected + 1
+
+    def _unmet(self, before: State, h: float, error: float, least: float) -> Failure:
+        """Why the ``error`` of a step of h [s] is too large, by what shorter ones made of it: ``least`` was its smallest."""
+        o, t = self.options, before.t
+        head = f"at t = {t:.17g} the error of a step of {abs(h):.3g} s is {error:.3g} times what the tolerances allow; "
+        if o.grown * least < error < math.inf:
+            factor = (NOISE * least) ** (2 / 3)  # the error over what is allowed goes with tolerance^(-3/2), (H26)
+            text = f"that of longer ones was {least:.3g} times that at least: roundoff is reached. "
+            return Failure(Status.step_too_small, f"{head}{text}{self.estimator.tolerances.loosened(factor)}")
+        by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
+        moved = abs(h) * max(before.size_v, abs(h) * largest(before.vdot))
+        if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
+            return Failure(Status.time_resolution, head + Status.time_resolution.text)
+        return Failure(Status.step_too_small, head + Status.step_too_small.text)
 
     def _crumb(self, before: State, step: Step, h_next: float) -> Step:
         """``step``, cut far below what was asked for: it has no error, and its lam and v' are roundoff over h^2."""
@@ -136,9 +155,6 @@ class ErrorControlled:
             last = memory.last + (after.h or 0.0)
             memory = replace(memory, h_next=h_next, last=last, acceleration=after.vdot, error=None)
         return replace(step, state=replace(after, memory=memory))
-
-    def _smallest(self, t: float) -> float:
-        return max(self.options.min_step, self.options.spacings * float(np.spacing(abs(t))))
 
 
 @dataclass(frozen=True)
@@ -157,9 +173,10 @@ class ChronoRule:
     def __call__(self, state: State, stop: float) -> Step | Failure:
         """The next step that Newton's iteration makes easily."""
         h, easy = proposal(state, self.options), 0 if state.memory is None else state.memory.easy
-        smallest = max(self.options.min_step, self.options.spacings * float(np.spacing(abs(state.t))))
+        smallest = shortest(self.options, state.t, stop)
         while True:
-            h, t1 = fit(state.t, math.copysign(h, stop - state.t), stop, self.options.min_step)
+            h = timed(state.t, math.copysign(h, stop - state.t))
+            h, t1 = fit(state.t, h, stop, self.options.min_step)
             if state.t + h == state.t or t1 == state.t:
                 return no_advance(state.t, h)
             self.engine.work.check_time()
@@ -217,6 +234,12 @@ def proposal(state: State, options: ControlOptions) -> float:
     return max(min(state.memory.h_next, options.max_step), options.min_step)
 
 
+def shortest(options: ControlOptions, t: float, stop: float) -> float:
+    """|h| [s] of the shortest step from ``t`` towards ``stop`` that is tried."""
+    least = max(options.min_step, options.spacings * float(np.spacing(abs(t))))
+    return abs(timed(t, math.copysign(least, stop - t)))
+
+
 def growth_factor(o: ControlOptions, error: float, memory: Memory | None, *, rejected: bool) -> float:
     """What the next step is longer than an accepted one with ``error`` (H26)."""
     return growth(o, error, -1.0 if memory is None or memory.error is None else memory.error, rejected)
@@ -227,7 +250,3 @@ def no_advance(t: float, h: float) -> Failure:
     text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
     return Failure(Status.time_resolution, text)
 
-
-def _why_small(t: float, h: float, error: float) -> str:
-    text = f"at t = {t:.17g} the error of a step of {abs(h):.3g} s is {error:.3g} times what the tolerances allow; "
-    return text + Status.step_too_small.text

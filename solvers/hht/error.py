@@ -35,6 +35,12 @@ class Tolerances:
         parts = [float(relative_part(*part).min()) if part[0] > NOTHING else math.inf for part in sizes]
         return relative_tolerance(*parts)
 
+    def loosened(self, factor: float) -> str:
+        """The advice to take ``factor`` times as large ones, in words."""
+        smallest = {"rtol": float(self.rtol.min()), "atol": float(self.atol.min())}
+        values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
+        return f"Loosen the tolerances {factor:.2g} times, to {values}."
+
 
 def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     """From a request; ``atol`` None takes rtol times what is typical of q and v at the start.

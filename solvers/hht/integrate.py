@@ -11,6 +11,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import padded
 from hhtbench.result import Solution, Status
+from hhtbench.trust import unresolved
 from solvers._rows import Recovered, late_note
 from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
 from solvers.hht.dense import HermiteOutput
@@ -63,6 +64,15 @@ def integrate(course: Course, state: State, stop: float, history: History, max_n
             if last_words is not None:
                 return End(Status.event, last_words, state)
     return End(Status.success, Status.success.text, state)
+
+
+def checked(end: End, history: History, rtol: float) -> End:
+    """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
+    data, t0 = history.steps_data(), float(history.dense_output().t[0])
+    coarse = unresolved((t0, end.state.t), data.h.size, rtol, float(np.sum(data.h)))
+    if end.status not in (Status.success, Status.event) or not coarse:
+        return end
+    return replace(end, status=Status.time_resolution, message=coarse)
 
 
 def reached(output: HermiteOutput, t_eval: Vector | None) -> Vector:

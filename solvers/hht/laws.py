@@ -17,6 +17,7 @@ ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it bet
 NOTHING = 1e-300  # a size up to it is none
 CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
 EPS = float(np.finfo(np.float64).eps)
+NEGLIGIBLE = 1e-10  # of a step: what the rounding of times may change its length by, many of one length all alike
 SHORT = 1e-8  # of the time in which the fastest motion seen crosses the size of q: g over h^2 keeps half its digits
 TINY = float(np.finfo(np.float64).tiny)
 HIGHEST = 5  # unknowns of earlier steps that are kept, and one more than the degree of an extrapolated guess
@@ -94,6 +95,18 @@ def relative_tolerance(of_q: float, of_v: float) -> float:
 def rms(x: Any) -> float:
     """Root mean square of ``x``; infinity where it holds what is not finite."""
     return math.sqrt(float(np.sum(x * x)) / x.size) if np.isfinite(x).all() else math.inf
+
+
+def timed(t: float, h: float) -> float:
+    """h [s], or the nearest length by which times at ``t`` can advance, where their spacing is no negligible part of it.
+
+    Steps that are used with another length than times advance by integrate another problem.  Not everywhere: lengths that
+    differ by roundoff are other lengths, and cost the factorisation and the extrapolation of earlier steps.
+    """
+    if EPS * abs(t) <= NEGLIGIBLE * abs(h):
+        return h
+    rounded = (t + h) - t
+    return h if rounded == 0.0 else rounded  # a step that cannot be made is told with the length that was asked for
 
 
 def fit(t: float, h: float, stop: float, least: float = 0.0) -> tuple[float, float]:

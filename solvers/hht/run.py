@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
-from hhtbench.request import Request, plan_steps
+from hhtbench.request import ADDS_UP, Request, plan_steps
 from hhtbench.result import Solution, Status
 from solvers._start import Failure, Guesses, Place, empty_solution
 from solvers.hht.begin import Started
@@ -20,7 +20,7 @@ from solvers.hht.estimate import Estimator
 from solvers.hht.events import Event
 from solvers.hht.first_step import prepared
 from solvers.hht.history import History
-from solvers.hht.integrate import assemble, integrate, unrecovered
+from solvers.hht.integrate import assemble, checked, integrate, unrecovered
 from solvers.hht.state import State
 from solvers.hht.watch import Course
 
@@ -61,6 +61,8 @@ class Run:
         else:
             course = Course(engine=engine, advance=Prescribed(engine, plan), events=events)
         end = integrate(course, state, self.t1, self.history, most)
+        rtol = ADDS_UP if request.rtol is None else float(np.min(request.rtol))
+        end = checked(end, self.history, rtol)
         return assemble(engine, self.history, request.t_eval, end, started.note)
 
     def _nothing(self, failure: Failure) -> Solution:

@@ -1,5 +1,6 @@
 """Error control where it is hard: stops, pushes, jumps, noise, budgets and NaN end right or with a status."""
 
+import re
 import warnings
 
 import jax.numpy as jnp
@@ -176,3 +177,23 @@ def test_prescribed_steps_cost_nothing_of_error_control():
     plain = HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, steps=10)
     assert plain.counters.steps_rejected_error == 0
     assert plain.counters.linear_solves == plain.counters.newton_iterations
+
+
+def test_a_tolerance_below_roundoff_is_named_with_one_that_is_not():
+    """Shorter steps make the error larger: no jump in the forces does that."""
+    hht = HHT(JAX_PENDULUM)
+    solution = hht.solve((0.0, 0.5), Q0, V0, rtol=0, atol=1e-10)
+    assert solution.status is Status.step_too_small
+    assert "roundoff is reached" in solution.message
+    assert "jump" not in solution.message
+    atol = float(re.search(r"atol=([\d.e-]+)\.$", solution.message)[1])
+    assert 2e-10 < atol < 1e-8
+    assert hht.solve((0.0, 0.5), Q0, V0, rtol=0, atol=atol).success
+
+
+def test_a_jump_too_large_for_the_shortest_step_is_told_from_roundoff():
+    push = NumpySystem(force=lambda t, q, v: np.array([1e12 if t > 0.5 else 0.0]))
+    solution = HHT(push).solve((0.0, 1.0), [1.0], [1.0], rtol=1e-4)
+    assert solution.status is Status.step_too_small
+    assert "jump" in solution.message
+    assert "roundoff" not in solution.message
