@@ -26,9 +26,10 @@ from solvers._run import Halt, Run
 from solvers._start import empty_solution
 from solvers._sundials import overheard
 
+TOO_ACCURATE = -2
 SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
     -1: Status.max_steps,
-    -2: Status.step_too_small,  # accuracy beyond roundoff was asked for
+    TOO_ACCURATE: Status.step_too_small,  # accuracy beyond roundoff was asked for
     -3: Status.step_too_small,
     -4: Status.newton_failed,
     -6: Status.singular_iteration_matrix,
@@ -136,8 +137,17 @@ def step_sundials(run: Run, solver: Any) -> None:
             step = solver.step(run.t1, method="onestep", tstop=run.t1)
             if step.status < 0:
                 status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
-                raise Halt(status, f"{step.message} {' '.join(said)} {status.text} t = {run.t:.17g} was reached.")
+                text = _roundoff(run) if step.status == TOO_ACCURATE else status.text
+                where = f"t = {run.now:.17g} was reached; the library's times count from {run.time(run.t0):.17g}."
+                raise Halt(status, f"{step.message} {' '.join(said)} {text} {where}")
             run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step))
+
+
+def _roundoff(run: Run) -> str:
+    """At which tolerances SUNDIALS would go on: those of which the roundoff of y is less than half."""
+    size = np.sqrt(np.mean((run.y / (run.rtol * np.abs(run.y) + run.weights)) ** 2))
+    below = 2 * np.finfo(np.float64).eps * size
+    return f"Roundoff is reached: loosen the tolerances {below:.2g} times."
 
 
 def _state(solver: Any, step: Any, time: float) -> Vector:

@@ -34,13 +34,13 @@ def _tick(ticket: Any) -> None:
 
 
 def _method(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
-    """Terms, solver and step size controller; time runs forward in s = direction * t."""
-    direction, ticket, rtol = fixed[0], fixed[1], fixed[4]
+    """Terms, solver and step size controller; time runs forward in s = direction * (t - t0)."""
+    direction, ticket, t0, rtol = fixed[0], fixed[1], fixed[2], fixed[4]
 
     def field(s: Any, y: Any, _: Any) -> Any:
         if counted:
             jax.debug.callback(_tick, ticket)
-        return direction * rhs_function(dynamics, direction * s, y)
+        return direction * rhs_function(dynamics, t0 + direction * s, y)
 
     controller = diffrax.PIDController(rtol=rtol, atol=weights)
     options: dict[str, Any] = {}
@@ -53,7 +53,7 @@ def _method(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any) -
 def _first(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
     """The state of the loop before the first step."""
     terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
-    s, end = fixed[2], fixed[3]
+    s, end = jnp.zeros_like(fixed[2]), fixed[3]
     following, control = controller.init(terms, s, end, y, None, None, solver.func, solver.error_order(terms))
     following = jnp.minimum(following, end)
     memory = solver.init(terms, s, following, y, None)
@@ -61,7 +61,7 @@ def _first(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y:
 
 
 def start_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> Any:
-    """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, start, end, rtol."""
+    """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
     return ravel_pytree(_first(dynamics, name, counted, fixed, weights, y))[0]
 
 

@@ -15,9 +15,11 @@ from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded, unred
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
+from hhtbench.trust import unresolved
 from solvers import forms
 from solvers._guard import Guard, Halt
 from solvers._rows import (
+    Rows,
     carried,
     doubt_about,
     holds_integrals,
@@ -47,11 +49,18 @@ Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y
 
 
 class Run:
-    """One solve: the equations as guarded callbacks (:class:`~solvers._guard.Guard`), and the rows that were reached."""
+    """One solve: the equations as guarded callbacks (:class:`~solvers._guard.Guard`), and the rows that were reached.
+
+    The library's clock starts at 0: far from the origin of time it would use steps of another length than its times advance
+    by, or take the end as reached at once.  What it hands over and is handed, :attr:`t` and :attr:`wanted` too, is in that
+    time; :meth:`time` is the problem's.
+    """
 
     def __init__(self, name: str, problem: Problem, request: Request, form: str, clock: Clock) -> None:
         self.name, self.problem, self.request = name, problem, request
-        self.t0, self.t1 = problem.t_span
+        self.t0, self.t1 = 0.0, problem.t_span[1] - problem.t_span[0]
+        #: output times [s]; None: every step
+        self.wanted = None if request.t_eval is None else request.t_eval - problem.t_span[0]
         self.direction = -1.0 if self.t1 < self.t0 else 1.0
         self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
         self.form_name = form
@@ -62,7 +71,7 @@ class Run:
         self.output_jacobians = 0  #: the same of the Jacobians
         self.unseen: list[str] = []  #: Counters of work inside compiled code
         self.library_counters: dict[str, int] = {}  #: Counters that only the library knows
-        self.guard = Guard(self.work, self.t0)
+        self.guard = Guard(self.work, problem.t_span[0])
         self._times: list[float] = []
         self._rows: list[Vector] = []
         self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
@@ -70,13 +79,22 @@ class Run:
     def solution(self, drive: Callable[[Run], None]) -> Solution:
         """The whole solve."""
         if self.request.t_eval is not None:
-            check_output_times(self.request.t_eval, self.t0, self.t1)
+            check_output_times(self.request.t_eval, *self.problem.t_span)
         failure = self._prepare()
         if failure is not None:
             return empty_solution(self.problem.q0.size, failure.status, failure.message, self.counters())
         end = self._end(drive)
         self.work.only_output_is_left()
         return self._assemble(end)
+
+    def time(self, t: float) -> float:
+        """The problem's time [s] at ``t`` of the library's clock."""
+        return self.problem.t_span[1] if t == self.t1 else self.problem.t_span[0] + t
+
+    @property
+    def now(self) -> float:
+        """The problem's time [s] at the end of the last step."""
+        return self.time(self.t)
 
     # --- the start -------------------------------------------------------------------------------------------------
 
@@ -89,12 +107,12 @@ class Run:
                 self.work.add("nonfinite_evaluations")
                 failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
             except BudgetSpent as spent:
-                return budget_failure(spent, self.t0)
+                return budget_failure(spent, self.now)
         return failure
 
     def _begin(self) -> Failure | None:
         problem = self.problem
-        place = Place(self.t0, problem.q0, problem.v0)
+        place = Place(self.now, problem.q0, problem.v0)
         guesses = problem.lam_guess, problem.mu_guess
         self.atol = self._tolerances()
         self.dynamics = counted_dynamics(dynamics_for(problem.system, place), self.work)
@@ -115,13 +133,18 @@ class Run:
         self.start = form.start(place.q, place.v, found.vdot, found.lam, found.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
         vector, matrix = (form.size,), (form.size, form.size)
-        self.residual = self.guard.wrap(form.residual, vector, residuals=form.points)
-        self.jacobian = self.guard.wrap(form.jacobian, matrix, jacobians=1)
-        self.rhs = self.guard.wrap(form.rhs, vector, residuals=form.points)
-        self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
+        self.residual = self._callback(form.residual, vector, residuals=form.points)
+        self.jacobian = self._callback(form.jacobian, matrix, jacobians=1)
+        self.rhs = self._callback(form.rhs, vector, residuals=form.points)
+        self.rhs_jacobian = self._callback(form.rhs_jacobian, matrix, jacobians=1)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
         return None
+
+    def _callback(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
+        """``function`` guarded, in the library's time."""
+        guarded = self.guard.wrap(function, shape, **points)
+        return lambda t, *values: guarded(self.time(t), *values)
 
     def _tolerances(self) -> Vector:
         """Absolute tolerances of q and v, (2n,)."""
@@ -153,42 +176,52 @@ class Run:
             return False
         most = self.request.max_num_steps
         if most is not None and self.steps >= most:
-            raise Halt(Status.max_steps, f"{most} steps were taken and t = {self.t:.17g} reached; {Status.max_steps.text}")
+            raise Halt(Status.max_steps, f"{most} steps were taken and t = {self.now:.17g} reached; {Status.max_steps.text}")
         self.work.check_time()
         return True
 
     def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None) -> None:
         """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end."""
         t, y = float(t), np.array(y, dtype=np.float64)
+        now, end = self.now, self.time(t)
         if t == self.t:
-            raise Halt(Status.time_resolution, f"t = {t:.17g} was not advanced by a step; {Status.time_resolution.text}")
+            raise Halt(Status.time_resolution, f"t = {now:.17g} was not advanced by a step; {Status.time_resolution.text}")
         if not self.direction * self.t < self.direction * t <= self.direction * self.t1:
-            raise Halt(Status.unreliable, f"a step from t = {self.t:.17g} towards {self.t1:.17g} led to t = {t:.17g}")
+            text = f"a step from t = {now:.17g} towards {self.time(self.t1):.17g} led to t = {end:.17g}"
+            raise Halt(Status.unreliable, text)
         if y.shape != (self.form.size,) or not np.isfinite(y).all():
-            raise Halt(Status.unreliable, f"the step to t = {t:.17g} was reported as good but its state is not finite")
+            raise Halt(Status.unreliable, f"the step to t = {end:.17g} was reported as good but its state is not finite")
         self._output(t, y, between, rate)
         self.t, self.y = t, y
-        self.guard.step_taken(t)
+        self.guard.step_taken(end)
         self.steps += 1
         self.work.add("steps_accepted")
 
     def _output(self, t: float, y: Vector, between: Interpolate | None, rate: Interpolate | None) -> None:
         """Keep the rows that this step reaches: its end, or the output times within it."""
-        wanted = self.request.t_eval
-        if wanted is None:
-            self._keep(t, y, rate)
+        if self.wanted is None:
+            self._keep_end(t, y, rate)
             return
-        rest = wanted[len(self._times) :]
+        rest = self.wanted[len(self._times) :]
         for time in rest[: np.searchsorted(self.direction * rest, self.direction * t, "right")].tolist():
             self.work.check_time()
             with self._for_output():
                 self._keep(time, y if time == t or between is None else between(time), rate)
 
+    def _keep_end(self, t: float, y: Vector, rate: Interpolate | None) -> None:
+        """The row at the end of a step; one whose time is rounded to that of the row before takes its place only at t1."""
+        if self._times and self.time(t) == self._times[-1]:
+            if t != self.t1:
+                return
+            del self._times[-1], self._rows[-1], self._rates[-1:]
+        self._keep(t, y, rate)
+
     def _keep(self, time: float, y: Any, rate: Interpolate | None) -> None:
         self._rows.append(np.array(y, dtype=np.float64))
         if rate is not None and holds_integrals(self.form):
             self._rates.append(rates_of(self.form, np.array(rate(time), dtype=np.float64)))
-        self._times.append(time)
+        asked = self.request.t_eval
+        self._times.append(self.time(time) if asked is None else float(asked[len(self._times)]))
 
     @contextmanager
     def _for_output(self) -> Iterator[None]:
@@ -214,13 +247,13 @@ class Run:
         if error is None:
             return Failure(Status.success, Status.success.text)
         if isinstance(error, BudgetSpent):
-            return budget_failure(error, self.t)
+            return budget_failure(error, self.now)
         if isinstance(error, Halt):
             end = Failure(error.status, str(error))
         elif error is self.guard.cause:
             raise error
         else:
-            message = f"the library raised {type(error).__name__} after t = {self.t:.17g}: {error}"
+            message = f"the library raised {type(error).__name__} after t = {self.now:.17g}: {error}"
             end = Failure(Status.unreliable, message)
         stray = self.guard.suspect
         return end if stray is None or end.status is Status.max_steps else self._explained(end, stray)
@@ -238,17 +271,8 @@ class Run:
     def _assemble(self, end: Failure) -> Solution:
         """The Solution: rows believed, multipliers from the acceleration level."""
         rows = make_rows(self.form, self._times, self._rows, self._rates)
-        status, message = end.status, end.message
-        if status is Status.success:
-            stopped = f"It stopped at t = {self.t:.17g} and not at {self.t1:.17g}." if self.t != self.t1 else ""
-            try:
-                doubt = stopped or doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
-            except BudgetSpent as spent:
-                failure = budget_failure(spent, self.t)
-                status, message = failure.status, failure.message
-            else:
-                if doubt:
-                    status, message = Status.unreliable, f"{Status.unreliable.text} {doubt}"
+        judged = self._judged(rows, end)
+        status, message = judged.status, judged.message
         with self._for_output():
             found = recover_multipliers(self.level, self.dynamics, self.work, self.form, self.first, rows)
             kept = len(found.lam)
@@ -268,6 +292,22 @@ class Run:
             counters=self.counters(),
             carried=None if own is None else {name: values[:kept] for name, values in own.items()},
         )
+
+    def _judged(self, rows: Rows, end: Failure) -> Failure:
+        """How the run ended, after a look at what speaks against a success."""
+        if end.status is not Status.success:
+            return end
+        if self.t != self.t1:
+            doubt = f"It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}."
+            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
+        try:
+            doubt = doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
+        except BudgetSpent as spent:
+            return budget_failure(spent, self.now)
+        coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
+        if doubt:
+            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
+        return Failure(Status.time_resolution, coarse) if coarse else end
 
     def counters(self) -> Counters:
         """The work done so far; what nobody reports is None."""

@@ -45,7 +45,7 @@ class CollocationSolver(Adapter):
             end = _end_of_step(run, length)
             h = end - run.t
             if h == 0:
-                raise Halt(Status.step_too_small, f"{Status.step_too_small.text} t = {run.t:.17g} was reached.")
+                raise Halt(Status.step_too_small, f"{Status.step_too_small.text} t = {run.now:.17g} was reached.")
             z = method.step(run.t, run.y, h)
             factor = self._growth(z, method, weights + run.rtol * np.abs(run.y), run.rtol)
             if z is None or factor < SAFETY:
@@ -76,8 +76,7 @@ def _scales(run: Run) -> Vector:
 
 def _end_of_step(run: Run, length: float) -> float:
     """Where a step of about ``length`` from run.t ends: at the next output time, or halfway where that is near."""
-    wanted = run.request.t_eval
-    stops = np.array([run.t1]) if wanted is None else np.append(wanted, run.t1)
+    stops = np.array([run.t1]) if run.wanted is None else np.append(run.wanted, run.t1)
     stop = float(next(t for t in stops if run.direction * t > run.direction * run.t))
     rest = abs(stop - run.t)
     if rest <= length * (1 + 1e-9):

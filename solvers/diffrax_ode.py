@@ -75,9 +75,9 @@ class DiffraxSolver(Adapter):
     def _segments(self, run: Run, counted: bool, ticket: int) -> None:
         functions = loop.start_steps, loop.take_steps, loop.step_to
         start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted, route="xla") for f in functions)
-        s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-t
+        s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-(t - t0)
         per_step = loop.evaluations_per_step(self.method) or 0
-        fixed = np.array([run.direction, ticket, run.direction * run.t0, s1, run.rtol]), run.weights
+        fixed = np.array([run.direction, ticket, run.time(run.t0), s1, run.rtol]), run.weights
         state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
         room = loop.SEGMENT if run.request.max_seconds is None else 1
         _book(run, loop.AT_START if per_step else 0)
@@ -104,7 +104,7 @@ class DiffraxSolver(Adapter):
             if not accepted:
                 run.look_ahead(run.direction * lost)
                 status = Status.step_too_small
-                raise Halt(status, f"diffrax accepts no step from t = {run.t:.17g}. {status.text}")
+                raise Halt(status, f"diffrax accepts no step from t = {run.now:.17g}. {status.text}")
 
 
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:

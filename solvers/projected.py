@@ -69,6 +69,7 @@ class Projection:
         if not self.run.dynamics.structure.constrained:
             return y
         q, v = (part.copy() for part in self.run.form.state(y))
+        t = self.run.time(t)
         mass = np.asarray(self._mass(t, q))
         for _ in range(MOST_ITERATIONS):
             at = self.run.levels.at(t, q, v)

@@ -59,7 +59,7 @@ def _step(run: Run, solver: Any) -> None:
     message = solver.step()
     if solver.status == "failed":
         status = Status.step_too_small
-        raise Halt(status, f"{message} {status.text} t = {run.t:.17g} was reached.")
+        raise Halt(status, f"{message} {status.text} t = {run.now:.17g} was reached.")
 
 
 def solver(**options: Any) -> SciPySolver:

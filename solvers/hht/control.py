@@ -249,4 +249,3 @@ def no_advance(t: float, h: float) -> Failure:
     """The failure of a step that floating-point times cannot tell from none."""
     text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
     return Failure(Status.time_resolution, text)
-

@@ -269,3 +269,11 @@ def test_a_run_that_ends_before_its_first_output_has_no_rows_and_says_why():
     solution = hb.solve(problem, "ida(form=integrated)", rtol=1e-3, t_eval=[problem.t_span[1]], max_num_steps=1)
     assert solution.status is Status.max_steps
     assert solution.t.size == 0
+
+
+@pytest.mark.parametrize("solver", [ida.solver(), cvode.solver()], ids=lambda solver: solver.name)
+def test_tolerances_below_roundoff_are_named_with_larger_ones(solver):
+    solution = solver.solve(problem(), Request(rtol=0.0, atol=1e-18))
+    assert solution.status is Status.step_too_small
+    assert "Roundoff is reached: loosen the tolerances" in solution.message
+    assert "jump" not in solution.message
