@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
+from jax.errors import TracerArrayConversionError
 from numpy.typing import NDArray
 
 from hhtbench.errors import ProblemError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+LARGEST_INTEGER = 2**63 - 1  # what compiled loops count with
+LONGEST_SHOWN = 60  # characters of a value in a message
 
 
 def real_array(name: str, value: Any) -> NDArray[np.float64]:
@@ -40,6 +44,8 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
         raise TypeError(f"{expected}; got a masked array. Fill the masked entries first.")
     try:
         array = np.asarray(value)
+    except TracerArrayConversionError:
+        raise traced(name) from None
     except ValueError as error:
         raise TypeError(f"{expected}; got a ragged sequence ({error}).") from error
     if array.dtype.kind not in "fiu":
@@ -60,7 +66,12 @@ def real_number(name: str, value: Any, *, unit: str = "") -> float:
     """A finite float; booleans, strings and arrays (also of one entry) are refused."""
     if isinstance(value, (bool, str)) or value is None:
         raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
-    array = np.asarray(value)
+    try:
+        array = np.asarray(float(value) if isinstance(value, int) else value)
+    except TracerArrayConversionError:
+        raise traced(name) from None
+    except OverflowError:
+        raise ProblemError(f"{name} must be a number that a float holds{unit}; got {shown(value)}.") from None
     if array.dtype.kind not in "fiu" or array.ndim != 0:
         raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
     number = float(array)
@@ -70,9 +81,32 @@ def real_number(name: str, value: Any, *, unit: str = "") -> float:
 
 
 def positive_integer(name: str, value: Any) -> int:
-    """An integer of at least 1."""
+    """An integer of at least 1 that compiled loops can count to."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} must be a whole number of at least 1; got {value!r}.")
-    if value < 1:
-        raise ProblemError(f"{name} must be at least 1; got {value}.")
+    if not 1 <= value <= LARGEST_INTEGER:
+        raise ProblemError(f"{name} must be at least 1 and at most 2**63 - 1; got {shown(value)}.")
     return int(value)
+
+
+def check_interval(name: str, t0: float, t1: float) -> None:
+    """Raise unless the length of the interval from ``t0`` to ``t1`` [s] is a float."""
+    if not math.isfinite(t1 - t0):
+        raise ProblemError(f"{name} from {t0:g} to {t1:g} s is longer than a float holds; take a shorter interval.")
+
+
+def shown(value: Any) -> str:
+    """``value`` in a message: short, whatever it is."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no whole number of more than some thousand digits
+        return f"a number of {value.bit_length()} bits"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def traced(name: str) -> TypeError:
+    """What to raise for a value inside ``jax.grad``, ``jax.jit`` or ``jax.vmap``."""
+    return TypeError(
+        f"{name} is traced by JAX (grad, jit or vmap), and hhtbench integrates numbers: solve is not differentiable yet. "
+        "Call it outside with concrete values; take differences of two solves for a derivative."
+    )

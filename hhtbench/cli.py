@@ -41,7 +41,7 @@ class Commands(click.Group):
             with warnings.catch_warnings():
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
-        except (ProblemError, TypeError) as error:
+        except (ProblemError, TypeError, OSError) as error:
             if ctx.params.get("traceback"):
                 raise
             click.echo(f"Error: {error}", err=True)
@@ -180,6 +180,8 @@ def _progress() -> Callable[[str], None] | None:
 
 def _require_folder(file: Path | None) -> None:
     """Before the work, not after it: the folder to write into must exist."""
+    if file is not None and not file.name:
+        raise ProblemError("give the name of a file to write; got an empty one.")
     if file is not None and not file.parent.is_dir():
         raise ProblemError(f"there is no folder {file.parent} to write {file.name} into; make it first.")
 

@@ -35,6 +35,8 @@ The equations are ``q' = v``, ``M(t,q) v' = F(t,q,v) + Q``, ``0 = g(t,q)``, ``0 
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -42,7 +44,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import equinox as eqx
 import jax.numpy as jnp
 
-from hhtbench.arguments import Vector, real_array, real_number, real_vector
+from hhtbench.arguments import Vector, check_interval, real_array, real_number, real_vector
 from hhtbench.errors import ProblemError
 
 if TYPE_CHECKING:
@@ -129,6 +131,30 @@ class System(eqx.Module):
     The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.
     """
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        inherited = {name: entry for base in reversed(cls.__mro__[1:]) for name, entry in _fields_of(base).items()}
+        own = {name: cls.__dict__.get(name, dataclasses.MISSING) for name in inspect.get_annotations(cls)}
+        first = None  # of those with a default
+        for name, entry in (inherited | own).items():
+            if _has_default(entry):
+                first = first or name
+            elif first is not None:
+                raise TypeError(
+                    f"{cls.__name__}: {name} has no default and comes after {first}, which has one. "
+                    f"Give {name} a default, hb.parameter(1.0), or declare it before {first}."
+                )
+
+
+def _fields_of(base: type) -> dict[str, Any]:
+    return getattr(base, "__dataclass_fields__", {})
+
+
+def _has_default(entry: Any) -> bool:
+    if isinstance(entry, dataclasses.Field):
+        return entry.default is not dataclasses.MISSING or entry.default_factory is not dataclasses.MISSING
+    return entry is not dataclasses.MISSING
+
 
 class NumpySystem:
     """The same physics as plain callables on NumPy arrays (a wrapped external code, say).
@@ -214,6 +240,7 @@ class Problem:
         if not isinstance(self.t_span, (tuple, list)) or len(self.t_span) != 2:
             raise ProblemError(f"t_span must be two times (start, end) [s]; got {self.t_span!r}.")
         span = tuple(real_number(f"t_span[{i}]", t, unit=" [s]") for i, t in enumerate(self.t_span))
+        check_interval("t_span", *span)
         for name, value in {"q0": q0, "v0": v0, "t_span": span}.items():
             object.__setattr__(self, name, value)
         for name in ("lam_guess", "mu_guess"):

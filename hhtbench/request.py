@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector, positive_integer, real_array, real_number, real_vector
+from hhtbench.arguments import Vector, check_interval, positive_integer, real_array, real_number, real_vector
 from hhtbench.errors import ProblemError
 
+MOST_STEPS = 2**53  # prescribed: floats count so far
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
 ADDS_UP = 1e-9  # of the interval: what lengths of steps that were given may be off its length
 RTOL_CEILING = 0.1  # above it a solution has no correct digit
@@ -109,17 +110,22 @@ class StepPlan:
 
 def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
     """The prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""
+    check_interval("the interval", t0, t1)
     span = t1 - t0
-    if not math.isfinite(span):
-        raise ProblemError(f"the interval from {t0:g} to {t1:g} s is longer than a float holds; take a shorter one.")
     if request.step is not None:
-        count = max(1, math.ceil(abs(span) / request.step * (1 - 1e-12)))  # 1e-12: 0.1 / 0.001 is 100 steps, not 101
+        steps = abs(span) / request.step * (1 - 1e-12)  # 1e-12: 0.1 / 0.001 is 100 steps, not 101
+        if steps > MOST_STEPS:
+            raise ProblemError(f"step={request.step:g} s makes more than 2**53 steps of {abs(span):g} s; give a longer one.")
+        count = max(1, math.ceil(steps))
         return StepPlan(t0=t0, t1=t1, count=count, lengths=None, ends=None)
     if isinstance(request.steps, int):
         return StepPlan(t0=t0, t1=t1, count=request.steps, lengths=None, ends=None)
     if request.steps is None:
         raise ProblemError("the steps are not prescribed; give step=h, steps=N or steps=array of lengths.")
-    total = math.fsum(request.steps)
+    try:
+        total = math.fsum(request.steps)
+    except OverflowError:
+        total = math.inf
     if abs(total - abs(span)) > ADDS_UP * abs(span):
         raise ProblemError(f"steps must add up to the interval's length {abs(span):.17g} s; they add up to {total:.17g} s.")
     lengths = np.copysign(request.steps, span)
@@ -181,7 +187,10 @@ def _steps(value: Any) -> int | Vector | None:
     if value is None:
         return None
     if isinstance(value, (int, np.integer)) or np.ndim(value) == 0:
-        return positive_integer("steps", value)
+        count = positive_integer("steps", value)
+        if count > MOST_STEPS:
+            raise ProblemError(f"steps must be at most 2**53; got {count}.")
+        return count
     lengths = real_vector("steps", value)
     if lengths.size == 0 or np.any(lengths <= 0):
         raise ProblemError("steps must be a whole number or an array of positive lengths [s].")

@@ -20,7 +20,7 @@ import numpy as np
 from hhtbench.errors import ProblemError
 
 EXAMPLES = "planar_chain(n_links=100), my_file.py:problem(k=1) or hht(alpha=-1/3, reaction=midpoint)"
-MOST_BITS = 4096  # of a whole-number power: 9**9**9 must be refused, not computed
+MOST_BITS = 4096  # of a whole number: 9**9**9 must be refused, not computed
 
 # Tried in this order, and not greedy: a string argument may hold ".py:word", a folder's name may hold a quote.
 _TARGETS = (
@@ -135,7 +135,10 @@ def _arguments(text: str, start: int) -> dict[str, Any]:
             raise _unreadable(text, shift + _column(text, start, keyword), "arguments are given by name, as in k=1")
         if keyword.arg in values:
             raise _unreadable(text, shift + _column(text, start, keyword), f"{keyword.arg} is given twice")
-        values[keyword.arg] = _value(text, start, keyword.value)
+        try:
+            values[keyword.arg] = _value(text, start, keyword.value)
+        except RecursionError as error:
+            raise _unreadable(text, shift + _column(text, start, keyword), "it has too many terms") from error
     return values
 
 
@@ -148,6 +151,8 @@ def _value(text: str, start: int, node: ast.expr) -> Any:
     if isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, (bool, str))):
         return node.value
     number = _number(text, start, node)
+    if isinstance(number, int) and number.bit_length() > MOST_BITS:
+        raise _unreadable(text, start - 1 + _column(text, start, node), "a whole number is too large")
     if isinstance(number, float) and not math.isfinite(number):
         raise _unreadable(text, start - 1 + _column(text, start, node), "a number must be finite")
     return number

@@ -108,6 +108,7 @@ def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
 
 def _combinations(campaign: Campaign) -> Iterable[tuple[str, str, dict[str, Any]]]:
     positive_integer("outputs", campaign.outputs)
+    positive_integer("repeats", campaign.repeats)
     for grid in campaign.grids:
         for problem in dict.fromkeys(map(canonical, grid.problems)):
             for solver in dict.fromkeys(map(canonical, grid.solvers)):

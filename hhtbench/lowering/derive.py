@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Vector, real_values
+from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.caching import ById, Cache
@@ -46,6 +46,8 @@ def derive(
     if not callable(declared(system, "force")):
         raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
     if isinstance(system, System):
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
+            raise traced(f"a parameter of {type(system).__name__}")
         return _remember(system, t, q, v, ignored)
     if isinstance(system, NumpySystem):
         return _derive_numpy(system, t, q, v, ignored)

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jax.interpreters import partial_eval
 
+from hhtbench.arguments import traced
 from hhtbench.counting import preparing
 
 
@@ -38,6 +39,8 @@ def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool,
     """For each argument, whether any output of ``function`` depends on it (dead code removed from its jaxpr)."""
     with preparing(f"tracing {getattr(function, '__name__', 'a derivative')}"):
         closed = jax.make_jaxpr(function)(*arguments)
+    if any(isinstance(value, jax.core.Tracer) for value in closed.consts):
+        raise traced("a value outside of the system that its functions use")
     _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
     sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
     bounds = np.cumsum([0, *sizes])

@@ -63,7 +63,7 @@ class Store:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = _store_file(path)
         self.repairs: tuple[str, ...] = ()  #: what was found damaged on opening
         if not self.path.parent.is_dir():
             raise ProblemError(f"there is no folder {self.path.parent} for the store {self.path.name}; make it first.")
@@ -163,8 +163,8 @@ def load_rows(path: str | Path) -> list[RunRow]:
     ProblemError
         There is no such file, or it is no store.
     """
-    file = Path(path)
-    if not file.is_file():
+    file = _store_file(path)
+    if not file.exists():
         raise ProblemError(f"there is no store {path}; `hhtbench run --store {path}` writes one.")
     try:
         with closing(_connect_existing(file)) as connection:
@@ -176,6 +176,28 @@ def load_rows(path: str | Path) -> list[RunRow]:
     if damaged:
         warnings.warn(f"{path}: {len(damaged)} damaged rows are left out; run the campaign again.", stacklevel=2)
     return [row for _, row in sound]
+
+
+def _store_file(path: Any) -> Path:
+    """``path`` as that of a file, which need not be there.
+
+    Raises
+    ------
+    TypeError, ProblemError
+        It is no path, or cannot be that of a file.
+    """
+    if not isinstance(path, (str, Path)):
+        raise TypeError(f"a store is named by the path of its file; got {type(path).__name__}.")
+    if not str(path) or "\0" in str(path):
+        raise ProblemError(f"a store needs the name of a file, such as runs.sqlite; got {str(path)!r}.")
+    file = Path(path)
+    try:
+        if file.exists() and not file.is_file():
+            kind = f"a folder; name a file in it, such as {file / 'runs.sqlite'}" if file.is_dir() else "no plain file"
+            raise ProblemError(f"{path} cannot be a store: it is {kind}.")
+    except OSError as error:
+        raise ProblemError(f"{path} cannot be a store: {error.strerror}.") from error
+    return file
 
 
 def _refuse_foreign(path: Path) -> None:

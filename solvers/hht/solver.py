@@ -6,9 +6,10 @@ import threading
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 
-from hhtbench.arguments import real_number
+from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, System
@@ -138,6 +139,7 @@ class HHT(ByHand):
         asked = make_request(**request)
         if asked.options:
             raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={asked.options}.")
+        tspan = real_vector("tspan", tspan) if isinstance(tspan, jax.Array) else tspan
         if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
             raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
         t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
@@ -145,8 +147,7 @@ class HHT(ByHand):
         check_accuracy(asked, place.q.size)
         if asked.t_eval is not None:
             check_output_times(asked.t_eval, t0, t1)
-        if not np.isfinite(t1 - t0):
-            raise ProblemError(f"the interval from {t0:g} to {t1:g} s is longer than a float holds; take a shorter one.")
+        check_interval("tspan", t0, t1)
         if asked.fixed:
             plan_steps(asked, t0, t1)
         with self._alone(asked.max_seconds) as clock:

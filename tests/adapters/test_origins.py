@@ -77,4 +77,3 @@ def test_a_library_that_makes_more_steps_than_there_are_times_is_refused():
 )
 def test_times_resolve_steps_whose_lengths_add_up_to_the_interval(span, steps, elapsed, resolved):
     assert (unresolved(span, steps, 1e-6, elapsed) == "") is resolved
-
