@@ -22,6 +22,7 @@ from hhtbench.protocol import PHYSICS, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 from solvers import forms
+from solvers._ending import left_over
 from solvers._run import Halt, Run
 from solvers._start import empty_solution
 from solvers._sundials import overheard
@@ -104,7 +105,9 @@ class Adapter:
             try:
                 return run.solution(self.drive)
             except BaseException as error:
-                BaseException.__setattr__(error, "partial_solution", run.partial(error))  # also where the class is frozen
+                BaseException.__setattr__(
+                    error, "partial_solution", partial_solution(run, error)
+                )  # also where the class is frozen
                 raise
 
     def warm_up(self, problem: Problem, request: Request) -> None:

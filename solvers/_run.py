@@ -11,27 +11,22 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded, unreduced
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust import unresolved
 from solvers import forms
+from solvers._ending import assembled
 from solvers._guard import Guard, Halt
 from solvers._rows import (
     Rows,
-    carried,
-    doubt_about,
     holds_integrals,
     make_rows,
-    own_multipliers,
     rates_of,
-    recover_multipliers,
 )
 from solvers._start import (
     Failure,
     Place,
-    all_multipliers,
     budget_failure,
     check_guesses,
     counted_dynamics,
@@ -85,7 +80,7 @@ class Run:
             return empty_solution(self.problem.q0.size, failure.status, failure.message, self.counters())
         end = self._end(drive)
         self.work.only_output_is_left()
-        return self._assemble(end)
+        return assembled(self, end)
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock."""
@@ -205,7 +200,7 @@ class Run:
         rest = self.wanted[len(self._times) :]
         for time in rest[: np.searchsorted(self.direction * rest, self.direction * t, "right")].tolist():
             self.work.check_time()
-            with self._for_output():
+            with self.for_output():
                 self._keep(time, y if time == t or between is None else between(time), rate)
 
     def _keep_end(self, t: float, y: Vector, rate: Interpolate | None) -> None:
@@ -224,7 +219,7 @@ class Run:
         self._times.append(self.time(time) if asked is None else float(asked[len(self._times)]))
 
     @contextmanager
-    def _for_output(self) -> Iterator[None]:
+    def for_output(self) -> Iterator[None]:
         """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
         tally = self.work.tally
         before = tally["residual_evaluations"], tally["jacobian_evaluations"]
@@ -268,46 +263,9 @@ class Run:
                 found = named
         return Failure(Status.nonfinite_callback, f"{found}; {self.name}: {end.message}")
 
-    def _assemble(self, end: Failure) -> Solution:
-        """The Solution: rows believed, multipliers from the acceleration level."""
-        rows = make_rows(self.form, self._times, self._rows, self._rates)
-        judged = self._judged(rows, end)
-        status, message = judged.status, judged.message
-        with self._for_output():
-            found = recover_multipliers(self.level, self.dynamics, self.work, self.form, self.first, rows)
-            kept = len(found.lam)
-            every = rows.t[:kept], rows.q[:kept], rows.v[:kept]
-            lam, mu = all_multipliers(self.dynamics, self.work, *every, found.lam, found.mu)
-        if found.instead is not None and status is Status.success:
-            status = found.instead
-        own = carried(self.form, rows, self.dynamics)
-        return Solution(
-            t=every[0],
-            q=every[1],
-            v=every[2],
-            lam=lam,
-            mu=mu,
-            status=status,
-            message=f"{message} {found.note}".strip(),
-            counters=self.counters(),
-            carried=None if own is None else {name: values[:kept] for name, values in own.items()},
-        )
-
-    def _judged(self, rows: Rows, end: Failure) -> Failure:
-        """How the run ended, after a look at what speaks against a success."""
-        if end.status is not Status.success:
-            return end
-        if self.t != self.t1:
-            doubt = f"It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}."
-            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
-        try:
-            doubt = doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
-        except BudgetSpent as spent:
-            return budget_failure(spent, self.now)
-        coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
-        if doubt:
-            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
-        return Failure(Status.time_resolution, coarse) if coarse else end
+    def rows(self) -> Rows:
+        """The kept rows."""
+        return make_rows(self.form, self._times, self._rows, self._rates)
 
     def counters(self) -> Counters:
         """The work done so far; what nobody reports is None."""
@@ -322,27 +280,3 @@ class Run:
         told = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
         told += f"; {self.output_jacobians} Jacobians for output rows left out" if self.output_jacobians else ""
         return Counters(**values, provenance=f"counted{told}; None: not reported")
-
-    def partial(self, error: BaseException) -> Solution:
-        """What was accepted before an exception; no function of the system is called for it."""
-        status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
-        message = f"{type(error).__name__}: {error}."
-        if not hasattr(self, "start"):
-            return empty_solution(self.problem.q0.size, status, message, self.counters())
-        rows = make_rows(self.form, self._times, self._rows, self._rates)
-        s = self.dynamics.structure
-        none = np.full(s.m, np.nan), np.full(s.p, np.nan)
-        own = [own_multipliers(self.form, y, none) for y in rows.y]
-        reduced = (np.array([pair[i] for pair in own]).reshape(len(rows.t), none[i].size) for i in range(2))
-        lam, mu = padded(self.dynamics, *reduced)
-        return Solution(
-            t=rows.t,
-            q=rows.q,
-            v=rows.v,
-            lam=lam,
-            mu=mu,
-            status=status,
-            message=f"{message} The multipliers are those of the form, NaN where it has none.",
-            counters=self.counters(),
-            carried=carried(self.form, rows, self.dynamics),
-        )

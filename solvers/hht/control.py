@@ -15,7 +15,7 @@ from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.engine import HostEngine, largest
 from solvers.hht.estimate import Estimator, remembered
-from solvers.hht.laws import CRUMB, SHORT, fit, growth, timed
+from solvers.hht.laws import CRUMB, SHORT, fit, growth, representable
 from solvers.hht.state import Memory, State, Step
 
 NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
@@ -107,7 +107,7 @@ class ErrorControlled:
         o, work = self.options, self.engine.work
         h, failure, rejected, least = proposal(state, o), None, 0, math.inf
         while True:
-            h = timed(state.t, math.copysign(h, stop - state.t))
+            h = representable(state.t, math.copysign(h, stop - state.t))
             asked = abs(h)
             h, t1 = fit(state.t, h, stop, o.min_step)
             if state.t + h == state.t or t1 == state.t:
@@ -175,7 +175,7 @@ class ChronoRule:
         h, easy = proposal(state, self.options), 0 if state.memory is None else state.memory.easy
         smallest = shortest(self.options, state.t, stop)
         while True:
-            h = timed(state.t, math.copysign(h, stop - state.t))
+            h = representable(state.t, math.copysign(h, stop - state.t))
             h, t1 = fit(state.t, h, stop, self.options.min_step)
             if state.t + h == state.t or t1 == state.t:
                 return no_advance(state.t, h)
@@ -237,7 +237,7 @@ def proposal(state: State, options: ControlOptions) -> float:
 def shortest(options: ControlOptions, t: float, stop: float) -> float:
     """|h| [s] of the shortest step from ``t`` towards ``stop`` that is tried."""
     least = max(options.min_step, options.spacings * float(np.spacing(abs(t))))
-    return abs(timed(t, math.copysign(least, stop - t)))
+    return abs(representable(t, math.copysign(least, stop - t)))
 
 
 def growth_factor(o: ControlOptions, error: float, memory: Memory | None, *, rejected: bool) -> float:

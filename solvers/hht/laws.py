@@ -97,7 +97,7 @@ def rms(x: Any) -> float:
     return math.sqrt(float(np.sum(x * x)) / x.size) if np.isfinite(x).all() else math.inf
 
 
-def timed(t: float, h: float) -> float:
+def representable(t: float, h: float) -> float:
     """h [s], or the nearest length by which times at ``t`` can advance, where their spacing is no negligible part of it.
 
     Steps that are used with another length than times advance by integrate another problem.  Not everywhere: lengths that

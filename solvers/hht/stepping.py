@@ -17,7 +17,7 @@ from solvers.hht.control import no_advance
 from solvers.hht.dense import HermiteOutput
 from solvers.hht.engine import HostEngine
 from solvers.hht.error import Tolerances
-from solvers.hht.laws import timed
+from solvers.hht.laws import representable
 from solvers.hht.run import MAX_STEPS
 from solvers.hht.state import State, Step
 from solvers.hht.watch import Course, Occurrence, Passage, Watch, along
@@ -69,7 +69,7 @@ class Constant:
         """Nothing is kept of them."""
 
     def _next(self, state: State, stop: float) -> tuple[float, float]:
-        h = timed(state.t, self.h)
+        h = representable(state.t, self.h)
         t1 = state.t + h
         if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -CRUMB * abs(h):
             return stop - state.t, stop

@@ -10,7 +10,7 @@ from typing import Any
 
 from solvers.hht.laws import CRUMB
 from solvers.hht.native.calls import spacing
-from solvers.hht.native.compiled import called, compiled, fit, growth, timed
+from solvers.hht.native.compiled import called, compiled, fit, growth, representable
 from solvers.hht.native.estimate import estimate
 from solvers.hht.native.parts import part, put
 from solvers.hht.native.quiet import quiet
@@ -68,11 +68,11 @@ def one(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
     h, t1, asked, size, rejected = length, end, 0.0, 0.0, 0
     smallest = 0.0
     if c.controlled:
-        smallest = abs(timed(t, math.copysign(max(c.min_step, c.spacings * spacing(abs(t))), c.stop - t)))
+        smallest = abs(representable(t, math.copysign(max(c.min_step, c.spacings * spacing(abs(t))), c.stop - t)))
         h = max(min(memory[H_NEXT], c.max_step), c.min_step)
     while True:
         if c.controlled:
-            h = timed(t, math.copysign(h, c.stop - t))
+            h = representable(t, math.copysign(h, c.stop - t))
             asked = abs(h)
             h, t1 = fit(t, h, c.stop, c.min_step)
         if t + h == t or t1 == t or (rejected == 0 and abs(h) < CRUMB * asked):
