@@ -5,6 +5,7 @@
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (ten minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make picture  the README's picture: the report's page, seen by a headless browser
+# make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
 # make clean    remove what these made
 #
 # Another Python: make test PYTHON=python3.13
@@ -23,7 +24,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test validate picture clean
+.PHONY: bench bench-chain bench-engine test validate picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -56,6 +57,9 @@ validate: $(STAMP)
 picture: bench
 	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \
 		--screenshot="$(CURDIR)/reports/published/convergence.png" "file://$(CURDIR)/reports/latest/convergence.html"
+
+loops: $(STAMP)
+	$(BIN)/python -m hhtbench.lowering.compiled_loops solvers.hht.native.engine
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis reports/latest

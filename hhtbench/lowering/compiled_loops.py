@@ -1,84 +1,111 @@
-"""What Numba makes of the functions of :mod:`hhtbench.lowering.loops`; imported where something must be compiled.
+"""``make loops``: what Numba makes of the entries of :mod:`hhtbench.lowering.loops`; for development, where Numba is there.
 
 An entry's arguments come as one row of eight-byte words, so that every entry is called in one way and no wrapper of
-Numba's, which would need Numba, is part of its object code.
+Numba's, which would need Numba, is part of its object code.  The one file that knows Numba's code generator.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import hashlib
+import importlib
+import json
+import os
+import sys
 from collections.abc import Iterator
 from types import FunctionType
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+os.environ["NUMBA_CPU_NAME"] = "generic"  # read when Numba is imported
+os.environ["NUMBA_CPU_FEATURES"] = ""
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped, unused-ignore]
 import numba
-import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
 from numba import types
 from numba.core import cgutils
-from numba.core import config as _config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 
-from hhtbench.lowering.caching import private_folder
+from hhtbench.lowering.loops import (
+    BITCODE,
+    ENTRIES,
+    ENTRY,
+    MANIFEST,
+    Entry,
+    array_layout,
+    content_of,
+)
+from hhtbench.lowering.native.machine import from_bitcode
 
-config: Any = _config
+PLATFORMS = {"x86_64-linux": "x86_64-unknown-linux-gnu", "aarch64-linux": "aarch64-unknown-linux-gnu"}
+WITHOUT_PYTHON: Any = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+NEEDED = {"sqrt", "pow", "memset", "memcpy", "memmove"}  # of the C library, which every process has
 
 
-def dispatcher(function: Any, options: dict[str, Any], **more: Any) -> Any:
+def dispatcher(function: Any, options: dict[str, Any]) -> Any:
     """Numba's function of ``function``, to whose code it refers by what Numba made of the loops that it calls."""
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
         if hasattr(names.get(name), "for_numba"):
             names[name] = names[name].for_numba()
     copy = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
-    return numba.njit(**options, **more)(copy)
+    return numba.njit(**WITHOUT_PYTHON, **options)(copy)
 
 
-def kept_dispatcher(function: Any, options: dict[str, Any], content: str) -> Any:
-    """The same, kept on disk by Numba under the name ``content``; in memory only where no folder can be written."""
-    before, folder = config.CACHE_DIR, private_folder("loops")
-    if folder is None:
-        return dispatcher(function, options)
-    config.CACHE_DIR = str(folder / content)
-    try:
-        return dispatcher(function, options, cache=True)
-    except (RuntimeError, OSError):  # there is no folder that can be written
-        return dispatcher(function, options)
-    finally:
-        config.CACHE_DIR = before
-
-
-def object_code(function: Any, options: dict[str, Any], arguments: tuple[Any, ...], name: str) -> tuple[bytes, bool]:
-    """Object code of ``int name(int64* result, void** error, int64* words)`` and whether Numba must be loaded with it.
+def bitcode(entry: Entry) -> bytes:
+    """Optimised bitcode of ``int name(int64* result, void** error, int64* words)``.
 
     Raises
     ------
     TypeError
-        ``function`` returns something else than a whole number or None.
+        The function returns something else than a whole number or None, or needs Numba when it runs.
     """
-    called, taken = dispatcher(function, options), _taken(types.Tuple([_type(value) for value in arguments]))
+    called, taken = entry.for_numba(), _taken(numba_type(arguments_of(entry)))
 
-    def entry(words: Any) -> Any:
+    def flat(words: Any) -> Any:
         return called(*taken(words))
 
-    made = numba.njit(**options)(entry)
+    made = numba.njit(**WITHOUT_PYTHON, **entry.options)(flat)
     with _not_loaded():
         made.compile((types.intp,))
     (result,) = made.overloads.values()
     if result.signature.return_type not in (types.int64, types.none):
-        raise TypeError(f"{function.__qualname__} must return a whole number or None; it gives {result.signature}.")
+        raise TypeError(f"{entry.__name__} must return a whole number or None; it gives {result.signature}.")
     module = llvm.parse_bitcode(result.library._final_module.as_bitcode())
-    module.get_function(result.fndesc.llvm_func_name).name = name
+    module.get_function(result.fndesc.llvm_func_name).name = ENTRY
     parts = *module.functions, *module.global_variables
-    outside = [part.name for part in parts if part.is_declaration and not part.name.startswith("llvm.")]
-    needs_numba = not all(hasattr(ctypes.pythonapi, symbol) for symbol in outside)
-    return bytes(result.library._codegen._tm.emit_object(module)), needs_numba
+    outside = {part.name for part in parts if part.is_declaration and not part.name.startswith("llvm.")}
+    strange = [name for name in outside - NEEDED if not hasattr(ctypes.pythonapi, name)]
+    if strange:
+        raise TypeError(f"{entry.__name__} needs Numba when it runs: {', '.join(strange)}.")
+    return bytes(module.as_bitcode())
+
+
+def write(entry: Entry) -> dict[str, Any]:
+    """Put the code of ``entry`` into its folder; returns what the manifest tells of it."""
+    entry.folder.mkdir(exist_ok=True)
+    common = bitcode(entry)
+    files = {BITCODE: common} | {name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()}
+    for kind, code in files.items():
+        (entry.folder / f"{entry.__name__}.{kind}").write_bytes(code)
+    return {
+        "layout": layout_of(arguments_of(entry)),
+        "files": {kind: hashlib.sha256(code).hexdigest() for kind, code in files.items()},
+    }
+
+
+def write_all(found: list[Entry]) -> None:
+    """Put code and manifests of ``found`` into their folders."""
+    for folder in dict.fromkeys(entry.folder for entry in found):
+        mine = [entry for entry in found if entry.folder == folder]
+        made = {"content": content_of(mine[0].sources), "numba": numba.__version__, "llvm": list(llvm.llvm_version_info)}
+        made["entries"] = {entry.__name__: write(entry) for entry in mine}
+        (folder / MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
 
 
 @contextlib.contextmanager
@@ -94,13 +121,34 @@ def _not_loaded() -> Iterator[None]:
             del codegen._add_module, codegen.set_env
 
 
-def _type(value: Any) -> Any:
-    """Numba's type of an argument, for the kinds of arguments that an entry takes."""
-    if isinstance(value, np.ndarray):
-        return types.Array(from_dtype(value.dtype), value.ndim, "C")
-    if isinstance(value, tuple):
-        return types.BaseTuple.from_types([_type(part) for part in value], None if type(value) is tuple else type(value))
-    return types.boolean if isinstance(value, bool) else types.int64 if isinstance(value, int) else types.float64
+def arguments_of(entry: Entry) -> Any:
+    """The annotations of its arguments, as one of a tuple."""
+    hints = get_type_hints(entry.function, include_extras=True)
+    return tuple[tuple(kind for name, kind in hints.items() if name != "return")]  # type: ignore[misc]
+
+
+def numba_type(hint: Any) -> Any:
+    """Numba's type of an argument that is annotated so."""
+    if get_origin(hint) is Annotated:
+        dtype, ndim = get_args(hint)[1:]
+        return types.Array(from_dtype(dtype), ndim, "C")
+    if get_origin(hint) is tuple:
+        return types.BaseTuple.from_types([numba_type(part) for part in get_args(hint)])
+    if hasattr(hint, "_fields"):
+        parts = get_type_hints(hint, include_extras=True)
+        return types.BaseTuple.from_types([numba_type(parts[name]) for name in hint._fields], hint)
+    return {bool: types.boolean, int: types.int64, float: types.float64}[hint]
+
+
+def layout_of(hint: Any) -> str:
+    """The words of an argument that is annotated so, as :func:`hhtbench.lowering.loops.in_words` finds them."""
+    if get_origin(hint) is Annotated:
+        return array_layout(*get_args(hint)[1:])
+    if get_origin(hint) is tuple:
+        return f"({''.join(layout_of(part) for part in get_args(hint))})"
+    if hasattr(hint, "_fields"):
+        return layout_of(tuple[tuple(get_type_hints(hint, include_extras=True).values())])  # type: ignore[misc]
+    return {bool: "?", int: "q", float: "d"}[hint]
 
 
 def _taken(kind: Any) -> Any:
@@ -130,7 +178,7 @@ class _Words:
 
 
 def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:
-    """Code for a value of the type ``kind`` from the next ``words``, the inverse of ``loops._in_words``."""
+    """Code for a value of the type ``kind`` from the next ``words``, the inverse of ``loops.in_words``."""
     if isinstance(kind, types.BaseTuple):
         parts = kind.types  # type: ignore[attr-defined]
         return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])
@@ -153,3 +201,9 @@ def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
     packed = {"shape": cgutils.pack_array(builder, shape), "strides": cgutils.pack_array(builder, strides)}
     populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
     return array._getvalue()
+
+
+if __name__ == "__main__":
+    for module in sys.argv[1:]:
+        importlib.import_module(module)
+    write_all(ENTRIES)

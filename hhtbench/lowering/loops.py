@@ -1,7 +1,8 @@
-"""Loops over numbers compiled by Numba, kept on disk by the content of all their sources.
+"""Loops over numbers, compiled by Numba beforehand: their object code lies beside their sources and needs no Numba.
 
-Numba itself looks at the file of the function only: what that file's functions call in others may change unseen.  It is
-imported where something must be compiled: to find machine code in its cache takes it longer than most runs.
+``make loops`` (:mod:`hhtbench.lowering.compiled_loops`) writes it: object code for Linux on x86-64 and aarch64, made for no
+processor in particular, and LLVM's bitcode, which takes a second to become machine code elsewhere.  A manifest names the
+content of the sources that all this was made from.
 """
 
 from __future__ import annotations
@@ -9,50 +10,56 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib
+import json
 import platform
 import struct
 import threading
 from collections.abc import Callable
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.native import disk
-from hhtbench.lowering.native.machine import host, load
+from hhtbench.lowering.native.machine import from_bitcode, host, load
+
+# Annotations of an entry's arguments: arrays whose entries follow one another in memory, beside int, float, bool and tuples.
+FloatArray = Annotated[Any, np.dtype(np.float64), 1]
+FloatMatrix = Annotated[Any, np.dtype(np.float64), 2]
+IntArray = Annotated[Any, np.dtype(np.int64), 1]
+ShortArray = Annotated[Any, np.dtype(np.int32), 1]
+BoolArray = Annotated[Any, np.dtype(np.bool_), 1]
 
 ENTRY = "hhtbench_loop"  #: the name of an entry in its object code
+MANIFEST = "manifest.json"
+BITCODE = "bitcode"
 _address, _buffer = ctypes.addressof, cast("Any", ctypes.c_char.from_buffer)  # mypy does not know arrays as buffers
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
-OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")
-_lock = threading.RLock()
+ENTRIES: list[Entry] = []  #: of all modules that were imported
 
 
-def loops(*folders: Path, bare: bool = False, inner: bool = False, inline: bool = False) -> Callable[[Any], Any]:
-    """A decorator that compiles functions made of loops over numbers, for modules whose sources lie in ``folders``.
+def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any]:
+    """A decorator that makes an :class:`Entry` of a function of loops over numbers, with annotated arguments.
+
+    They make no arrays of their own and return a whole number or None.
 
     Parameters
     ----------
-    bare
-        They make no arrays, so references to arrays need not be counted, which costs more than small loops do; they may
-        return a part of an array only where they are put ``inline`` into their callers.  One that is called from Python
-        is an :class:`Entry`.
-    inner
-        They are called by other such functions only, with which they are kept on disk.
+    folder
+        Where their object code lies.
+    sources
+        Files, and folders of files, that it is made from.
+    options
+        Of Numba.
     """
-    options: dict[str, Any] = {"error_model": "numpy"} | ({"_nrt": False} if bare else {})
-    options |= {"inline": "always"} if inline else {}
-    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True} if inner or bare else {}
+    return lambda function: Entry(function, folder, sources, options)
 
-    def compiled(function: Any) -> Any:
-        if inner or inline:
-            return Inner(function, options)
-        return (Entry if bare else Called)(function, options, _content((*folders, *OWN)))
 
-    return compiled
+def inner(**options: Any) -> Callable[[Any], Any]:
+    """A decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a part of an array."""
+    return lambda function: Inner(function, options)
 
 
 class Later:
@@ -70,85 +77,79 @@ class Inner:
     """A function that other loops call."""
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:
-        self.__doc__, self.__module__ = function.__doc__, function.__module__
-        self._function, self._options = function, options
+        self.__doc__, self.__module__, self.__name__ = function.__doc__, function.__module__, function.__name__
+        self.function, self.options = function, options
         self._made: Any = None
 
     def for_numba(self) -> Any:
         """Numba's function."""
-        with _lock:
-            if self._made is None:
-                self._made = self._make()
-            return self._made
-
-    def _make(self) -> Any:
-        return _compiling().dispatcher(self._function, self._options)
-
-
-class Called(Inner):
-    """A function that Python calls, with arrays of its own; Numba keeps it on disk."""
-
-    def __init__(self, function: Any, options: dict[str, Any], content: str) -> None:
-        super().__init__(function, options)
-        self._content = content
-
-    def _make(self) -> Any:
-        return _compiling().kept_dispatcher(self._function, self._options, self._content)
-
-    def __call__(self, *arguments: Any) -> Any:
-        """Its value."""
-        if self._made is not None and self._made.signatures:
-            return self._made(*arguments)
-        with preparing(f"compiling the loop {self._function.__name__}, for all systems"):
-            return self.for_numba()(*arguments)
+        if self._made is None:
+            compiling = importlib.import_module("hhtbench.lowering.compiled_loops")
+            self._made = compiling.dispatcher(self.function, self.options)
+        return self._made
 
 
 class Entry(Inner):
-    """A function without arrays of its own that Python calls: object code on disk, which is loaded without Numba.
+    """A function that Python calls.  Its arguments go over as a row of eight-byte words."""
 
-    It takes arrays whose entries follow one another in memory, Python's numbers, and tuples of all these.  Types and
-    dimensions, which select the code, are those of the arguments.  Its arguments go over as a row of eight-byte words.
-    """
-
-    def __init__(self, function: Any, options: dict[str, Any], content: str) -> None:
+    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
         super().__init__(function, options)
-        self._content = content
-        self._ready: dict[str, tuple[Any, Any]] = {}
+        self.folder, self.sources = folder, sources
+        self._lock = threading.Lock()
+        self._ready: tuple[str, Any, Any] | None = None
+        ENTRIES.append(self)
 
     def __call__(self, *arguments: Any) -> int:
-        """The whole number that it returns; 0 for None."""
+        """The whole number that it returns; 0 for None.
+
+        Raises
+        ------
+        TypeError
+            Arguments of other types than the annotations', or strided arrays.
+        """
         words: list[Any] = []
-        layout = _in_words(arguments, words)
-        function, pack = self._ready.get(layout) or self._prepare(layout, arguments, words)
+        layout = in_words(arguments, words)
+        wanted, function, pack = self._ready or self._prepare(words)
+        if layout != wanted:
+            raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
         result, error = ctypes.c_int64(), ctypes.c_void_p()
         if function(ctypes.addressof(result), ctypes.addressof(error), pack(*words)):
-            raise RuntimeError(f"{self._function.__qualname__} failed in compiled code")
+            raise RuntimeError(f"{self.__name__} failed in compiled code")
         return result.value
 
-    def _prepare(self, layout: str, arguments: tuple[Any, ...], words: list[Any]) -> tuple[Any, Any]:
-        with _lock:
-            if layout not in self._ready:
-                (address,) = load(self._object_code(layout, arguments), ENTRY)
+    def _prepare(self, words: list[Any]) -> tuple[str, Any, Any]:
+        with self._lock:
+            if self._ready is None:
+                layout, code = self._shipped()
+                (address,) = load(code, ENTRY)
                 formats = ["d" if isinstance(word, float) else "q" for word in words]
-                self._ready[layout] = _CALL(address), struct.Struct("".join(formats)).pack
-            return self._ready[layout]
+                self._ready = layout, _CALL(address), struct.Struct("".join(formats)).pack
+            return self._ready
 
-    def _object_code(self, layout: str, arguments: tuple[Any, ...]) -> bytes:
-        """From disk, or by Numba; what needs Numba to be loaded too is not kept."""
-        digest = hashlib.sha256()
-        for part in (self._function.__module__, self._function.__qualname__, layout, self._content, *_versions()):
-            digest.update(part.encode() + b"\0")
-        name = f"{digest.hexdigest()}.loop"
+    def _shipped(self) -> tuple[str, bytes]:
+        """What its arguments are in words, and object code for this machine."""
+        manifest = json.loads((self.folder / MANIFEST).read_text())
+        if manifest["content"] != content_of(self.sources):
+            raise RuntimeError(f"the sources of {self.__module__} have changed since they were compiled: run `make loops`.")
+        made = manifest["entries"][self.__name__]
+        here = f"{platform.machine()}-{platform.system()}".lower()
+        kind = here if here in made["files"] else BITCODE
+        code = (self.folder / f"{self.__name__}.{kind}").read_bytes()
+        if hashlib.sha256(code).hexdigest() != made["files"][kind]:
+            raise RuntimeError(f"the compiled {self.__name__} in {self.folder} is damaged: install hhtbench anew.")
+        return made["layout"], self._generated(code) if kind == BITCODE else code
+
+    def _generated(self, bitcode: bytes) -> bytes:
+        name = f"{hashlib.sha256(bitcode + host().encode()).hexdigest()}.loop"
         code = disk.read_file(name)
         if code is None:
-            with preparing(f"compiling the loop {self._function.__name__}, for all systems"):
-                code, needs_numba = _compiling().object_code(self._function, self._options, arguments, ENTRY)
-            if not needs_numba:
-                disk.write_file(name, code)
+            with preparing(f"generating the loop {self.__name__}"):
+                code = from_bitcode(bitcode)
+            disk.write_file(name, code)
         return code
 
 
-def _in_words(value: Any, words: list[Any]) -> str:
+def in_words(value: Any, words: list[Any]) -> str:
     """Append the eight-byte words of ``value``; returns what they are.
 
     Raises
@@ -168,9 +169,9 @@ def _in_words(value: Any, words: list[Any]) -> str:
         else:
             words.append(value.ctypes.data)
         words.extend(value.shape)
-        return _array_layout(value.dtype, value.ndim)
+        return array_layout(value.dtype, value.ndim)
     if isinstance(value, tuple):
-        return f"({type(value).__name__}:{''.join([_in_words(part, words) for part in value])})"
+        return f"({''.join([in_words(part, words) for part in value])})"
     if not isinstance(value, int):  # as True and False are
         raise TypeError(f"compiled loops take arrays, numbers and tuples of them; got {type(value).__name__}.")
     words.append(value)
@@ -178,24 +179,15 @@ def _in_words(value: Any, words: list[Any]) -> str:
 
 
 @lru_cache
-def _array_layout(dtype: np.dtype, ndim: int) -> str:
+def array_layout(dtype: np.dtype, ndim: int) -> str:
+    """An array in the words of a layout."""
     return f"[{dtype.str}{ndim}]"
 
 
-def _compiling() -> Any:
-    """The module that needs Numba."""
-    return importlib.import_module("hhtbench.lowering.compiled_loops")
-
-
 @lru_cache
-def _versions() -> tuple[str, ...]:
-    return version("numba"), np.__version__, platform.python_version(), host()
-
-
-@lru_cache
-def _content(folders: tuple[Path, ...]) -> str:
-    """A name for the content of all Python sources in ``folders``."""
+def content_of(sources: tuple[Path, ...]) -> str:
+    """A name for the content of all Python sources in ``sources``."""
     digest = hashlib.sha256()
-    for path in sorted(path for folder in folders for path in (folder.glob("*.py") if folder.is_dir() else [folder])):
+    for path in sorted(path for source in sources for path in (source.glob("*.py") if source.is_dir() else [source])):
         digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest.hexdigest()

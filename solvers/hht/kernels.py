@@ -1,4 +1,4 @@
-"""Band LU and its solves, block after block, compiled by Numba.
+"""Band LU and its solves, block after block, in compiled loops.
 
 LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal;
 these loops take a third of it, and a whole solve with its couplings is one call.  Algorithms of ``dgbtf2`` and ``dgbtrs``.
@@ -9,15 +9,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from hhtbench.lowering.loops import FloatArray, IntArray, ShortArray, entries, inner
+from solvers.hht import laws
 
-from hhtbench.lowering.loops import loops
+HERE = Path(__file__).parent
+called = entries(HERE / "compiled", HERE / "native", Path(laws.__file__), Path(__file__))  #: what Python calls
+compiled = inner()
 
-compiled, bare = loops(Path(__file__)), loops(Path(__file__), bare=True, inner=True)
 
-
-@compiled
-def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: Any) -> int:
+@called
+def factor_blocks(values: FloatArray, places: IntArray, storage: FloatArray, pivots: IntArray, blocks: IntArray) -> int:
     """LU with partial pivoting of every block in ``storage``, filled from ``values`` (entries,) at ``places`` first.
 
     ``blocks`` (4 k,): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
@@ -28,7 +29,7 @@ def factor_blocks(values: Any, places: Any, storage: Any, pivots: Any, blocks: A
     return factor_filled(storage, pivots, blocks)
 
 
-@bare
+@compiled
 def factor_filled(storage: Any, pivots: Any, blocks: Any) -> int:
     """The same of a ``storage`` that holds the entries already."""
     offset = 0
@@ -65,21 +66,29 @@ def factor_filled(storage: Any, pivots: Any, blocks: Any) -> int:
     return 0
 
 
-@compiled
+@called
 def solve_blocks(
-    right: Any, rows: Any, columns: Any, storage: Any, pivots: Any, blocks: Any, starts: Any, places: Any, couplings: Any
-) -> Any:
-    """Solve with the factors of :func:`factor_blocks`, block after block: (size,).
+    right: FloatArray,
+    rows: IntArray,
+    columns: IntArray,
+    storage: FloatArray,
+    pivots: IntArray,
+    blocks: IntArray,
+    starts: IntArray,
+    places: IntArray,
+    couplings: FloatArray,
+    y: FloatArray,
+    x: FloatArray,
+) -> None:
+    """Solve with the factors of :func:`factor_blocks`, block after block, into ``x`` (size,), with ``y`` to work in.
 
     Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
     rows of what a block takes from unknowns of earlier blocks.
     """
-    y, x = np.empty(right.size), np.empty(right.size)
     solve_into(right, rows, columns, storage, pivots, blocks, starts, places, couplings, y, x)
-    return x
 
 
-@bare
+@compiled
 def solve_into(
     right: Any,
     rows: Any,
@@ -122,7 +131,7 @@ def solve_into(
         x[columns[i]] = y[i]
 
 
-@bare
+@compiled
 def solve_pair_into(
     right: Any,
     rows: Any,
@@ -168,9 +177,14 @@ def solve_pair_into(
         x[2 * columns[i]], x[2 * columns[i] + 1] = y[2 * i], y[2 * i + 1]
 
 
-@compiled
-def largest_change(starts: Any, columns: Any, values: Any, increment: Any, n: int) -> Any:
-    """Largest magnitudes among the first ``n`` rows of a sparse product and among the others; NaN if there is one."""
+@called
+def largest_change(
+    starts: ShortArray, columns: ShortArray, values: FloatArray, increment: FloatArray, n: int, found: FloatArray
+) -> None:
+    """Largest magnitudes among the first ``n`` rows of a sparse product and among the others, NaN if there is one.
+
+    Into ``found`` (2,).
+    """
     top, bottom = 0.0, 0.0
     for i in range(starts.size - 1):
         total = 0.0
@@ -183,5 +197,6 @@ def largest_change(starts: Any, columns: Any, values: Any, increment: Any, n: in
         elif not size <= bottom:
             bottom = size
         if size != size:
-            return size, size
-    return top, bottom
+            top = bottom = size
+            break
+    found[0], found[1] = top, bottom

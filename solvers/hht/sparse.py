@@ -45,13 +45,15 @@ class BandFactor(Factor):
     def solve(self, right: Vector) -> Vector:
         """The matrix' inverse times ``right`` (size,)."""
         order, c = self.order, self.couplings
-        return solve_blocks(
-            right, order.rows, order.columns, self.storage, self.pivots, order.blocks.ravel(), c.starts, c.places, c.values
-        )
+        y, x, blocks = np.empty_like(right), np.empty_like(right), order.blocks.ravel()
+        solve_blocks(right, order.rows, order.columns, self.storage, self.pivots, blocks, c.starts, c.places, c.values, y, x)
+        return x
 
     def largest(self, increment: Vector, n: int) -> tuple[float, float]:
         """Largest changes of q1 and of v1, in one pass."""
-        return largest_change(self.maps.indptr, self.maps.indices, self.maps.data, increment, n)
+        found = np.empty(2)
+        largest_change(self.maps.indptr, self.maps.indices, self.maps.data, increment, n, found)
+        return float(found[0]), float(found[1])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Compiled loops: what goes over to them, what is kept of them on disk, and that a process that finds it needs no Numba."""
+"""Compiled loops: what goes over to them, that what is shipped is what the sources make, and that none of it needs Numba."""
 
 import json
 import subprocess
@@ -10,18 +10,29 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import compiled_loops
-from hhtbench.lowering.loops import loops
+from hhtbench.lowering import loops as module
+from hhtbench.lowering.loops import (
+    BITCODE,
+    MANIFEST,
+    BoolArray,
+    FloatArray,
+    FloatMatrix,
+    content_of,
+    entries,
+    inner,
+)
+from solvers.hht.native.march import march
 
 HERE = Path(__file__)
-entry, inner, with_arrays = loops(HERE, bare=True), loops(HERE, bare=True, inner=True), loops(HERE)
+entry, within = entries(HERE.with_name("compiled"), HERE), inner()  # another folder in every test
 
 
 class Pair(NamedTuple):
-    values: object
+    values: FloatArray
     scale: float
 
 
-@inner
+@within
 def weighed(values, weights):
     total = 0.0
     for i in range(values.size):
@@ -30,7 +41,9 @@ def weighed(values, weights):
 
 
 @entry
-def sums(pair, table, flags, options, out):
+def sums(
+    pair: Pair, table: FloatMatrix, flags: BoolArray, options: tuple[int, bool, tuple[float, int]], out: FloatArray
+) -> int:
     """Everything that an entry takes: into ``out``; returns its length."""
     whole, doubled, (start, more) = options
     out[0] = weighed(pair.values, table[1]) * pair.scale
@@ -42,29 +55,21 @@ def sums(pair, table, flags, options, out):
     return out.size
 
 
-@with_arrays
-def squares(values):
-    """With an array of its own."""
-    out = np.empty(1)
-    out[0] = weighed(values, values)
-    return out
-
-
 @entry
-def nothing(out):
+def nothing(out: FloatArray) -> None:
     """No value."""
     out[0] = 1.0
 
 
 @entry
-def half(x):
+def half(x: float) -> float:
     """Not a whole number."""
     return 0.5 * x
 
 
 @entry
-def steps_beyond(x):
-    """What needs Numba when it is loaded, too: a symbol of its own."""
+def steps_beyond(x: float) -> int:
+    """What needs Numba when it runs: a symbol of its own."""
     return int(np.nextafter(x, 10.0) > x)
 
 
@@ -78,109 +83,104 @@ def called(function=sums):
 EXPECTED = 4, [0.5 * (3.0 + 8.0 + 15.0), 7.0 - 0.75, 2.0, 7.0 + 1.0 + 8.0 + 21.0], [False, True, False]
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder that ``make loops`` writes, of the entries here."""
+    folder = tmp_path_factory.mktemp("compiled")
+    for function in (sums, nothing):
+        function.folder = folder
+    compiled_loops.write_all([sums, nothing])
+    return folder
+
+
 @pytest.fixture
-def compilations(monkeypatch, empty_cache):
-    """How often Numba compiled an entry, none of which is in memory yet."""
-    for function in (sums, nothing, half, steps_beyond):
-        monkeypatch.setattr(function, "_ready", {})
-    made, compile_it = [], compiled_loops.object_code
-
-    def object_code(*arguments):
-        made.append(arguments)
-        return compile_it(*arguments)
-
-    monkeypatch.setattr(compiled_loops, "object_code", object_code)
-    return made
+def shipped(made, monkeypatch):
+    """That folder, with none of it loaded; what a test changes is put back."""
+    for function in (sums, nothing):
+        monkeypatch.setattr(function, "_ready", None)
+    kept = {file: file.read_bytes() for file in made.iterdir()}
+    yield made
+    for file, data in kept.items():
+        file.write_bytes(data)
 
 
-def test_arrays_numbers_and_tuples_go_over_and_results_come_back(compilations):
+def test_arrays_numbers_and_tuples_go_over_and_results_come_back(shipped):
     assert called() == EXPECTED
     out = np.zeros(1)
     assert (nothing(out), out[0]) == (0, 1.0)
 
 
-def test_functions_with_arrays_of_their_own_share_what_entries_call(compilations, monkeypatch):
-    """Numba does not load what it compiles for an entry; what is put into other code must be whole all the same."""
-    monkeypatch.setattr(weighed, "_made", None)
-    monkeypatch.setattr(squares, "_made", None)
+@pytest.mark.parametrize("again", [False, True])
+def test_other_platforms_make_machine_code_of_the_bitcode(again, shipped, monkeypatch, empty_cache):
+    monkeypatch.setattr(module.platform, "machine", lambda: "riscv64")
     assert called() == EXPECTED
-    assert squares(np.array([1.0, 2.0, 3.0])).tolist() == [14.0]
+    assert len(list((empty_cache / "native").glob("*.loop"))) == 1
+    if again:
+        monkeypatch.setattr(module, "from_bitcode", None)
+        monkeypatch.setattr(sums, "_ready", None)
+        assert called() == EXPECTED, "from disk"
 
 
-def test_what_is_on_disk_is_not_compiled_again(compilations, monkeypatch):
-    assert called() == EXPECTED
-    monkeypatch.setattr(sums, "_ready", {})
-    assert called() == EXPECTED
-    assert len(compilations) == 1
+def test_code_of_other_sources_is_refused(shipped):
+    manifest = json.loads((shipped / MANIFEST).read_text())
+    (shipped / MANIFEST).write_text(json.dumps(manifest | {"content": "another"}))
+    with pytest.raises(RuntimeError, match="have changed since they were compiled: run `make loops`"):
+        called()
 
 
-def test_other_types_and_sources_are_other_code(compilations, monkeypatch):
-    called()
-    out = np.zeros(4)
-    pair, table = Pair(np.array([1, 2, 3]), 0.5), np.arange(9.0).reshape(3, 3)
-    assert sums(pair, table, np.zeros(1, dtype=bool), (7, True, (0.25, -3)), out) == 4
-    assert out.tolist() == EXPECTED[1]
-    assert len(compilations) == 2
-    monkeypatch.setattr(sums, "_ready", {})
-    monkeypatch.setattr(sums, "_content", "after a change of the sources")
-    called()
-    assert len(compilations) == 3
+def test_damaged_code_is_refused(shipped):
+    for file in shipped.glob("sums.*"):
+        file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(RuntimeError, match="is damaged: install hhtbench anew"):
+        called()
 
 
-def test_a_damaged_file_is_as_good_as_none(compilations, monkeypatch, empty_cache):
-    called()
-    (file,) = (empty_cache / "native").glob("*.loop")
-    whole = file.read_bytes()
-    for damaged in (b"", whole[: len(whole) // 2], bytes([*whole[:-1], whole[-1] ^ 1])):
-        file.write_bytes(damaged)
-        monkeypatch.setattr(sums, "_ready", {})
-        assert called() == EXPECTED
-        assert len(file.read_bytes()) > len(whole) // 2, "the damaged file was replaced"
-    assert len(compilations) == 4
-
-
-def test_a_folder_that_cannot_be_written_does_no_harm(compilations, monkeypatch, tmp_path):
-    (tmp_path / "file").write_text("no folder")
-    monkeypatch.setenv("HHTBENCH_CACHE", str(tmp_path / "file"))
-    assert called() == EXPECTED
-
-
-def test_code_with_symbols_of_numba_is_not_kept(compilations, empty_cache):
-    assert steps_beyond(1.0) == 1
-    assert not list(empty_cache.rglob("*.loop"))
-
-
-def test_what_cannot_go_over_is_refused(compilations):
+def test_what_cannot_go_over_is_refused(shipped):
     with pytest.raises(TypeError, match="strided"):
         nothing(np.zeros(4)[::2])
     with pytest.raises(TypeError, match="got list"):
         nothing([1.0])
+    with pytest.raises(TypeError, match=r"nothing takes \(\[<f81\]\); got \(\[<i81\]\)"):
+        nothing(np.zeros(4, dtype=int))
+
+
+def test_what_cannot_be_compiled_beforehand_is_refused():
     with pytest.raises(TypeError, match="must return a whole number"):
-        half(1.0)
+        compiled_loops.bitcode(half)
+    with pytest.raises(TypeError, match="needs Numba when it runs"):
+        compiled_loops.bitcode(steps_beyond)
+
+
+def test_what_is_shipped_is_made_from_the_sources():
+    """Where this fails, run ``make loops``."""
+    manifest = json.loads((march.folder / MANIFEST).read_text())
+    assert manifest["content"] == content_of(march.sources)
+    theirs = [function.__name__ for function in module.ENTRIES if function.folder == march.folder]
+    assert sorted(manifest["entries"]) == sorted(theirs)
+    files = {f"{name}.{kind}" for name, made in manifest["entries"].items() for kind in made["files"]}
+    assert {file.name for file in march.folder.iterdir()} == files | {MANIFEST}
+    assert {kind for made in manifest["entries"].values() for kind in made["files"]} == {
+        BITCODE,
+        "x86_64-linux",
+        "aarch64-linux",
+    }
 
 
 FIRST_SOLVE = """
-import json, sys
+import sys
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if {refused!r} and name == "hhtbench.lowering.compiled_loops":
+        if name.partition(".")[0] == "numba":
             raise ImportError(name)
 sys.meta_path.insert(0, Refuse())
 from problems.jay_negrut_pendulum import problem
 from solvers.hht import HHT
 made = problem()
-solution = HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, step=1e-3)
-controlled = HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, rtol=1e-4)
-print(json.dumps([solution.q[-1].tolist(), controlled.lam.ravel().tolist()]))
+HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, step=1e-3)
+print(HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, rtol=1e-4).status.label)
 """
 
 
-def test_a_process_that_finds_the_native_engine_on_disk_compiles_nothing():
-    """With the cache of the test run, which is filled first: compiling the loops takes half a minute."""
-    values = []
-    for refused in (False, True):
-        command = [sys.executable, "-c", FIRST_SOLVE.format(refused=refused)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        values.append(json.loads(done.stdout))
-    assert values[0] == values[1]
+def test_the_native_engine_needs_no_numba(empty_cache):
+    done = subprocess.run([sys.executable, "-c", FIRST_SOLVE], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "success", done.stderr

@@ -62,6 +62,19 @@ def generate(text: str, helpers: str, operations: int) -> bytes:
         return bytes(machine.emit_object(module))
 
 
+def from_bitcode(bitcode: bytes, triple: str | None = None) -> bytes:
+    """Object code of optimised bitcode, for no processor in particular of the platform ``triple``; None: this one's."""
+    with _lock:
+        start()
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        triple = triple or llvm.get_default_triple()
+        machine = llvm.Target.from_triple(triple).create_target_machine(opt=3, reloc="pic", codemodel="jitdefault", jit=True)
+        module = llvm.parse_bitcode(bitcode)
+        module.triple, module.data_layout = triple, str(machine.target_data)
+        return bytes(machine.emit_object(module))
+
+
 def _parsed(text: str, machine: Any) -> Any:
     module = llvm.parse_assembly(text)
     module.triple = llvm.get_default_triple()

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from hhtbench.lowering.loops import inner
+from solvers.hht import laws
+from solvers.hht.kernels import compiled
 
-from hhtbench.lowering.loops import loops
-from solvers.hht import kernels, laws
-
-HERE = Path(__file__).parent
-SOURCES = HERE, Path(laws.__file__), Path(kernels.__file__)
-called = loops(*SOURCES, bare=True)
-compiled = loops(*SOURCES, bare=True, inner=True)
-inlined = loops(*SOURCES, bare=True, inline=True)
+inlined = inner(inline="always")
 
 allowed = compiled(laws.allowed)
 cubic = compiled(laws.cubic)

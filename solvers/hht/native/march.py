@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hhtbench.lowering.loops import FloatArray, FloatMatrix, IntArray
+from solvers.hht.kernels import called
 from solvers.hht.laws import CRUMB
 from solvers.hht.native.calls import spacing
-from solvers.hht.native.compiled import called, compiled, fit, growth, representable
+from solvers.hht.native.compiled import compiled, fit, growth, representable
 from solvers.hht.native.estimate import estimate
 from solvers.hht.native.parts import part, put
 from solvers.hht.native.quiet import quiet
@@ -31,6 +33,8 @@ from solvers.hht.native.tables import (
     REJECTED,
     ROLLING,
     USES,
+    Control,
+    Memory,
     N,
     P,
     T,
@@ -39,7 +43,9 @@ from solvers.hht.native.tables import (
 
 
 @called
-def march(z: Any, c: Any, lengths: Any, ends: Any, rows: Any, counts: Any, before: Any) -> Any:
+def march(
+    z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray, before: IntArray
+) -> Any:
     """At most as many steps as there are ``rows``; returns how many were made.
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.

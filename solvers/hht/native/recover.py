@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
+from solvers.hht.kernels import called
 from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import called, compiled
+from solvers.hht.native.compiled import compiled
 from solvers.hht.native.step import put, top
 
 MAX_ITERATIONS = 25
@@ -15,7 +17,17 @@ WELL_POSED = 1e-8  # smallest over largest pivot of the scaled matrix; below it 
 
 
 @called
-def recover(code: Any, at: Any, linear: Any, place: Any, x: Any, terms: Any, work: Any, rows: Any, done: Any) -> None:
+def recover(
+    code: tuple[int, int],
+    at: tuple[int, int, int],
+    linear: bool,
+    place: FloatArray,
+    x: FloatArray,
+    terms: FloatArray,
+    work: tuple[FloatMatrix, FloatArray, FloatArray],
+    rows: FloatMatrix,
+    done: BoolArray,
+) -> None:
     """Put the multipliers of every row of ``rows``, [t, q, v, lam, mu], in their places and mark it as ``done``.
 
     What is not finite, nearly singular or does not converge is left as it is.  ``at`` are the addresses of ``place``

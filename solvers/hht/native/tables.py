@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhtbench.lowering.loops import FloatArray, IntArray
+
 CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, ELSEWHERE = range(6)  # how an attempt at a step ended
 COUNTS = (
     "newton_iterations",
@@ -88,8 +90,8 @@ C_RESIDUAL, C_MATRIX, C_END, C_INVERSE, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX
 class Memory(NamedTuple):
     """Everything: floating-point numbers and integers."""
 
-    w: Any  #: float64
-    i: Any  #: int64: starts and lengths of the sections, header, sections
+    w: FloatArray  #:
+    i: IntArray  #: starts and lengths of the sections, header, sections
 
 
 class Control(NamedTuple):
