@@ -48,7 +48,7 @@ SPEED = {
     "environment": {"python": "3.11", "processor": "<Test> & Co"},
     "seconds": 12.0,
     "steps": [STEP],
-    "compiling": [COMPILED | {"empty_s": 1.2, "other_s": 0.7, "cached_s": 0.15, "solve_s": 0.001}],
+    "compiling": [COMPILED | {"empty_s": 1.2, "cached_s": 0.15, "solve_s": 0.001}],
     "chains": [
         CHAIN | {"links": 1, "ratio": 0.2, "limit": 0.25, "error": 1e-9, "their_error": 2e-9, "holds": True},
         CHAIN | {"links": 10, "ratio": 0.73, "limit": 0.5, "error": 1e-8, "their_error": 2e-8, "holds": False},
