@@ -105,9 +105,8 @@ class Adapter:
             try:
                 return run.solution(self.drive)
             except BaseException as error:
-                BaseException.__setattr__(
-                    error, "partial_solution", partial_solution(run, error)
-                )  # also where the class is frozen
+                left = left_over(run, error)
+                BaseException.__setattr__(error, "partial_solution", left)  # also where the class is frozen
                 raise
 
     def warm_up(self, problem: Problem, request: Request) -> None:

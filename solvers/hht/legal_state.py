@@ -71,9 +71,11 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
 def _unfit_factor(factor: Factor, rows: int, size: int) -> list[str]:
     """Shapes and places of a factorisation: compiled loops go by them and look at no bound."""
     fits = factor.h != 0.0 and factor.maps.shape == (rows, size) and len(factor.noise) == 2 and factor.uses >= 0
+    if hasattr(factor.maps, "indptr"):
+        fits &= factor.maps.indptr.dtype == factor.maps.indices.dtype == np.int32
     if isinstance(factor, DenseFactor):
         fits &= factor.lu.shape == (size, size) and factor.lu.dtype == np.float64
-        fits &= _are_places(factor.pivots, (size,), size)
+        fits &= _are_places(factor.pivots, (size,), size, np.int32)
     elif isinstance(factor, InverseFactor):
         fits &= factor.inverse.shape == (size, size) and factor.inverse.dtype == np.float64
     elif isinstance(factor, SpluFactor):
@@ -83,9 +85,9 @@ def _unfit_factor(factor: Factor, rows: int, size: int) -> list[str]:
     return [] if fits else [f"State.factor is no {type(factor).__name__} of {size} unknowns"]
 
 
-def _are_places(values: Any, shape: tuple[int, ...], size: int) -> bool:
-    """Whole numbers from 0 to before ``size``."""
-    return values.shape == shape and values.dtype.kind == "i" and bool(np.all((values >= 0) & (values < size)))
+def _are_places(values: Any, shape: tuple[int, ...], size: int, dtype: Any = np.int64) -> bool:
+    """Whole numbers of the type ``dtype`` from 0 to before ``size``."""
+    return values.shape == shape and values.dtype == dtype and bool(np.all((values >= 0) & (values < size)))
 
 
 def _is_order(order: Order, size: int) -> bool:
@@ -104,12 +106,21 @@ def _is_order(order: Order, size: int) -> bool:
 def _is_band(factor: BandFactor, size: int) -> bool:
     """Storage, pivots and couplings within the blocks of their order."""
     order, c, pivots = factor.order, factor.couplings, factor.pivots
-    if not _are_places(pivots, (size,), size) or factor.storage.shape != (order.storage,):
+    if (
+        not _are_places(pivots, (size,), size)
+        or factor.storage.shape != (order.storage,)
+        or factor.storage.dtype != np.float64
+    ):
         return False
     start, count, lower, _ = (np.repeat(column, order.blocks[:, 1]) for column in order.blocks.T)
     inside = np.all(pivots <= np.minimum(lower, start + count - 1 - np.arange(size)))
     if not inside or not _are_places(c.starts, (size + 1,), c.places.size + 1) or np.any(np.diff(c.starts) < 0):
         return False
     earlier = np.repeat(start, np.diff(c.starts))
-    whole = c.starts[0] == 0 and c.starts[-1] == c.places.size and c.values.shape == c.places.shape
-    return bool(whole and c.places.dtype.kind == "i" and np.all((c.places >= 0) & (c.places < earlier)))
+    whole = (
+        c.starts[0] == 0
+        and c.starts[-1] == c.places.size
+        and c.values.shape == c.places.shape
+        and c.values.dtype == np.float64
+    )
+    return bool(whole and c.places.dtype == np.int64 and np.all((c.places >= 0) & (c.places < earlier)))

@@ -149,7 +149,7 @@ class MapsPattern:
 
     def __init__(self, pattern: Pattern, size: int, own: int) -> None:
         self.rows = pattern.shape[0] - size  #: 2n
-        self._own, self._columns, self._shape = own, pattern.columns[own:], (self.rows, size)
+        self._own, self._columns, self._shape = own, pattern.columns[own:].astype(np.int32), (self.rows, size)
         self._starts = np.searchsorted(pattern.rows[own:] - size, np.arange(self.rows + 1)).astype(np.int32)
 
     def matrix(self, values: Vector) -> sp.csr_array:
