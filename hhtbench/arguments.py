@@ -85,7 +85,8 @@ def positive_integer(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} must be a whole number of at least 1; got {value!r}.")
     if not 1 <= value <= LARGEST_INTEGER:
-        raise ProblemError(f"{name} must be at least 1 and at most 2**63 - 1; got {shown(value)}.")
+        bound = "at least 1" if value < 1 else "at most 2**63 - 1"
+        raise ProblemError(f"{name} must be {bound}; got {shown(value)}.")
     return int(value)
 
 
