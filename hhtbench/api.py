@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 
-from hhtbench.counting import preparing, timed
+from hhtbench.counting import Clock, handed_over
+from hhtbench.errors import BudgetSpent
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import check_output_times, make_request
@@ -37,18 +39,22 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
         Wrong use, before any function of the system is called.
     """
     asked = make_request(**request)
-    with timed(asked.max_seconds, in_use=False):
-        with preparing("importing problem and solver"):
-            loaded, chosen = load_problem(problem), load_solver(solver)
-        if asked.t_eval is not None:
-            check_output_times(asked.t_eval, *loaded.t_span)
-        reason = chosen.accepts(loaded, asked)
-        return chosen.solve(loaded, asked) if reason is None else _declined(loaded, reason)
+    clock = Clock(asked.max_seconds)  # it runs while problem and solver are imported, which nothing else can end
+    loaded, chosen = load_problem(problem), load_solver(solver)
+    clock.note_preparation("importing problem and solver", time.perf_counter() - clock.started)
+    if asked.t_eval is not None:
+        check_output_times(asked.t_eval, *loaded.t_span)
+    with handed_over(clock):
+        try:
+            reason = chosen.accepts(loaded, asked)
+            return chosen.solve(loaded, asked) if reason is None else _nothing(loaded, Status.declined, reason)
+        except BudgetSpent as spent:
+            return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
 
 
-def _declined(problem: Problem, reason: str) -> Solution:
-    """A solution without rows for a solver that cannot take the problem; no function of the system is called for it."""
+def _nothing(problem: Problem, status: Status, message: str) -> Solution:
+    """A solution without rows; no function of the system is called for it."""
     n = problem.q0.size
     m, p = (np.size(guess) if guess is not None else 0 for guess in (problem.lam_guess, problem.mu_guess))
     q, v, lam, mu = (np.empty((0, width)) for width in (n, n, m, p))
-    return Solution(t=np.empty(0), q=q, v=v, lam=lam, mu=mu, status=Status.declined, message=reason)
+    return Solution(t=np.empty(0), q=q, v=v, lam=lam, mu=mu, status=status, message=message)

@@ -24,11 +24,14 @@ class Clock:
     prepared: dict[str, float] = field(default_factory=dict)  #: what was traced or compiled -> [s]
     in_use: bool = False  #: a solver has taken it
     late: float = 0.0  #: beyond the limit [s]
+    kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
     passed_in: str = ""  #: what was being prepared when the time ended
 
     def left(self) -> float:
         """Seconds until the limit."""
-        return float("inf") if self.limit is None else self.limit + self.late - (time.perf_counter() - self.started)
+        if self.limit is None:
+            return float("inf")
+        return self.limit + self.late - self.kept_back - (time.perf_counter() - self.started)
 
     def check(self) -> None:
         """Raise :class:`BudgetSpent` when the budget is used up."""
@@ -46,33 +49,53 @@ class Clock:
         total = sum(self.prepared.values())
         if not self.passed_in and total < 0.1 * (self.limit or 0.0):
             return ""
-        return f"{self.passed_in} ({total:.2g} s for tracing and compiling in all)"
+        return f"{self.passed_in} ({total:.2g} s for preparations in all: imports, traces, compilations)"
 
 
 _clock: ContextVar[Clock | None] = ContextVar("clock", default=None)
 
 
+def check_clock(_: str = "") -> None:
+    """Raise :class:`BudgetSpent` when the time of the solve that runs here, if any, is used up."""
+    clock = _clock.get()
+    if clock is not None:
+        clock.check()
+
+
 class timed:
-    """``with timed(limit) as clock``: the clock of one solve; a solver takes the one that its caller has started for it.
+    """``with timed(limit) as clock``: the clock of one solve; a solver takes the one that its caller hands over.
 
     A class, since a generator would write to the traceback of an exception whose class is frozen.
     """
 
-    def __init__(self, limit: float | None, *, in_use: bool = True) -> None:
-        self._limit, self._in_use = limit, in_use
+    def __init__(self, limit: float | None) -> None:
+        self._limit = limit
         self._token: Token[Clock | None] | None = None
 
     def __enter__(self) -> Clock:
         clock = _clock.get()
         if clock is None or clock.in_use or clock.limit != self._limit:
             clock = Clock(self._limit)
-            self._token = _clock.set(clock)
-        clock.in_use = self._in_use
+        clock.in_use = True
+        self._token = _clock.set(clock)
         return clock
 
     def __exit__(self, *_: object) -> None:
         if self._token is not None:
             _clock.reset(self._token)
+
+
+class handed_over:
+    """``with handed_over(clock)``: the clock for the solver that is called inside."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def __enter__(self) -> None:
+        self._token = _clock.set(self._clock)
+
+    def __exit__(self, *_: object) -> None:
+        _clock.reset(self._token)
 
 
 class preparing:
@@ -116,6 +139,8 @@ class Work:
         self.calls[name] += 1
         if name == "force":
             self._spend_residual()
+        else:
+            self.check_time()
 
     def counted(self, function: Callable[..., Any], *, residuals: int = 0, jacobians: int = 0) -> Callable[..., Any]:
         """``function`` with its points counted: ``residuals`` evaluations of F and ``jacobians`` per call."""
@@ -134,7 +159,7 @@ class Work:
 
     def only_output_is_left(self) -> None:
         """What was computed is handed over: evaluations are counted without a limit, and a little more time is given."""
-        self.max_evaluations = None
+        self.max_evaluations, self.clock.kept_back = None, 0.0
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
     def counters(self) -> Counters:

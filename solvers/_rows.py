@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.protocol import Scales
@@ -140,14 +140,15 @@ def recover_multipliers(
         return Recovered(lam, mu)
     guesses, undetermined_at = (first.lam, first.mu), []
     for i, t in enumerate(rows.t):
-        if work.clock.left() < 0.0:
+        guesses = own_multipliers(form, rows.y[i], guesses)
+        try:
+            work.check_time()
+            found = acceleration_at(level, dynamics, work, float(t), rows.q[i], rows.v[i], guesses)
+        except BudgetSpent:
             for k in range(i, rows.t.size):
                 lam[k], mu[k] = own_multipliers(form, rows.y[k], (lam[k], mu[k]))
             note = f"{late_note(i, rows.t, work)}; the rest are those of the form, NaN where it has none."
             return Recovered(lam, mu, note, Status.deadline)
-        guesses = own_multipliers(form, rows.y[i], guesses)
-        try:
-            found = acceleration_at(level, dynamics, work, float(t), rows.q[i], rows.v[i], guesses)
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)

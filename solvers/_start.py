@@ -201,9 +201,11 @@ def all_multipliers(
     levels, m = ConstraintLevels(whole), whole.structure.m
     rank = dynamics.structure.m + dynamics.structure.p
     for i in range(len(lam)):
-        if work.clock.left() < 0.0:
+        try:
+            work.check_time()
+            at = levels.at(float(t[i]), q[i], v[i])
+        except BudgetSpent:
             break
-        at = levels.at(float(t[i]), q[i], v[i])
         rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
         lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
     return lam, mu

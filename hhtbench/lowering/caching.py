@@ -47,6 +47,17 @@ class Cache:
                 self._values.pop(next(iter(self._values)))
             return self._values.setdefault(key, made)
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._values
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def values(self) -> list[Any]:
+        """All that is kept."""
+        with self._lock:
+            return list(self._values.values())
+
     def clear(self) -> None:
         """Forget all of them."""
         with self._lock:
@@ -67,23 +78,29 @@ def private_folder(name: str) -> Path | None:
     What lies in it is loaded and run: its protection is the folder's owner and mode.  It is made with mode 0700; one that
     belongs to somebody else or that others can write is refused with a warning, and nothing is kept then.
     """
-    folder = cache_directory() / name
+    base = cache_directory()
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.stat()
+        for folder in (base, base / name):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            reason = _foreign_access(folder)
+            if reason:
+                warnings.warn(f"compiled code is not kept: the folder {folder} {reason}.", UserWarning, stacklevel=3)
+                return None
     except OSError:
         return None
+    return base / name
+
+
+def _foreign_access(folder: Path) -> str:
+    """Why others may have put code into ``folder``, in words; empty where they cannot."""
     if not hasattr(os, "geteuid"):  # other systems' folders of a user are private by other means
-        return folder
-    remedy = "set HHTBENCH_CACHE to a folder of your own"
+        return ""
+    found, remedy = folder.stat(), "set HHTBENCH_CACHE to a folder of your own"
     if found.st_uid != os.geteuid():
-        reason = f"belongs to user {found.st_uid}, not to you; {remedy}"
-    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        reason = f"can be written by others; run chmod go-w on it once you trust what is in it, or {remedy}"
-    else:
-        return folder
-    warnings.warn(f"compiled code is not kept: the folder {folder} {reason}.", UserWarning, stacklevel=2)
-    return None
+        return f"belongs to user {found.st_uid}, not to you; {remedy}"
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"can be written by others; run chmod go-w on it once you trust what is in it, or {remedy}"
+    return ""
 
 
 def use_disk_cache() -> None:

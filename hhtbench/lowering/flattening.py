@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,9 +13,8 @@ from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
 
-_jitted: dict[Any, Any] = {}
+_jitted = Cache(4096)
 _flattened = Cache(64)
-_lock = threading.RLock()
 
 
 class _Flattened(NamedTuple):
@@ -42,16 +40,12 @@ def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> 
 
 def jitted(flat: Flat) -> Any:
     """``jax.jit`` of a flat function, one for all equal keys: they share traces and compiled code."""
-    with _lock:
-        if flat.key not in _jitted:
-            _jitted[flat.key] = jax.jit(flat.function)
-        return _jitted[flat.key]
+    return _jitted.find(flat.key, lambda: jax.jit(flat.function))
 
 
 def xla_pieces() -> int:
     """How many pieces of code XLA has compiled for this process."""
-    with _lock:
-        return sum(function._cache_size() for function in _jitted.values())
+    return sum(function._cache_size() for function in _jitted.values())
 
 
 def _flatten(dynamics: Any) -> _Flattened:

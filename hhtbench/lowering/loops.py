@@ -37,6 +37,7 @@ MANIFEST = "manifest.json"
 BITCODE = "bitcode"
 _address, _buffer = ctypes.addressof, cast("Any", ctypes.c_char.from_buffer)  # mypy does not know arrays as buffers
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
+OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")  #: they say how arguments go over
 ENTRIES: list[Entry] = []  #: of all modules that were imported
 
 
@@ -188,6 +189,8 @@ def array_layout(dtype: np.dtype, ndim: int) -> str:
 def content_of(sources: tuple[Path, ...]) -> str:
     """A name for the content of all Python sources in ``sources``."""
     digest = hashlib.sha256()
-    for path in sorted(path for source in sources for path in (source.glob("*.py") if source.is_dir() else [source])):
+    for path in sorted(
+        path for source in (*sources, *OWN) for path in (source.glob("*.py") if source.is_dir() else [source])
+    ):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()

@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.counting import check_clock
 from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.differences import NESTED, derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.shapes import checked_result
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import NumpySystem, declared
-
-
-def _nothing(_: str) -> None:
-    return None
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class NumpyDynamics:
     ignored: tuple[str, ...] = ()
     constant_mass: Any = None
     inverse_mass: Any = None
-    on_call: Callable[[str], None] = _nothing  #: told the name of every callback before it is called
+    on_call: Callable[[str], None] = check_clock  #: told the name of every callback before it is called
 
     @property
     def xp(self) -> Any:

@@ -15,6 +15,7 @@ from solvers.hht.events import Occurrence
 from solvers.hht.state import State, Step
 
 GROWTH = 4  # times the rows there are
+PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
 
 
 class History:
@@ -48,6 +49,10 @@ class History:
     def commit(self, count: int) -> None:
         """``count`` of those rows hold accepted steps now."""
         self._count += count
+
+    def handing_over(self) -> float:
+        """About how many seconds it takes to hand over the rows, multipliers apart."""
+        return PER_NUMBER * self._count * self._rows.shape[1]
 
     def note(self, occurrences: Sequence[Occurrence]) -> None:
         """Append events."""

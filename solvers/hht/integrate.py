@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import padded
-from hhtbench.result import Solution, Status
+from hhtbench.result import DenseOutput, Solution, Status
 from hhtbench.trust import unresolved
 from solvers._rows import Recovered, late_note
 from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
@@ -19,6 +20,8 @@ from solvers.hht.engine import HostEngine
 from solvers.hht.history import History
 from solvers.hht.state import State
 from solvers.hht.watch import Course, Watch
+
+BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 
 
 @dataclass(frozen=True)
@@ -82,12 +85,23 @@ def reached(output: HermiteOutput, t_eval: Vector | None) -> Vector:
     return t_eval[(t_eval >= output.t.min()) & (t_eval <= output.t.max())]
 
 
+def rows_within(output: HermiteOutput, times: Vector, work: Work) -> DenseOutput:
+    """q and v at ``times`` (k,), or at as many of them as the time budget allows."""
+    parts = [output(times[:0])]
+    for first in range(0, times.size, BLOCK):
+        if work.clock.left() < 0.0:
+            break
+        parts.append(output(times[first : first + BLOCK]))
+    return DenseOutput(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
 def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
     """The Solution: rows at ``t_eval`` (None: at every step) that were reached, multipliers by (H16)."""
+    engine.work.only_output_is_left()
     output = history.dense_output()
     times = reached(output, t_eval)
-    rows = history.rows() if t_eval is None else output(times)
-    engine.work.only_output_is_left()
+    rows = history.rows() if t_eval is None else rows_within(output, times, engine.work)
+    asked, times = times.size, times[: len(rows.q)]
     before = engine.work.counters()
     guess = history.multiplier_guess(None if t_eval is None else times)
     found = recover_multipliers(engine, guess, times, rows.q, rows.v)
@@ -99,6 +113,9 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
+    if times.size < asked:
+        message = f"{message} The time budget ended when {times.size} of {asked} rows were interpolated; no more follow."
+        status = Status.deadline if status is Status.success else status
     return Solution(
         t=every[0],
         q=every[1],
@@ -138,12 +155,13 @@ def recover_multipliers(engine: HostEngine, guess: tuple[Matrix, Matrix], times:
     except BudgetSpent:  # nothing more can be compiled
         done = np.zeros(times.size, dtype=bool)
     for i in np.flatnonzero(~done).tolist():
-        if engine.work.clock.left() < 0.0:
-            note = f"{late_note(i, times, engine.work)}; stage values (first order) stand in the rest."
-            return Recovered(lam, mu, note, Status.deadline)
         t = times[i]
         try:
+            engine.work.check_time()
             found = acceleration_at(engine.acceleration, engine.dynamics, engine.work, float(t), q[i], v[i], (lam[i], mu[i]))
+        except BudgetSpent:
+            note = f"{late_note(i, times, engine.work)}; stage values (first order) stand in the rest."
+            return Recovered(lam, mu, note, Status.deadline)
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)

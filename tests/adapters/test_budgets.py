@@ -44,7 +44,7 @@ def test_the_budget_is_looked_at_between_traces_and_the_status_says_where_the_ti
     solution = hb.solve(problem, loaded, rtol=1e-3, max_seconds=0.5)
     assert solution.status is Status.deadline
     assert solution.t.size <= 1
-    told = re.search(r"\(([\d.]+) s for tracing and compiling in all\)", solution.message)
+    told = re.search(r"\(([\d.]+) s for preparations in all: imports, traces, compilations\)", solution.message)
     assert told, solution.message
     assert float(told[1]) > 0.3
     assert len(TRACED) <= 4, "0.6 s of them fit, or a function that traces it twice"
@@ -78,10 +78,46 @@ def test_multipliers_of_many_rows_do_not_overrun_the_budget(solver):
     np.testing.assert_allclose(solution.lam[:recovered, 0], 3 * 9.81 * solution.q[:recovered, 1], atol=2.0)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_budget_that_is_over_at_once_ends_in_a_status(solver):
+    solution = hb.solve("simple_pendulum", solver, rtol=1e-5, max_seconds=1e-9)
+    assert solution.status is Status.deadline
+    assert solution.t.size == 0
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida", "scipy(method=Radau)", "collocation"])
+def test_a_slow_function_of_a_numpy_system_that_declares_no_derivatives_is_stopped(solver):
+    """Differences of its constraint alone, for ten coordinates, are some hundred calls before the first step."""
+    calls = []
+
+    def constraint(t, q):
+        calls.append(t)
+        time.sleep(0.005)
+        return np.array([(q @ q - 1) / 2])
+
+    system = NumpySystem(force=lambda t, q, v: -0.1 * q, constraint=constraint)
+    q0 = np.eye(10)[0]
+    problem = hb.Problem(name="slow", system=system, t_span=(0, 100), q0=q0, v0=np.zeros(10))
+    solution = hb.solve(problem, solver, rtol=1e-6, max_seconds=0.3)
+    assert solution.status is Status.deadline
+    assert len(calls) < (1.2 * 0.3 + 0.2) / 0.005
+
+
+def test_rows_that_find_no_time_are_left_out_and_said():
+    """Three million rows take a second and a half to interpolate."""
+    free = hb.Problem(name="free", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0, 1), q0=[1.0], v0=[0.0])
+    hb.solve(free, "hht", steps=10)
+    solution = hb.solve(free, "hht", steps=10, t_eval=np.linspace(0, 1, 3_000_000), max_seconds=0.05)
+    assert solution.status is Status.deadline
+    kept = int(re.search(r"ended when (\d+) of 3000000 rows were interpolated", solution.message)[1])
+    assert 0 < kept == solution.t.size == len(solution.q) < 3_000_000
+    np.testing.assert_allclose(solution.q[:, 0], np.cos(solution.t), atol=1e-2)
+
+
 def test_what_a_budget_was_spent_on_is_told():
     with (
         timed(0.05) as clock,
-        pytest.raises(BudgetSpent, match=r"while tracing f, 0.06[0-9]* s that .* \(0.06[0-9]* s for tracing"),
+        pytest.raises(BudgetSpent, match=r"while tracing f, 0.06[0-9]* s that .* \(0.06[0-9]* s for preparations"),
     ):
         with preparing("tracing f"):
             time.sleep(0.06)

@@ -10,6 +10,7 @@ import pytest
 
 import hhtbench.lowering.native.compiler  # noqa: F401 - by its module below
 from hhtbench.lowering import flattening, native
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.native.calling import native_call
 from tests.lowering.native import Nothing
 
@@ -97,7 +98,7 @@ def cubed(dynamics, x):
 def value_afresh(monkeypatch, function=cubed):
     """Value, and whether no code was generated, as if the process were new."""
     for module, name in ((compiler, "_memory"), (compiler, "_last"), (flattening, "_jitted")):
-        monkeypatch.setattr(module, name, {})
+        monkeypatch.setattr(module, name, Cache(64))
     code = native(function, Nothing(), shapes=((2,),))
     return native_call(code, ((2,),))(X), code.cached
 
@@ -135,13 +136,15 @@ def test_a_folder_that_cannot_be_written_does_no_harm(monkeypatch, tmp_path):
 
 def test_the_folder_of_code_is_its_owners_alone(monkeypatch, empty_cache):
     value_afresh(monkeypatch)
-    assert (empty_cache / "native").stat().st_mode & 0o777 == 0o700
+    for folder in (empty_cache, empty_cache / "native"):
+        assert folder.stat().st_mode & 0o777 == 0o700
 
 
+@pytest.mark.parametrize("place", ["", "native"], ids=["the cache", "native"])
 @pytest.mark.parametrize("mode", [0o770, 0o707])
-def test_a_folder_that_others_can_write_is_refused_with_a_message(mode, monkeypatch, empty_cache):
+def test_a_folder_that_others_can_write_is_refused_with_a_message(mode, place, monkeypatch, empty_cache):
     value_afresh(monkeypatch)
-    (empty_cache / "native").chmod(mode)
+    (empty_cache / place).chmod(mode)
     with pytest.warns(UserWarning, match="can be written by others; run chmod go-w"):
         assert not value_afresh(monkeypatch)[1], "nothing of it is run"
 

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.protocol import NumpySystem
 from hhtbench.request import make_request
 
 SOLVERS = (
@@ -60,7 +61,18 @@ def net() -> hb.Problem:
     return hb.Problem(name="net", system=Net(), t_span=(0, SPAN), q0=q0, v0=np.zeros(60))
 
 
+def slow_functions() -> hb.Problem:
+    """60 coordinates in plain Python, without a derivative."""
+    ends = np.arange(0, 60, 3)
+    system = NumpySystem(
+        force=lambda t, q, v: np.tile([0.0, 0.0, -9.81], 20) - 0.1 * v,
+        constraint=lambda t, q: np.array([(sum(float(x) ** 2 for x in q[i : i + 3]) - 1) / 2 for i in ends]),
+    )
+    return hb.Problem(name="slow", system=system, t_span=(0, SPAN), q0=np.tile([1.0, 0.0, 0.0], 20), v0=np.zeros(60))
+
+
 SCENES = {
+    "numpy": slow_functions,
     "pendulum": lambda: hb.load_problem("simple_pendulum"),
     "andrews": lambda: hb.load_problem("andrews"),
     "net": net,
@@ -72,13 +84,15 @@ def one_process(scene: str, solver: str, budget: float) -> None:
     """Cold with many rows, then warm with two and with many: a JSON line for each."""
     problem = replace(SCENES[scene](), t_span=(0.0, SPAN))
     many = np.linspace(0.0, 10.0, ROWS)
-    for start, rows in (("cold", many), ("warm", None), ("warm", many)):
+    accurate, fine = {"rtol": RTOL}, {"step": 1e-6}
+    runs = [("cold", many, accurate), ("warm", None, accurate), ("warm", many, accurate)]
+    for start, rows, how in [*runs, ("steps", None, fine)] if solver.startswith("hht") else runs:
         if start == "warm" and rows is None:
             hb.load_solver(solver).warm_up(problem, make_request(rtol=RTOL, t_eval=many))
             hb.load_solver(solver).warm_up(problem, make_request(rtol=RTOL))
         times = None if rows is None else rows[: int(ROWS * budget)]
         began = time.perf_counter()
-        solution = hb.solve(problem, solver, rtol=RTOL, max_seconds=budget, t_eval=times)
+        solution = hb.solve(problem, solver, **how, max_seconds=budget, t_eval=times)
         wall = time.perf_counter() - began
         found = PREPARING.search(solution.message)
         preparing = float(found["seconds"]) if found else 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.counting import preparing
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.flattening import Flat, flat_function, jitted
 from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
@@ -47,9 +47,7 @@ class _Loaded(NamedTuple):
     cached: bool
 
 
-_memory: dict[Any, _Loaded | NotNative] = {}
-_last: dict[Any, Reading] = {}
-_lock = threading.RLock()
+_memory, _last = Cache(4096), Cache(1)
 
 
 def native(
@@ -83,11 +81,9 @@ def native(
     pattern = pattern_of(parameters)
     kind = (compact, stage, rows)
     key = (flat.key, pattern.tobytes(), shapes, kind)
-    with _lock:
-        known = key in _memory
-        if not known:
-            _memory[key] = _made(getattr(function, "__name__", "a function"), flat, pattern, shapes, kind)
-        loaded = _memory[key]
+    name = getattr(function, "__name__", "a function")
+    known = key in _memory
+    loaded: _Loaded | NotNative = _memory.find(key, lambda: _made(name, flat, pattern, shapes, kind))
     if isinstance(loaded, NotNative):
         raise loaded
     return _bound(loaded, parameters, cached=known or loaded.cached)
@@ -148,8 +144,5 @@ def _made(
 def _read(name: str, flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
     """The scalar graph; that of the last function is remembered, for its other stage."""
     key = (flat.key, pattern.tobytes(), shapes)
-    if key not in _last:
-        found = read(name, jitted(flat), pattern, shapes, MOST_OPERATIONS)
-        _last.clear()
-        _last[key] = found
-    return _last[key]
+    found: Reading = _last.find(key, lambda: read(name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
+    return found

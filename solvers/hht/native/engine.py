@@ -80,6 +80,7 @@ class NativeEngine(HostEngine):
         if made:
             history.commit(made)
             self.work.add("steps_accepted", made)
+            self.work.clock.kept_back = history.handing_over()
         each = (time.perf_counter() - started) / max(made, 1)
         self._most = int(min(8 * self._most, MOST, max(SLOW / each, 1.0)))
         return state, made
@@ -151,11 +152,11 @@ class NativeEngine(HostEngine):
         at = tuple(int(array.ctypes.data) for array in (place, x, terms))
         code = kkt.address, int(kkt.parameters.ctypes.data)
         work = np.empty((x.size, x.size)), np.empty(x.size), np.empty(x.size)
-        for first in range(0, times.size, FIRST):
-            if self.work.clock.left() < 0.0:
-                break
-            part = slice(first, first + FIRST)
+        first, block = 0, FIRST
+        while first < times.size and self.work.clock.left() >= 0.0:
+            part, began = slice(first, first + block), time.perf_counter()
             recover(code, at, s.linear_reaction, place, x, terms, work, rows[part], done[part])
+            first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
         lam[done], mu[done] = np.split(rows[done, 1 + 2 * s.n :], [s.m], axis=1)
         self.work.add("residual_evaluations", int(done.sum()))
         return done
