@@ -1,20 +1,30 @@
 """hhtbench: integrate constrained mechanical systems and choose with evidence how.
 
-Importing the package switches JAX to 64-bit numbers.
+Importing the package switches JAX to 64-bit numbers, whether JAX is imported before or after it.  The names below are
+imported where they are first used: the command line needs few of them, and JAX takes half a second.
 """
 
-import jax
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-jax.config.update("jax_enable_x64", True)  # first: arrays made by the imports below must have 64 bits already
+from hhtbench.jax_settings import settle_jax
 
-from hhtbench.api import solve
-from hhtbench.check import check
-from hhtbench.describe import describe
-from hhtbench.errors import NotFoundError, ProblemError
-from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
-from hhtbench.registry import list_problems, list_solvers, list_verifications, load_problem, load_solver, load_verification
-from hhtbench.request import Request
-from hhtbench.result import Counters, Solution, Status
+if TYPE_CHECKING:
+    from hhtbench.api import solve
+    from hhtbench.checks import check
+    from hhtbench.description import describe
+    from hhtbench.errors import NotFoundError, ProblemError
+    from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
+    from hhtbench.registry import (
+        list_problems,
+        list_solvers,
+        list_verifications,
+        load_problem,
+        load_solver,
+        load_verification,
+    )
+    from hhtbench.request import Request
+    from hhtbench.result import Counters, Solution, Status
 
 __all__ = [
     "Counters",
@@ -39,3 +49,32 @@ __all__ = [
     "parameter",
     "solve",
 ]
+
+_MODULES = {  # no module has the name of what is in it: importing it would put the module into the name's place
+    "api": ("solve",),
+    "checks": ("check",),
+    "description": ("describe",),
+    "errors": ("NotFoundError", "ProblemError"),
+    "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
+    "registry": (
+        *("list_problems", "list_solvers", "list_verifications"),
+        *("load_problem", "load_solver", "load_verification"),
+    ),
+    "request": ("Request",),
+    "result": ("Counters", "Solution", "Status"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+settle_jax()

@@ -66,9 +66,15 @@ def load(kind: str, name: str) -> Any:
         raise ProblemError(f"the {kind} {name} of {_owner(entry)}: {error} (file {_file(module)}).") from error
 
 
-def summary(kind: str, name: str) -> str:
-    """First line of the module's docstring, read without importing the module; "" where that is not possible."""
-    entries = list(entry_points(group=GROUPS[kind], name=name))
+def summaries(kind: str) -> dict[str, str]:
+    """Sorted names and the first lines of their modules' docstrings, "" where there is none; nothing is imported."""
+    found: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=GROUPS[kind]):  # once: it reads what every distribution registers
+        found.setdefault(entry.name, []).append(entry)
+    return {name: _summary(entries) for name, entries in sorted(found.items())}
+
+
+def _summary(entries: list[EntryPoint]) -> str:
     if len(entries) != 1:
         return f"registered by {' and '.join(sorted(_owner(entry) for entry in entries))}: not usable"
     top, *rest = entries[0].module.split(".")

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
-from numpy.linalg import _umath_linalg
-from scipy.linalg import _flapack
-
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-LINKED = (_umath_linalg, _flapack)  # with BLAS: NumPy and SciPy bring a copy each
+LINKED = ("numpy.linalg._umath_linalg", "scipy.linalg._flapack")  # with BLAS: NumPy and SciPy bring a copy each
 OPENBLAS = (
     "scipy_openblas_{}_num_threads64_",
     "scipy_openblas_{}_num_threads",
@@ -30,8 +28,9 @@ OPENBLAS = (
 def one_blas_thread() -> None:
     """Give BLAS one thread, here and in the processes started from here, unless the environment names a number.
 
-    The variables alone would come too late: they are read when NumPy is loaded, and hhtbench loads it before it can tell
-    a command from an import.  A BLAS other than OpenBLAS has only the variables.
+    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for the worker of a
+    caller's own pool, which has run the caller's main module, and for pytest: what is loaded is told as well.  A BLAS other
+    than OpenBLAS has only the variables.
     """
     if any(name in os.environ for name in THREADS):
         return
@@ -42,7 +41,7 @@ def one_blas_thread() -> None:
 
 def openblas(verb: str) -> Iterator[Callable[..., int]]:
     """The functions of every loaded OpenBLAS that ``get`` or ``set`` its number of threads."""
-    for module in LINKED:
+    for module in filter(None, map(sys.modules.get, LINKED)):
         library = ctypes.CDLL(module.__file__)  # finds the names of what it is linked with too
         yield from (getattr(library, name.format(verb)) for name in OPENBLAS if hasattr(library, name.format(verb)))
 

@@ -27,10 +27,6 @@ from hhtbench.lowering.routes import Route, record, route_of, too_large, wanted_
 
 __all__ = ["cache_directory", "compile_function", "compiled_pieces", "flat_function", "route_of"]
 
-# Every call here waits for its result; handing it to a thread of its own costs 10 us, and far more on a busy machine.
-# Takes effect unless JAX has been used before.
-jax.config.update("jax_cpu_enable_async_dispatch", False)
-
 SMALL = "the system is small and every operation is known"
 
 

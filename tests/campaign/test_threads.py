@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+import scipy.linalg  # noqa: F401 - the BLAS libraries that are loaded are counted below
 
 from hhtbench import processes
 from hhtbench.campaign.process import WorkerProcess
@@ -15,11 +16,23 @@ from hhtbench.processes import THREADS, one_blas_thread, openblas, worker_proces
 
 TELLING = """
 from pathlib import Path
+import scipy.linalg  # with a BLAS of its own, as NumPy has
 from hhtbench.processes import openblas
 from outside.fall import problem
 
 THREADS = [get() for get in openblas("get")]
 Path(__file__).with_name("told").write_text(str(THREADS))
+"""
+POOL = """
+import numpy, scipy.linalg  # before the pool's initializer runs: the worker runs this file first
+from hhtbench.processes import openblas, worker_processes
+
+def told():
+    return [get() for get in openblas("get")]
+
+if __name__ == "__main__":
+    with worker_processes(1) as pool:
+        print(pool.submit(told).result())
 """
 ONE = [1 for _ in openblas("get")]
 
@@ -55,6 +68,13 @@ def test_a_pool_of_processes_has_one_and_its_parent_keeps_its_own(telling):
     with worker_processes(1) as pool:
         assert pool.submit(load_attribute, str(telling), "THREADS").result() == ONE
     assert not set(THREADS) & set(os.environ)
+
+
+def test_the_worker_of_a_script_that_loads_numpy_itself_has_one(telling):
+    script = telling.with_name("script.py")
+    script.write_text(POOL)
+    done = subprocess.run([sys.executable, script], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == str(ONE)
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_NUM_THREADS": "2"}, {"OPENBLAS_NUM_THREADS": "4"}, {}])

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hhtbench.describe import describe
+from hhtbench.description import describe
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem
 from tests.check.scenes import Bead, bead_problem, fall, jax_bead, problem

@@ -8,7 +8,7 @@ from jax import Array
 
 from hhtbench import System, parameter
 from hhtbench.counting import Work
-from hhtbench.describe import describe
+from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.coloured import Coloured, pattern_of
 from hhtbench.lowering.diagonal import Diagonal

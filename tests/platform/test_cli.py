@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from hhtbench import cli
+from hhtbench.cli import COMMANDS, main
+from hhtbench.commands import verify
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, Row
 
@@ -14,7 +16,7 @@ from hhtbench.evidence import Evidence, Row
 @pytest.fixture
 def run():
     runner = CliRunner()
-    return lambda *words: runner.invoke(cli.main, list(words))
+    return lambda *words: runner.invoke(main, list(words))
 
 
 def _evidence(passed):
@@ -28,6 +30,13 @@ def test_list_shows_names_and_first_docstring_lines(acme, run):
     line = next(line for line in result.output.splitlines() if "acme_fall" in line)
     assert line.split(maxsplit=1)[1] == "A weight that falls."
     assert [word for word in ("problems", "solvers", "verifications") if f"{word}\n" not in result.output] == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_overview_says_of_a_command_what_its_own_help_says_first(name):
+    command = main.get_command(click.Context(main), name)
+    assert command.name == name
+    assert COMMANDS[name][1] == command.help.partition("\n\n")[0]
 
 
 def test_solve_prints_status_counters_and_end_state_and_writes_arrays(acme, run, tmp_path):
@@ -104,7 +113,7 @@ def test_warning_is_one_line_on_stderr(acme, run):
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code, acme, run, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "check", lambda problem: _evidence(passed))
+    monkeypatch.setattr("hhtbench.commands.check.check", lambda problem: _evidence(passed))
     file = tmp_path / "check.json"
     result = run("check", "acme_fall", "--json", str(file))
     assert result.exit_code == code
@@ -114,7 +123,7 @@ def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code
 
 
 def test_describe_prints_the_description(acme, run, monkeypatch):
-    monkeypatch.setattr(cli, "describe", lambda problem: f"describes {problem.name}")
+    monkeypatch.setattr("hhtbench.commands.describe.describe", lambda problem: f"describes {problem.name}")
     assert run("describe", "acme_fall").output == "describes fall\n"
 
 
@@ -134,7 +143,7 @@ def test_report_shows_no_path_of_this_machine(acme, run, tmp_path):
 
 def test_progress_is_shown_only_to_a_person_who_waits(acme, run, monkeypatch):
     assert "halfway" not in run("verify", "acme_good").output
-    monkeypatch.setattr(cli, "_progress", lambda: lambda text: cli.click.echo(text, err=True))
+    monkeypatch.setattr(verify, "_progress", lambda: lambda text: click.echo(text, err=True))
     result = run("verify", "acme_good")
     assert "halfway" in result.stderr
     assert "halfway" not in result.stdout

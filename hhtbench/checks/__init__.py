@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.check.conservation import conservation_rows
-from hhtbench.check.data import data_rows, measured_rows
-from hhtbench.check.derivatives import DERIVED, Sample, derivative_rows, given_derivatives
-from hhtbench.check.reference import References, State
-from hhtbench.check.rows import attempt, not_measured
-from hhtbench.check.scales import Sizes, sizes_of
-from hhtbench.check.start import Start, consistency_rows, examine, guess_rows, mass_rows, regularity_rows
-from hhtbench.check.survey import Survey, survey
+from hhtbench.checks.conservation import conservation_rows
+from hhtbench.checks.data import data_rows, measured_rows
+from hhtbench.checks.derivatives import DERIVED, Sample, derivative_rows, given_derivatives
+from hhtbench.checks.reference import References, State
+from hhtbench.checks.rows import attempt, not_measured
+from hhtbench.checks.scales import Sizes, sizes_of
+from hhtbench.checks.start import Start, consistency_rows, examine, guess_rows, mass_rows, regularity_rows
+from hhtbench.checks.survey import Survey, survey
 from hhtbench.evidence import Evidence, Row
 from hhtbench.lowering import Structure, derive
 from hhtbench.protocol import DERIVATIVES, Problem

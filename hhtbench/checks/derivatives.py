@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix
-from hhtbench.check.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
-from hhtbench.check.reference import Reference, References, State, part_rows, parts_of, split
-from hhtbench.check.rows import attempt, not_measured
+from hhtbench.checks.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
+from hhtbench.checks.reference import Reference, References, State, part_rows, parts_of, split
+from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Structure, compile_function, route_of
 from hhtbench.protocol import declared

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import real_values
-from hhtbench.check.rows import attempt, not_measured, yes_or_fault
+from hhtbench.checks.rows import attempt, not_measured, yes_or_fault
 from hhtbench.evidence import Row
 from hhtbench.protocol import DERIVATIVES, PHYSICS, Problem, System, declared
 

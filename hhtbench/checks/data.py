@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import real_values
-from hhtbench.check.rows import attempt, yes_or_fault
-from hhtbench.check.scales import Sizes
-from hhtbench.check.start import Start
+from hhtbench.checks.rows import attempt, yes_or_fault
+from hhtbench.checks.scales import Sizes
+from hhtbench.checks.start import Start
 from hhtbench.evidence import Row
 from hhtbench.lowering import CONSISTENT
 from hhtbench.protocol import Problem, declared

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.check.rows import attempt
+from hhtbench.checks.rows import attempt
 from hhtbench.lowering import Structure, compile_function, route_of
 from hhtbench.lowering.differences import EPS, derivative_along
 from hhtbench.protocol import declared

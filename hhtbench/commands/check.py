@@ -1,0 +1,35 @@
+"""The command ``hhtbench check``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from hhtbench.campaign.machine import usable_cores
+from hhtbench.checks import check
+from hhtbench.commands.common import FAILED, conclude, require_folder
+from hhtbench.library import check_all
+from hhtbench.registry import load_problem
+
+
+@click.command("check")
+@click.argument("problem", required=False)
+@click.option("--all", "every", is_flag=True, help="Check every registered problem.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Worker processes with --all.  [default: one a core]")
+@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+def check_command(problem: str | None, every: bool, jobs: int | None, json_file: Path | None) -> None:
+    """Check that PROBLEM keeps its promises: shapes, derivatives, consistent start, rank, energy."""
+    if every == (problem is not None):
+        raise click.UsageError("name one PROBLEM, or give --all.")
+    if problem is not None:
+        conclude(check(load_problem(problem)), json_file)
+    require_folder(json_file)
+    evidence = check_all(jobs or usable_cores(), click.echo)
+    if json_file is not None:
+        evidence.write_json(json_file)
+    wrong = [row for row in evidence.rows if row.passed is False]
+    click.echo("".join(f"\n{row.id}: {row.measured} (bound: {row.bound})" for row in wrong))
+    click.echo(f"{evidence.summary}; {evidence.seconds:.0f} s")
+    sys.exit(0 if evidence.passed else FAILED)

@@ -1,0 +1,38 @@
+"""What several commands say and ask for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from hhtbench.errors import ProblemError
+from hhtbench.evidence import Evidence
+
+FAILED = 1
+
+
+def conclude(evidence: Evidence, json_file: Path | None) -> NoReturn:
+    """Table, file and summary line; leave with 1 where a claim fails."""
+    click.echo(evidence.table())
+    if json_file is not None:
+        require_folder(json_file)
+        evidence.write_json(json_file)
+    click.echo(f"\n{evidence.summary}")
+    sys.exit(0 if evidence.passed else FAILED)
+
+
+def require_folder(file: Path | None) -> None:
+    """Before the work, not after it: the folder to write into must exist."""
+    if file is not None and not file.name:
+        raise ProblemError("give the name of a file to write; got an empty one.")
+    if file is not None and not file.parent.is_dir():
+        raise ProblemError(f"there is no folder {file.parent} to write {file.name} into; make it first.")
+
+
+def shown(folder: Path) -> str:
+    """The folder as a reader elsewhere can use it: relative, without this machine's paths."""
+    absolute = folder.resolve()
+    return absolute.relative_to(Path.cwd()).as_posix() if absolute.is_relative_to(Path.cwd()) else folder.name

@@ -1,0 +1,39 @@
+"""The command ``hhtbench solve``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hhtbench.api import solve
+from hhtbench.commands.common import FAILED, require_folder
+from hhtbench.commands.solution import end_state, errors_at_end, save_solution
+from hhtbench.registry import load_problem
+
+
+@click.command("solve")
+@click.argument("problem")
+@click.option("--solver", default="hht", show_default=True, help='For example "hht(alpha=-1/3, reaction=midpoint)".')
+@click.option("--step", type=float, help="Constant step [s].")
+@click.option("--steps", type=int, help="Number of equal steps.")
+@click.option("--rtol", type=float, help="Relative tolerance: steps chosen by error control.")
+@click.option("--atol", type=float, help="Absolute tolerance.")
+@click.option("--max-num-steps", type=int, help="Most accepted steps.")
+@click.option("--max-evaluations", type=int, help="Most residual evaluations.")
+@click.option("--max-seconds", type=float, help="Most wall-clock time [s].")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Write t, q, v, lam, mu to this .npz file.")
+def solve_command(problem: str, solver: str, output: Path | None, **request: Any) -> None:
+    """Integrate PROBLEM; print status, counters, end state and, where it is known, the error."""
+    require_folder(output)
+    loaded = load_problem(problem)
+    solution = solve(loaded, solver, **{name: value for name, value in request.items() if value is not None})
+    click.echo(repr(solution))
+    for text in (end_state(solution), errors_at_end(loaded, solution)):
+        if text:
+            click.echo(f"\n{text}")
+    if output is not None:
+        click.echo(f"\nwritten: {save_solution(solution, output)}")
+    sys.exit(0 if solution.success else FAILED)

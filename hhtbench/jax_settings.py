@@ -1,0 +1,54 @@
+"""How JAX computes in a process that imports hhtbench: with 64-bit numbers, whichever of the two is imported first.
+
+JAX's import takes half a second of processor time, which ``import hhtbench`` and ``hhtbench list`` do not need.  Hence a
+post-import hook: it waits for whoever imports JAX, the user's own ``import jax.numpy`` included.  JAX's environment
+variable would be simpler, but the user's child processes would inherit it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+SETTINGS = {
+    "jax_enable_x64": True,
+    # Every call waits for its result; handing it to a thread of its own costs 10 us, and far more on a busy machine.
+    "jax_cpu_enable_async_dispatch": False,  # without effect where JAX has computed before
+}
+
+
+def settle_jax() -> None:
+    """Apply ``SETTINGS`` now where JAX is imported already, else as soon as it is."""
+    if "jax" in sys.modules:
+        _apply(import_module("jax"))  # waits where another thread is importing it
+    else:
+        sys.meta_path.insert(0, _Hook())
+
+
+def _apply(jax: ModuleType) -> None:
+    for name, value in SETTINGS.items():
+        jax.config.update(name, value)
+
+
+class _Hook(MetaPathFinder):
+    """Finds JAX as the finders behind it do; what they find applies the settings when it has been executed."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        if name != "jax":
+            return None
+        behind = sys.meta_path[sys.meta_path.index(self) + 1 :]
+        spec = next(filter(None, (finder.find_spec(name, path, target) for finder in behind)), None)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_apply(module: ModuleType) -> None:
+                execute(module)
+                _apply(module)
+                sys.meta_path.remove(self)
+
+            spec.loader.exec_module = execute_and_apply  # type: ignore[method-assign]  # of this one loader
+        return spec

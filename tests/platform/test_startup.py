@@ -1,0 +1,70 @@
+"""What an import of hhtbench loads and what it does to JAX, in processes of their own."""
+
+import json
+import pickle
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+import hhtbench
+from hhtbench import Request
+from hhtbench.processes import worker_processes
+
+HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly")
+PRECISION = """
+import json, os
+import jax, jax.numpy as jnp
+asynchronous = jax.config.read("jax_cpu_enable_async_dispatch")
+print(json.dumps([jnp.array([1.0]).dtype.name, asynchronous, "JAX_ENABLE_X64" in os.environ]))
+"""
+
+
+def _last_line(code: str) -> object:
+    """What the last line of the output of ``code`` says, in a new process."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def _loaded(code: str) -> object:
+    return _last_line(f"import json, sys\n{code}\nprint(json.dumps([name for name in {HEAVY} if name in sys.modules]))")
+
+
+@pytest.mark.parametrize("word", ["--help", "list"])
+def test_the_overview_and_the_list_load_no_heavy_library(word):
+    assert _loaded(f"from hhtbench.cli import main\ntry: main(['{word}'])\nexcept SystemExit: pass") == []
+
+
+def test_a_system_is_declared_without_what_draws():
+    assert not {"matplotlib", "plotly"} & set(_loaded("import hhtbench as hb\nhb.System, hb.solve"))
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import hhtbench",
+        "import jax.numpy, hhtbench",
+        "from hhtbench import System",
+        "import hhtbench.errors, importlib.util; importlib.util.find_spec('jax')",
+        f"import pickle; pickle.loads({pickle.dumps(Request(step=0.1))!r})",
+    ],
+)
+def test_jax_has_64_bits_whichever_is_imported_first_and_the_environment_stays_as_it_is(first):
+    assert _last_line(f"{first}\n{PRECISION}") == ["float64", False, False]
+
+
+def test_jax_has_64_bits_in_the_worker_of_a_pool():
+    with worker_processes(1) as pool:
+        assert pool.submit(eval, "__import__('jax').numpy.array([1.0]).dtype.name").result() == "float64"
+
+
+def test_every_public_name_is_there_and_no_module_can_take_its_place():
+    assert set(hhtbench.__all__) <= set(dir(hhtbench))
+    assert all(getattr(hhtbench, name).__name__ == name for name in hhtbench.__all__)
+    assert not {module.name for module in pkgutil.iter_modules(hhtbench.__path__)} & set(hhtbench.__all__)
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'hhtbench' has no attribute 'sovle'"):
+        hhtbench.sovle  # noqa: B018
