@@ -11,6 +11,7 @@ from typing import Any
 
 from hhtbench.errors import BudgetSpent
 from hhtbench.result import Counters
+from hhtbench.terminal import told_when_slow
 
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
@@ -101,18 +102,22 @@ class handed_over:
 class preparing:
     """``with preparing("tracing force")``: around what cannot be interrupted; its time is told to the clock in use.
 
-    Entering raises :class:`BudgetSpent` where the budget of the solve that needs it is used up.
+    A person at a terminal is told what it is if it takes long.  Entering raises :class:`BudgetSpent` where the budget of
+    the solve that needs it is used up.
     """
 
     def __init__(self, what: str) -> None:
         self._what, self._clock = what, _clock.get()
+        self._terminal = told_when_slow(what)
 
     def __enter__(self) -> None:
         if self._clock is not None:
             self._clock.check()
+        self._terminal.__enter__()
         self._began = time.perf_counter()
 
     def __exit__(self, *_: object) -> None:
+        self._terminal.__exit__()
         if self._clock is not None:
             self._clock.note_preparation(self._what, time.perf_counter() - self._began)
 
