@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-LINKED = ("numpy.linalg._umath_linalg", "scipy.linalg._flapack")  # with BLAS: NumPy and SciPy bring a copy each
+LINKED = ("numpy.linalg._umath_linalg", "scipy.linalg.cython_lapack")  # with BLAS: NumPy and SciPy bring a copy each
 OPENBLAS = (
     "scipy_openblas_{}_num_threads64_",
     "scipy_openblas_{}_num_threads",

@@ -12,6 +12,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.jax_internals import compiled_variants
 
 _jitted = Cache(4096)
 _flattened = Cache(64)
@@ -45,7 +46,7 @@ def jitted(flat: Flat) -> Any:
 
 def xla_pieces() -> int:
     """How many pieces of code XLA has compiled for this process."""
-    return sum(function._cache_size() for function in _jitted.values())
+    return sum(map(compiled_variants, _jitted.values()))
 
 
 def _flatten(dynamics: Any) -> _Flattened:

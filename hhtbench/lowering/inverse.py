@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
+
+from hhtbench.lowering.jax_internals import Primitive, ad, batching, mlir
 
 inverse_p = Primitive("hhtbench_inverse")
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.interpreters import partial_eval
 
 from hhtbench.arguments import traced
 from hhtbench.counting import preparing
+from hhtbench.lowering.jax_internals import used_inputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool,
         closed = jax.make_jaxpr(function)(*arguments)
     if any(isinstance(value, jax.core.Tracer) for value in closed.consts):
         raise traced("a value outside of the system that its functions use")
-    _, used = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    used = used_inputs(closed.jaxpr)
     sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
     bounds = np.cumsum([0, *sizes])
     return tuple(any(used[bounds[i] : bounds[i + 1]]) for i in range(len(arguments)))

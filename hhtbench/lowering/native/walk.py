@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jax._src import source_info_util
-from jax.extend.core import ClosedJaxpr, Literal
 
+from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
 from hhtbench.lowering.native.graph import Graph
 from hhtbench.lowering.native.reasons import NotNative, TooLarge
 from hhtbench.lowering.native.values import Unknown, Value, is_known
@@ -92,9 +91,8 @@ class Walk:
     def _place(self, equation: Any) -> str:
         """The user's line that made this equation, or the call it is in: a library's inner functions have none."""
         for candidate in (equation, *reversed(self._calls)):
-            where = source_info_util.summarize(candidate.source_info)
-            if where:
-                return str(where)
+            if where := line_of(candidate):
+                return where
         return "an unknown line"
 
 

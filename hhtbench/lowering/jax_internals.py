@@ -1,0 +1,31 @@
+"""What JAX has outside of its stable interface, imported here and nowhere else; pyproject.toml bounds JAX for it.
+
+The same bound holds for what the rules of the scalar compiler know: names and parameters of primitives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from jax._src import source_info_util
+from jax.extend.core import ClosedJaxpr, Literal, Primitive
+from jax.interpreters import ad, batching, mlir, partial_eval
+
+__all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "compiled_variants", "line_of", "mlir", "used_inputs"]
+
+
+def used_inputs(jaxpr: Any) -> Sequence[bool]:
+    """For each input, whether any output depends on it: dead code removed."""
+    _, used = partial_eval.dce_jaxpr(jaxpr, [True] * len(jaxpr.outvars))
+    return used
+
+
+def line_of(equation: Any) -> str:
+    """The user's line that made ``equation``; "" where a library made it."""
+    return str(source_info_util.summarize(equation.source_info) or "")
+
+
+def compiled_variants(function: Any) -> int:
+    """For how many kinds of arguments a jitted function has been compiled."""
+    return int(function._cache_size())
