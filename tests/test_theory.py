@@ -45,3 +45,7 @@ def test_papers_are_mapped_in_theory_alone():
     """The step's formulas cite our numbers; the paper's own are left to THEORY.md and to the claims of `verify`."""
     for source in HHT.glob("*.py"):
         assert not re.findall(r"\(3\.[1-5][a-f]?\)|\(2\.[1-3]\)|\(6\.1\)", source.read_text(encoding="utf-8")), source.name
+
+
+def test_theory_is_read_without_scrolling_sideways():
+    assert [line for line in THEORY.splitlines() if len(line) > 120] == []
