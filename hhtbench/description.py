@@ -10,6 +10,7 @@ from tabulate import tabulate
 
 from hhtbench.lowering import (
     AccelerationLevel,
+    Dynamics,
     Structure,
     compile_function,
     derive,
@@ -147,7 +148,7 @@ def _of_problem(problem: Problem) -> list[Statement]:
     return [*(row for row in rows if row is not None), *_linear_algebra(dynamics, singular)]
 
 
-def _dependencies(dynamics: Any, singular: bool) -> list[Statement]:
+def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
     """What the functions do not depend on is not differentiated."""
     s: Structure = dynamics.structure
     rows = []
@@ -170,7 +171,7 @@ def _dependencies(dynamics: Any, singular: bool) -> list[Statement]:
     return rows
 
 
-def _derivatives(dynamics: Any) -> list[Statement]:
+def _derivatives(dynamics: Dynamics) -> list[Statement]:
     """Where the derivatives come from."""
     s: Structure = dynamics.structure
     needed = ["force_jacobians"] if s.force_uses_q or s.force_uses_v else []
@@ -224,7 +225,7 @@ def _route(system: System | NumpySystem) -> Statement:
 ROUTE_TEXTS = {"native": "straight-line machine code by LLVM", "xla": "compiled by XLA"}
 
 
-def _routes(dynamics: Any, t: float, q: Any, v: Any) -> list[Statement]:
+def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
     """The route of the acceleration level, and of every function of this dynamics that was called before."""
     if route_of(dynamics) == "numpy":
         return [_route(dynamics.system)]
@@ -244,12 +245,12 @@ def _routes(dynamics: Any, t: float, q: Any, v: Any) -> list[Statement]:
     ]
 
 
-def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M (n*n,) at (t, q)."""
     return dynamics.mass(t, q).ravel()
 
 
-def _mass_is_singular(dynamics: Any, t: float, q: Any) -> bool:
+def _mass_is_singular(dynamics: Dynamics, t: float, q: Any) -> bool:
     if dynamics.structure.mass == "identity":
         return False
     if isinstance(dynamics.constant_mass, Diagonal):
@@ -258,7 +259,7 @@ def _mass_is_singular(dynamics: Any, t: float, q: Any) -> bool:
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
 
-def _linear_algebra(dynamics: Any, singular: bool) -> list[Statement]:
+def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
     s: Structure = dynamics.structure
     rows = []
     if singular:

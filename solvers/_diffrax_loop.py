@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
+from hhtbench.lowering import Dynamics
 from solvers.forms import rhs_function
 
 SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short against a time budget
@@ -33,7 +34,7 @@ def _tick(ticket: Any) -> None:
     evaluations[int(ticket)] += 1
 
 
-def _method(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
+def _method(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
     """Terms, solver and step size controller; time runs forward in s = direction * (t - t0)."""
     direction, ticket, t0, rtol = fixed[0], fixed[1], fixed[2], fixed[4]
 
@@ -50,7 +51,7 @@ def _method(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any) -
     return diffrax.ODETerm(field), getattr(diffrax, name)(**options), controller
 
 
-def _first(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
+def _first(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
     """The state of the loop before the first step."""
     terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
     s, end = jnp.zeros_like(fixed[2]), fixed[3]
@@ -60,12 +61,12 @@ def _first(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y:
     return {"s": s, "next": following, "y": y, "memory": memory, "control": control}
 
 
-def start_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> Any:
+def start_steps(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> Any:
     """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
     return ravel_pytree(_first(dynamics, name, counted, fixed, weights, y))[0]
 
 
-def take_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
+def take_steps(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
     """Attempt SEGMENT steps or until ``most`` are accepted: the state, three numbers and a row per step, as one vector.
 
     The numbers: steps accepted, steps attempted, and the end of the first attempt since the last step whose error was not
@@ -104,7 +105,7 @@ def take_steps(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any
     return jnp.concatenate([ravel_pytree(state)[0], jnp.stack([accepted, attempted, bad]), rows.ravel()])
 
 
-def step_to(dynamics: Any, name: str, counted: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
+def step_to(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
     """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
 
     The interpolants of these methods are less accurate than their steps, up to forty times at rtol 1e-9.

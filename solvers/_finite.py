@@ -8,12 +8,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.inverse import inverse
 from hhtbench.lowering.matrix_free import large
 from solvers._trust import as_arguments
 
 
-def inverse_mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+def inverse_mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M^-1 (n, n) at (t, q); not finite where M is singular."""
     mass = dynamics.mass(t, q)
     if dynamics.xp is not np:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, padded
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, padded
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.protocol import Scales
 from hhtbench.result import Status
@@ -61,7 +61,7 @@ def rates_of(form: Form, yp: Vector) -> Vector:
     return np.concatenate([yp[form.blocks[name]] for name in INTEGRALS if name in form.blocks])
 
 
-def carried(form: Form, rows: Rows, dynamics: Any) -> Mapping[str, Matrix] | None:
+def carried(form: Form, rows: Rows, dynamics: Dynamics) -> Mapping[str, Matrix] | None:
     """The multipliers that the solver itself holds, "lam" (k, m) and "mu" (k, p); None where it has none.
 
     Zero for redundant rows, which the solver leaves out.
@@ -128,7 +128,7 @@ def late_note(recovered: int, times: Vector, work: Work) -> str:
 
 
 def recover_multipliers(
-    level: AccelerationLevel, dynamics: Any, work: Work, form: Form, first: Acceleration, rows: Rows
+    level: AccelerationLevel, dynamics: Dynamics, work: Work, form: Form, first: Acceleration, rows: Rows
 ) -> Recovered:
     """lam (k, m) and mu (k, p) from the acceleration level, as far as the time budget goes.
 

@@ -17,6 +17,7 @@ from hhtbench.lowering import (
     CONSISTENT,
     AccelerationLevel,
     ConstraintLevels,
+    Dynamics,
     Levels,
     Structure,
     asymmetry,
@@ -31,9 +32,12 @@ from hhtbench.lowering import (
     smallest,
     unreduced,
 )
+from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.lowering.matrix_free import large
+from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.reduced import ReducedDynamics
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import expect_finite, explain_nonfinite
@@ -57,7 +61,7 @@ class Place:
     v: Vector
 
 
-def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
+def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
     """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
@@ -80,7 +84,7 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Any:
     return regular(independent(dynamics, place), place)
 
 
-def _warn_of_asymmetry(dynamics: Any) -> None:
+def _warn_of_asymmetry(dynamics: Dynamics) -> None:
     """Say that a constant mass is not symmetric; the equations are solved as they stand."""
     mass = dynamics.constant_mass
     entries = "" if mass is None or isinstance(mass, Diagonal) else asymmetry(np.asarray(mass))[1]
@@ -92,7 +96,7 @@ def _warn_of_asymmetry(dynamics: Any) -> None:
         )
 
 
-def independent(dynamics: Any, place: Place) -> Any:
+def independent(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
     if not dynamics.structure.constrained:
         return dynamics
@@ -112,7 +116,7 @@ def independent(dynamics: Any, place: Place) -> Any:
     return reduced
 
 
-def regular(dynamics: Any, place: Place) -> Any:
+def regular(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or augmented where its mass is singular at ``place``."""
     if dynamics.structure.mass == "identity" or not dynamics.structure.constrained:
         return dynamics
@@ -121,7 +125,7 @@ def regular(dynamics: Any, place: Place) -> Any:
     return augment(dynamics, *as_arguments(dynamics, place.t, place.q))
 
 
-def undetermined(dynamics: Any, place: Place) -> Failure | None:
+def undetermined(dynamics: Dynamics, place: Place) -> Failure | None:
     """Without constraints a singular mass leaves accelerations undetermined."""
     if dynamics.structure.constrained or dynamics.structure.mass == "identity" or not _mass_is_singular(dynamics, place):
         return None
@@ -129,7 +133,7 @@ def undetermined(dynamics: Any, place: Place) -> Failure | None:
     return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
 
 
-def _mass_is_singular(dynamics: Any, place: Place) -> bool:
+def _mass_is_singular(dynamics: Dynamics, place: Place) -> bool:
     if dynamics.structure.mass == "constant" and isinstance(dynamics.constant_mass, Diagonal):
         return dynamics.inverse_mass is None
     if dynamics.structure.mass == "constant":
@@ -139,7 +143,7 @@ def _mass_is_singular(dynamics: Any, place: Place) -> bool:
     return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
 
-def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
+def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M (n, n)."""
     return dynamics.mass(t, q)
 
@@ -188,7 +192,7 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
 
 
 def all_multipliers(
-    dynamics: Any, work: Work, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix
+    dynamics: Dynamics, work: Work, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix
 ) -> tuple[Matrix, Matrix]:
     """Multipliers (k, m) and (k, p) of all rows, of least norm where the solver works without the redundant ones.
 
@@ -222,7 +226,7 @@ def check_guesses(structure: Structure, guesses: Guesses) -> None:
 
 
 def start_acceleration(
-    level: AccelerationLevel, dynamics: Any, work: Work, place: Place, guesses: Guesses
+    level: AccelerationLevel, dynamics: Dynamics, work: Work, place: Place, guesses: Guesses
 ) -> Acceleration | Failure:
     """Accelerations and multipliers of the start, or why there are none.
 
@@ -246,7 +250,7 @@ def start_acceleration(
 
 
 def acceleration_at(
-    level: AccelerationLevel, dynamics: Any, work: Work, t: float, q: Vector, v: Vector, guesses: Guesses
+    level: AccelerationLevel, dynamics: Dynamics, work: Work, t: float, q: Vector, v: Vector, guesses: Guesses
 ) -> Acceleration:
     """The acceleration level at one output time; a stray value that is not finite is tried once more."""
     for last in (False, True):
@@ -263,7 +267,7 @@ def acceleration_at(
     return found
 
 
-def points_of(dynamics: Any) -> int:
+def points_of(dynamics: Dynamics) -> int:
     """Evaluations of F to count per call of a compiled function; 0 for a NumPy system, whose callbacks are counted."""
     return 0 if route_of(dynamics) == "numpy" else 1
 
@@ -274,13 +278,13 @@ def budget_failure(spent: BudgetSpent, t: float) -> Failure:
     return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
 
 
-def counted_dynamics(dynamics: Any, work: Work) -> Any:
+def counted_dynamics(dynamics: Dynamics, work: Work) -> Dynamics:
     """A NumPy system's dynamics tells ``work`` of every callback."""
-    if route_of(dynamics) != "numpy":
-        return dynamics
-    if hasattr(dynamics, "inner"):
+    if isinstance(dynamics, NumpyDynamics):
+        return dataclasses.replace(dynamics, on_call=work.on_call)
+    if isinstance(dynamics, AugmentedDynamics | ReducedDynamics) and route_of(dynamics) == "numpy":
         return dataclasses.replace(dynamics, inner=counted_dynamics(dynamics.inner, work))
-    return dataclasses.replace(dynamics, on_call=work.on_call)
+    return dynamics
 
 
 def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import derive, route_of
+from hhtbench.lowering import Dynamics, derive, route_of
 from hhtbench.lowering.differences import derivative_along
 from hhtbench.protocol import NumpySystem, System, declared
 
@@ -29,12 +29,12 @@ EQUATIONS = {  # declared derivatives that enter the equations, with the argumen
 }
 
 
-def as_arguments(dynamics: Any, *values: Any) -> list[Any]:
+def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
     """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
     return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
 
 
-def wrong_derivatives(system: System | NumpySystem, dynamics: Any, t: float, q: Vector, v: Vector) -> list[str]:
+def wrong_derivatives(system: System | NumpySystem, dynamics: Dynamics, t: float, q: Vector, v: Vector) -> list[str]:
     """Names of the declared derivatives that enter the equations and disagree with the derived ones."""
     names = [name for name in EQUATIONS if declared(system, name) is not None]
     if not names:
@@ -53,7 +53,7 @@ def _points(t: float, q: Vector, v: Vector) -> Iterator[tuple[float, Vector, Vec
         yield t + NEARBY * (k + 1), q + NEARBY * size * shift, moving, False
 
 
-def _agrees(name: str, dynamics: Any, derived: Any, t: float, q: Vector, v: Vector, defined: bool) -> bool:
+def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v: Vector, defined: bool) -> bool:
     values = {"q": q, "v": v, "l": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
     arguments = as_arguments(dynamics, t, *(values[letter] for letter in EQUATIONS[name]))
     try:
@@ -66,7 +66,7 @@ def _agrees(name: str, dynamics: Any, derived: Any, t: float, q: Vector, v: Vect
     return all(_equal(np.asarray(x), np.asarray(y)) for x, y in pairs if x is not None)
 
 
-def _always(kind: type[Exception], dynamics: Any, derived: Any, name: str, arguments: list[Any]) -> bool:
+def _always(kind: type[Exception], dynamics: Dynamics, derived: Any, name: str, arguments: list[Any]) -> bool:
     """Whether the error comes again at the same point; one that does not is a stray value and is told to the caller."""
     try:
         getattr(dynamics, name)(*arguments)
@@ -83,7 +83,7 @@ def _equal(given: Matrix, wanted: Matrix) -> bool:
     return np.allclose(given[both], wanted[both], rtol=TRUSTED, atol=TRUSTED * size)
 
 
-def check_sparsity(dynamics: Any, t: float, q: Vector, v: Vector) -> None:
+def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     """Raise unless every declared pattern holds the derivative it is for, seen along one direction.
 
     Raises
@@ -113,7 +113,7 @@ def check_sparsity(dynamics: Any, t: float, q: Vector, v: Vector) -> None:
 Patterned = tuple[Callable[[Vector], Any], Vector, Callable[[], Matrix]]
 
 
-def _patterned(dynamics: Any, t: float, q: Vector, v: Vector) -> dict[str, Patterned]:
+def _patterned(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> dict[str, Patterned]:
     """For each pattern's name: a function, the point of its derivative, and that derivative made with the pattern."""
     d, s = dynamics, dynamics.structure
     found: dict[str, Patterned] = {

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import integrate, linalg
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import compile_function
+from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._run import Halt, Run
@@ -95,7 +95,7 @@ def _smallest(mass: Matrix, rows: Matrix, violation: Vector) -> Vector:
     return np.asarray((solution * size)[:n])
 
 
-def mass_function(dynamics: Any, t: Any, q: Any) -> Any:
+def mass_function(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M (n, n)."""
     return dynamics.mass(t, q)
 

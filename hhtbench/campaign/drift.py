@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import compile_function, derive
+from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.protocol import Problem, declared
 from hhtbench.result import Solution
 
@@ -99,7 +99,7 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
     )
 
 
-def state_terms(dynamics: Any, names: Any, energetic: bool, t: Any, q: Any, v: Any, s_q: Any, s_v: Any) -> Any:
+def state_terms(dynamics: Dynamics, names: Any, energetic: bool, t: Any, q: Any, v: Any, s_q: Any, s_v: Any) -> Any:
     """Largest position and velocity drift, scaled and bare, energy, kinetic energy and the invariants, in one vector."""
     s, xp = dynamics.structure, dynamics.xp
     nothing = xp.zeros(1)
@@ -121,26 +121,16 @@ def state_terms(dynamics: Any, names: Any, energetic: bool, t: Any, q: Any, v: A
     return xp.stack([xp.asarray(value, dtype=float) for value in [*levels, *energy, *(found[name] for name in names)]])
 
 
-def row_terms(dynamics: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
+def row_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
     """The constraints' last derivative with the accelerations of the given multipliers, then the size of its terms."""
-    s, xp = dynamics.structure, dynamics.xp
-    right = dynamics.force(t, q, v)
-    if s.m:
-        right = right + dynamics.reaction(t, q, lam)
-    if s.p:
-        right = right + dynamics.velocity_reaction(t, q, v, mu)
-    vdot = xp.linalg.solve(dynamics.mass(t, q), right)
-    parts = []
-    if s.m:
-        parts.append((dynamics.constraint_jacobian(t, q), dynamics.constraint_acceleration(t, q, v)))
-    if s.p:
-        parts.append((dynamics.velocity_constraint_jacobian(t, q, v), dynamics.velocity_constraint_acceleration(t, q, v)))
-    imbalance = [xp.abs(c @ vdot + rest) for c, rest in parts]
-    sizes = [xp.abs(c) @ xp.abs(vdot) + xp.abs(rest) for c, rest in parts]
-    return xp.concatenate([*imbalance, *sizes])
+    xp = dynamics.xp
+    forces = -dynamics.residual(t, q, v, 0.0, lam, mu)
+    vdot = xp.linalg.solve(dynamics.mass(t, q), forces)
+    rows, rest = dynamics.acceleration_level(t, q, v)
+    return xp.concatenate([xp.abs(rows @ vdot + rest), xp.abs(rows) @ xp.abs(vdot) + xp.abs(rest)])
 
 
-def all_states(dynamics: Any, terms: Any, static: Any, count: int, *arguments: Any) -> Any:
+def all_states(dynamics: Dynamics, terms: Any, static: Any, count: int, *arguments: Any) -> Any:
     """``terms`` at every state: the first ``count`` arguments hold one row per state, the others are shared."""
     varying, shared = arguments[:count], arguments[count:]
 
@@ -152,7 +142,9 @@ def all_states(dynamics: Any, terms: Any, static: Any, count: int, *arguments: A
     return np.array([one(float(row[0]), *row[1:]) for row in zip(*varying, strict=True)])
 
 
-def _in_chunks(terms: Any, dynamics: Any, static: Any, varying: tuple[Any, ...], shared: tuple[Any, ...] = ()) -> Matrix:
+def _in_chunks(
+    terms: Any, dynamics: Dynamics, static: Any, varying: tuple[Any, ...], shared: tuple[Any, ...] = ()
+) -> Matrix:
     call = compile_function(all_states, dynamics, terms, static, len(varying), route="xla")  # one loop over all states
     count, found = varying[0].shape[0], []
     for start in range(0, count, CHUNK):
@@ -202,7 +194,7 @@ def own_multipliers(solution: Solution, at_steps: Solution | None) -> Own | None
     return Own(steps.t, at.q, at.v, steps.lam_end, steps.mu_half)
 
 
-def _acceleration(dynamics: Any, own: Own | None) -> tuple[Vector | None, str | None]:
+def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Vector | None, str | None]:
     """Drift at the acceleration level at every state of ``own``, or None and the reason.
 
     Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from hhtbench.checks.scales import Sizes, sizes_of
 from hhtbench.checks.start import Start, consistency_rows, examine, guess_rows, mass_rows, regularity_rows
 from hhtbench.checks.survey import Survey, survey
 from hhtbench.evidence import Evidence, Row
-from hhtbench.lowering import Structure, derive
+from hhtbench.lowering import Dynamics, Structure, derive
 from hhtbench.protocol import DERIVATIVES, Problem
 
 __all__ = ["check"]
@@ -111,7 +110,7 @@ def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[State]:
     return [State(point, random.uniform(0.5, 1.5, s.n)) for point in points]
 
 
-def _samples(dynamics: Any, references: References, states: list[State]) -> tuple[Row, list[Sample]]:
+def _samples(dynamics: Dynamics, references: References, states: list[State]) -> tuple[Row, list[Sample]]:
     """References and given derivatives at every state where the system is defined; the start must be one."""
     given = given_derivatives(dynamics)
     samples, fault, left_out = [], "", 0

@@ -22,6 +22,7 @@ from hhtbench.lowering import (
     CONSISTENT,
     AccelerationLevel,
     ConstraintLevels,
+    Dynamics,
     compile_function,
     constraint_rank,
     reduce_redundant,
@@ -41,7 +42,7 @@ Point = tuple[float, Vector, Vector]  # t, q, v
 
 
 def conservation_rows(
-    dynamics: Any, problem: Problem, sizes: Sizes, states: list[State], faults: dict[str, str]
+    dynamics: Dynamics, problem: Problem, sizes: Sizes, states: list[State], faults: dict[str, str]
 ) -> list[Row]:
     """Power balance at consistent states, and constancy of what is conserved along the known motion."""
     start = (problem.t_span[0], problem.q0, problem.v0)
@@ -58,7 +59,7 @@ def conservation_rows(
     return rows
 
 
-def _balance_row(dynamics: Any, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> Row:
+def _balance_row(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> Row:
     fed = declared(problem.system, "power") is not None
     claim = "the energy changes by the declared power" if fed else "the rate of the energy is zero: no power is declared"
     limit = BALANCE if dynamics.xp is jnp else BY_DIFFERENCES
@@ -121,7 +122,7 @@ def _known_motion(problem: Problem) -> list[Point]:
     return [(float(t[i]), problem.reference["q"][i], problem.reference["v"][i]) for i in rows]
 
 
-def _imbalances(dynamics: Any, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> list[float]:
+def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> list[float]:
     """|d energy/dt - power| over the size of its terms, at the points of ``motion`` and at consistent ones near ``states``.
 
     Near rest the terms are roundoff; the largest kinetic energy per typical time [s] is the least size.
@@ -144,7 +145,7 @@ def _imbalances(dynamics: Any, problem: Problem, motion: list[Point], sizes: Siz
     return [float(x) for x in apart / np.maximum(size, np.finfo(float).tiny)]
 
 
-def _made_up(dynamics: Any, sizes: Sizes, states: list[State]) -> list[Point]:
+def _made_up(dynamics: Dynamics, sizes: Sizes, states: list[State]) -> list[Point]:
     """The ``states`` moved onto the constraints, where that succeeds."""
     levels = ConstraintLevels(dynamics, full=True)
     places = [split(dynamics.structure, state.z) for state in states]
@@ -172,7 +173,7 @@ def _least(rows: Matrix, value: Vector, size: Vector) -> Vector:
     return np.asarray(size * np.linalg.lstsq(rows * size, value)[0], dtype=np.float64)
 
 
-def _independent(dynamics: Any, place: Point) -> Any:
+def _independent(dynamics: Dynamics, place: Point) -> Any:
     """The dynamics without redundant rows, whose multipliers no power can depend on; itself where there are none."""
     if not dynamics.structure.constrained:
         return dynamics
@@ -182,7 +183,7 @@ def _independent(dynamics: Any, place: Point) -> Any:
     return dynamics if reduced is None else reduced
 
 
-def energy_terms(dynamics: Any, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:
+def energy_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:
     """d energy/dt, power, the rates that the first consists of (by t, q, v) [W], kinetic energy [J], error [W]: (7,)."""
     system, xp = dynamics.system, dynamics.xp
     error: Any = 0.0

@@ -13,7 +13,7 @@ from hhtbench.checks.deviation import USABLE, Worst, by_complex_step, by_differe
 from hhtbench.checks.reference import Reference, References, State, part_rows, parts_of, split
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.evidence import Row
-from hhtbench.lowering import Structure, compile_function, route_of
+from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6
@@ -143,7 +143,7 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
     return part_rows(s, derivative.part), sizes[derivative.by]
 
 
-def given_derivatives(dynamics: Any) -> Callable[[State], dict[str, Matrix | str]]:
+def given_derivatives(dynamics: Dynamics) -> Callable[[State], dict[str, Matrix | str]]:
     """A function of the state that gives every derivative, or the reason why one cannot be had."""
     s = dynamics.structure
     names = names_of(s)
@@ -165,7 +165,7 @@ def given_derivatives(dynamics: Any) -> Callable[[State], dict[str, Matrix | str
     return one_by_one
 
 
-def derivative_rows(dynamics: Any, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
+def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
     """One row per derivative; ``faulty``: declared derivatives of the wrong shape, with the reason."""
     rows: dict[str, Row] = {}
     for name in names_of(dynamics.structure):

@@ -18,6 +18,7 @@ from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
     ConstraintRank,
+    Dynamics,
     Levels,
     Misfit,
     asymmetry,
@@ -47,7 +48,7 @@ class Start:
     regular: bool = False  #: the KKT matrix of the independent rows is regular
 
 
-def examine(dynamics: Any, problem: Problem, sizes: Sizes) -> Start:
+def examine(dynamics: Dynamics, problem: Problem, sizes: Sizes) -> Start:
     """Levels, rank and acceleration level at the start; the user's errors become ``fault``."""
     s = dynamics.structure
     t, q, v = problem.t_span[0], problem.q0, problem.v0
@@ -105,7 +106,7 @@ def _least_squares(matrix: Matrix, right: Vector) -> Vector:
     return np.asarray(np.linalg.lstsq(scaled, right / np.where(row > 0, row, 1.0), rcond=DEPENDENT)[0], dtype=np.float64)
 
 
-def mass_rows(dynamics: Any, states: list[State], found: Start) -> list[Row]:
+def mass_rows(dynamics: Dynamics, states: list[State], found: Start) -> list[Row]:
     """The mass matrix is symmetric and has no negative direction."""
     if dynamics.structure.mass == "identity":
         return []

@@ -1,12 +1,14 @@
 """Turns physics into callables: every derived function, by one of several routes with the same values.
 
-``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` makes it fast; no
-other module compiles anything.
+``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` a function of it as a fast call
+from Python.  Beside it HHT's compiled loops take machine code by its address from ``native``, and
+:mod:`~hhtbench.lowering.loops` makes and loads those loops themselves.
 """
 
 from hhtbench.lowering.augmented import augment
 from hhtbench.lowering.compiling import compile_function
-from hhtbench.lowering.derive import Dynamics, derive
+from hhtbench.lowering.derive import derive
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.kkt import SYMMETRIC, AccelerationLevel, ConstraintRank, asymmetry, constraint_rank, mass_is_singular
 from hhtbench.lowering.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.native import Native, NotNative, native

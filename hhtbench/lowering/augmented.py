@@ -19,7 +19,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.differences import derivative
-from hhtbench.lowering.jax_dynamics import JaxDynamics
+from hhtbench.lowering.dynamics import Dynamics, EquationsOfMotion
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.reduced import ReducedDynamics
 from hhtbench.lowering.structure import Structure
@@ -27,13 +27,13 @@ from hhtbench.lowering.structure import Structure
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 
 
-class AugmentedDynamics(eqx.Module):
+class AugmentedDynamics(eqx.Module, EquationsOfMotion):
     """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``; the rest is passed through.
 
     Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
     """
 
-    inner: Any
+    inner: Dynamics
     rho: Any  #: scalar weight, float64 array
 
     @property
@@ -86,7 +86,7 @@ class AugmentedDynamics(eqx.Module):
         return by_q, derivative(lambda x: self.force(t, q, x), v, 4)
 
 
-def augment(dynamics: JaxDynamics | NumpyDynamics, t: float, q: Vector) -> AugmentedDynamics:
+def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
     """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
 
     Raises
@@ -108,12 +108,12 @@ def augment(dynamics: JaxDynamics | NumpyDynamics, t: float, q: Vector) -> Augme
     return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
 
 
-def _with_known_velocity_rows(dynamics: Any, t: float, q: Vector) -> Any:
+def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:
     """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
-    if dynamics.xp is not np or not dynamics.structure.p:
-        return dynamics
-    if isinstance(dynamics, ReducedDynamics):
+    if isinstance(dynamics, ReducedDynamics) and dynamics.xp is np:
         return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
+    if not isinstance(dynamics, NumpyDynamics) or not dynamics.structure.p:
+        return dynamics
     at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
     places = np.arange(1.0, q.size + 1)
     moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]

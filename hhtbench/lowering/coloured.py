@@ -15,13 +15,16 @@ from hhtbench.arguments import Vector
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.flattening import flat_function
 from hhtbench.lowering.patterns import Pattern, detect
 
 _patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
 
 
-def pattern_of(function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], example: tuple[Any, ...]) -> Pattern:
+def pattern_of(
+    function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], example: tuple[Any, ...]
+) -> Pattern:
     """The pattern of the derivative of ``function(dynamics, *static, x, *rest)`` by x, whatever the parameter values.
 
     ``example`` holds arrays of the shapes of x and of the rest.
@@ -37,7 +40,7 @@ def pattern_of(function: Callable[..., Any], dynamics: Any, static: tuple[Any, .
 
 
 def value_and_entries(
-    dynamics: Any, function: Callable[..., Any], static: tuple[Any, ...], colours: int, *arguments: Any
+    dynamics: Dynamics, function: Callable[..., Any], static: tuple[Any, ...], colours: int, *arguments: Any
 ) -> Any:
     """Values (rows,) and derivative entries (entries,) of ``function(dynamics, *static, x, *rest)`` by x, one vector.
 
@@ -54,7 +57,7 @@ def value_and_entries(
 class Coloured:
     """A function of a JAX dynamics with its sparse derivative by the first array; the pattern is found once."""
 
-    def __init__(self, function: Callable[..., Any], dynamics: Any, *static: Any, example: tuple[Any, ...]) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern: Pattern = pattern_of(function, dynamics, static, example)
         compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)

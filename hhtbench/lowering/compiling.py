@@ -19,6 +19,7 @@ from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import ById, Cache, cache_directory, use_disk_cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
 from hhtbench.lowering.native import NotNative, native
 from hhtbench.lowering.native.calling import Shapes, native_call
@@ -31,7 +32,7 @@ SMALL = "the system is small and every operation is known"
 
 
 def compile_function(
-    function: Callable[..., Any], dynamics: Any, *static: Any, route: str | None = None
+    function: Callable[..., Any], dynamics: Dynamics, *static: Any, route: str | None = None
 ) -> Callable[..., np.ndarray]:
     """``function(dynamics, *static, *arrays) -> array`` as a fast callable of the arrays alone.
 
@@ -83,7 +84,7 @@ def _nothing(*_: Any) -> None:
 class _Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
-    def __init__(self, function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], route: str) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], route: str) -> None:
         self._function, self._dynamics, self._static, self._route = function, dynamics, static, route
         self._flat = flat_function(function, dynamics, *static)
         self._calls: dict[Shapes, Callable[..., np.ndarray | None] | None] = {}  #: machine code, or None: XLA

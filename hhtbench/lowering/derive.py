@@ -10,7 +10,6 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
-from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.diagonal import Diagonal
@@ -19,8 +18,6 @@ from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.structure import Structure, used_arguments
 from hhtbench.protocol import NumpySystem, System, declared
-
-Dynamics = JaxDynamics | NumpyDynamics | AugmentedDynamics
 
 
 def derive(

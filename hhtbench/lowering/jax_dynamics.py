@@ -9,11 +9,12 @@ import jax
 import jax.numpy as jnp
 
 from hhtbench.lowering.diagonal import full
+from hhtbench.lowering.dynamics import EquationsOfMotion
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import System, declared
 
 
-class JaxDynamics(eqx.Module):
+class JaxDynamics(eqx.Module, EquationsOfMotion):
     """Every term of the equations of motion as a pure function; a pytree, so parameters are traced, not baked in.
 
     Shapes as in the table of symbols.  A function exists for every level, but those of undeclared

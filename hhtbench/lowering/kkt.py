@@ -16,6 +16,7 @@ from scipy.linalg import lapack, qr
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.kkt_sparse import SparseKkt, solve_scaled_sparse
 from hhtbench.lowering.matrix_free import large
 
@@ -52,35 +53,27 @@ class ConstraintRank:
         return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
 
 
-def kkt_terms(dynamics: Any, t: Any, q: Any, v: Any, x: Any) -> Any:
+def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     """Residual and matrix of the KKT system at ``x = [vdot, lam, mu]``, packed into one vector (N + N*N,)."""
-    s = dynamics.structure
-    xp = dynamics.xp
+    s, xp = dynamics.structure, dynamics.xp
     vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
     mass = dynamics.mass(t, q)
-    top, rows, matrix_top, matrix_rows = mass @ vdot - dynamics.force(t, q, v), [], [mass], []
+    rows, rest = dynamics.acceleration_level(t, q, v)
+    residual = [dynamics.residual(t, q, v, mass @ vdot, lam, mu), rows @ vdot + rest]
+    top = [mass]
     if s.m:
-        jacobian = dynamics.constraint_jacobian(t, q)
-        top = top - dynamics.reaction(t, q, lam)
-        rows.append(jacobian @ vdot + dynamics.constraint_acceleration(t, q, v))
-        matrix_top.append(-dynamics.reaction_jacobians(t, q, lam)[1])
-        matrix_rows.append(jacobian)
+        top.append(-dynamics.reaction_jacobians(t, q, lam)[1])
     if s.p:
-        jacobian = dynamics.velocity_constraint_jacobian(t, q, v)
-        top = top - dynamics.velocity_reaction(t, q, v, mu)
-        rows.append(jacobian @ vdot + dynamics.velocity_constraint_acceleration(t, q, v))
-        matrix_top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
-        matrix_rows.append(jacobian)
-    residual = xp.concatenate([top, *rows])
-    lower = [xp.concatenate([r, xp.zeros((r.shape[0], s.m + s.p))], axis=1) for r in matrix_rows]
-    matrix = xp.concatenate([xp.concatenate(matrix_top, axis=1), *lower], axis=0)
-    return xp.concatenate([residual, matrix.ravel()])
+        top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
+    bottom = [rows, xp.zeros((s.m + s.p, s.m + s.p))]
+    matrix = xp.concatenate([xp.concatenate(top, axis=1), xp.concatenate(bottom, axis=1)])
+    return xp.concatenate([*residual, matrix.ravel()])
 
 
 class AccelerationLevel:
     """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
 
-    def __init__(self, dynamics: Any, *, full: bool = False) -> None:
+    def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: the matrix is an array also for large systems."""
         self.structure = dynamics.structure
         products = None if full else large(dynamics)

@@ -13,19 +13,17 @@ from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.matrix_free import MatrixFree
 
 
-def kkt_residual(dynamics: Any, x: Any, t: Any, q: Any, v: Any) -> Any:
+def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
     """Residual (N,) of the KKT system at ``x = [vdot, lam, mu]``, N = n + m + p."""
     s = dynamics.structure
     vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
-    top, rows = dynamics.mass(t, q) @ vdot - dynamics.force(t, q, v), []
+    rows = [dynamics.residual(t, q, v, dynamics.mass_product(t, q, vdot), lam, mu)]
     if s.m:
-        top = top - dynamics.reaction(t, q, lam)
         along = lambda y: dynamics.constraint_velocity(t, q, y)  # noqa: E731 - g_q vdot is linear in vdot, up to g_t
         rows.append(along(vdot) - along(0.0 * vdot) + dynamics.constraint_acceleration(t, q, v))
     if s.p:
-        top = top - dynamics.velocity_reaction(t, q, v, mu)
         rows.append(dynamics.velocity_row(t, q, v, vdot) + dynamics.velocity_constraint_acceleration(t, q, v))
-    return dynamics.xp.concatenate([top, *rows])
+    return dynamics.xp.concatenate(rows)
 
 
 class SparseKkt:

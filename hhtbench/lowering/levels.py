@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.compiling import compile_function
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.matrix_free import MatrixFree, large
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
@@ -71,7 +72,7 @@ def size_of(x: Vector) -> float:
 class ConstraintLevels:
     """Evaluates :class:`Levels` of one system; calls nothing of a level that is not declared."""
 
-    def __init__(self, dynamics: Any, *, full: bool = False) -> None:
+    def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: Jacobians are arrays also for large systems."""
         self.structure = dynamics.structure
         products = large(dynamics) if self.structure.constrained and not full else None
@@ -90,7 +91,7 @@ class ConstraintLevels:
         return Levels(parts[0], parts[1], parts[2].reshape(m, n), parts[3], parts[4].reshape(p, n), parts[5])
 
 
-def level_terms(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g, g_t, g_q, k, k_v and the velocity level, packed into one vector."""
     s, xp = dynamics.structure, dynamics.xp
     empty = xp.zeros(0)
@@ -107,14 +108,14 @@ def level_terms(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
     return xp.concatenate([*first, *second, *drift])
 
 
-def stacked_levels(dynamics: Any, y: Any, t: Any, q: Any) -> Any:
+def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
     """g at ``y[:n]`` and k at (q, ``y[n:]``), (m + p,): its derivative by y is [g_q 0; 0 k_v]."""
     s = dynamics.structure
     parts = [dynamics.constraint(t, y[: s.n])] if s.m else []
     return dynamics.xp.concatenate([*parts, dynamics.velocity_constraint(t, q, y[s.n :])] if s.p else parts)
 
 
-def level_rates(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+def level_rates(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g_t and g_t + g_q v, packed into one vector (2 m,)."""
     return dynamics.xp.concatenate([dynamics.constraint_time_derivative(t, q), dynamics.constraint_velocity(t, q, v)])
 

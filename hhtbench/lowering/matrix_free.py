@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.diagonal import Diagonal
+from hhtbench.lowering.dynamics import Dynamics, EquationsOfMotion
 from hhtbench.lowering.jax_dynamics import JaxDynamics
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import declared
@@ -22,7 +23,7 @@ SMALL = 60  # unknowns of a step below which full matrices cost about the same; 
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 
-class MatrixFree(eqx.Module):
+class MatrixFree(eqx.Module, EquationsOfMotion):
     """The functions of ``inner`` as products; masses are diagonal."""
 
     inner: JaxDynamics
@@ -76,7 +77,7 @@ class MatrixFree(eqx.Module):
         return -jax.vjp(lambda w: self.inner.velocity_constraint(t, q, w), v)[1](mu)[0]
 
 
-def matrix_free(dynamics: Any) -> MatrixFree | None:
+def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices; None: not a JAX system, rows left out, or a mass that is no regular diagonal."""
     if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
         return None
@@ -93,7 +94,7 @@ def matrix_free(dynamics: Any) -> MatrixFree | None:
     return None if inverse is None else MatrixFree(dynamics, mass, inverse)
 
 
-def large(dynamics: Any) -> MatrixFree | None:
+def large(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices where it is large enough for it, else None."""
     s = dynamics.structure
     return matrix_free(dynamics) if s.n + s.m + s.p > LARGE else None

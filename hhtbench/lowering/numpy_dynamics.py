@@ -14,13 +14,14 @@ import numpy as np
 from hhtbench.counting import check_clock
 from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.differences import NESTED, derivative, derivative_along, second_derivative_along
+from hhtbench.lowering.dynamics import EquationsOfMotion
 from hhtbench.lowering.shapes import checked_result
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import NumpySystem, declared
 
 
 @dataclass(frozen=True)
-class NumpyDynamics:
+class NumpyDynamics(EquationsOfMotion):
     """The functions of :class:`~hhtbench.lowering.jax_dynamics.JaxDynamics` on NumPy arrays."""
 
     system: NumpySystem

@@ -14,14 +14,15 @@ import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.dynamics import Dynamics, EquationsOfMotion
 from hhtbench.lowering.structure import Structure
 from hhtbench.protocol import declared
 
 
-class ReducedDynamics(eqx.Module):
+class ReducedDynamics(eqx.Module, EquationsOfMotion):
     """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only; the rest is passed through."""
 
-    inner: Any
+    inner: Dynamics
     position: tuple[int, ...] = eqx.field(static=True)  #: kept rows of g
     velocity: tuple[int, ...] = eqx.field(static=True)  #: kept rows of k
 
@@ -101,7 +102,7 @@ class ReducedDynamics(eqx.Module):
         return by_v, by_mu[:, np.array(self.velocity, dtype=int)]
 
 
-def reduce_redundant(dynamics: Any, redundant: tuple[int, ...]) -> ReducedDynamics | None:
+def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
     """``dynamics`` without the rows ``redundant`` of [g; k]; None where a declared reaction may need their multipliers."""
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
         return None
@@ -111,13 +112,13 @@ def reduce_redundant(dynamics: Any, redundant: tuple[int, ...]) -> ReducedDynami
     return ReducedDynamics(inner=dynamics, position=position, velocity=velocity)
 
 
-def unreduced(dynamics: Any) -> Any:
+def unreduced(dynamics: Dynamics) -> Dynamics:
     """The dynamics with all rows of the constraints."""
     kept = _reduction(dynamics)
     return dynamics if kept is None else kept.inner
 
 
-def padded(dynamics: Any, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
+def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
     """Multipliers (k, kept) with a zero for every redundant row: (k, m) and (k, p), the same reaction."""
     whole, kept = unreduced(dynamics), _reduction(dynamics)
     if kept is None:
@@ -138,8 +139,8 @@ def smallest(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
     return np.asarray(left[:, :rank] @ ((right[:rank] @ (rows.T @ multipliers)) / size[:rank]), dtype=np.float64)
 
 
-def _reduction(dynamics: Any) -> ReducedDynamics | None:
-    inner = dynamics
+def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
+    inner: Any = dynamics
     while not isinstance(inner, ReducedDynamics):
         if not hasattr(inner, "rho"):
             return None

@@ -9,6 +9,7 @@ from typing import Any
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.augmented import AugmentedDynamics
 from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.reduced import ReducedDynamics
 
@@ -30,7 +31,7 @@ class Route:
 _records = Cache(64)
 
 
-def route_of(dynamics: Any) -> str:
+def route_of(dynamics: Dynamics) -> str:
     """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
     inner = dynamics
     while isinstance(inner, AugmentedDynamics | ReducedDynamics):
@@ -53,7 +54,7 @@ def wanted_route(route: str | None) -> str:
     return wanted
 
 
-def too_large(dynamics: Any) -> str | None:
+def too_large(dynamics: Dynamics) -> str | None:
     """Why the native route would not pay for a system of this size, or None."""
     s = dynamics.structure
     unknowns = s.n + s.m + s.p
@@ -62,11 +63,11 @@ def too_large(dynamics: Any) -> str | None:
     return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code without loops would be long"
 
 
-def record(dynamics: Any, key: Any, route: Route) -> None:
+def record(dynamics: Dynamics, key: Any, route: Route) -> None:
     """Remember a choice."""
     _records.find(ById(dynamics), dict)[key] = route
 
 
-def routes(dynamics: Any) -> tuple[Route, ...]:
+def routes(dynamics: Dynamics) -> tuple[Route, ...]:
     """Of every function of ``dynamics`` that has been called so far: its route and why."""
     return tuple(_records.find(ById(dynamics), dict).values())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import Structure, compile_function, route_of
+from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from solvers.forms.layout import RECIPES, SOURCES, Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 
@@ -120,7 +120,7 @@ def refusal(name: str, structure: Structure) -> str | None:
     return None
 
 
-def make_form(name: str, dynamics: Any) -> Form:
+def make_form(name: str, dynamics: Dynamics) -> Form:
     """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use.
 
     Raises
@@ -155,7 +155,7 @@ def _check_name(name: str) -> None:
     raise ProblemError(f"there is no form {name!r}.{hint} Forms: {', '.join(FORMS)}.")
 
 
-def _undetermined(name: str, dynamics: Any) -> str | None:
+def _undetermined(name: str, dynamics: Dynamics) -> str | None:
     s = dynamics.structure
     if name != "ode" or s.constrained or s.mass != "constant" or dynamics.inverse_mass is not None:
         return None
@@ -171,7 +171,7 @@ def _mask(layout: Layout, names: tuple[str, ...]) -> NDArray[np.bool_]:
     return mask
 
 
-def _differential(layout: Layout, dynamics: Any) -> NDArray[np.bool_]:
+def _differential(layout: Layout, dynamics: Dynamics) -> NDArray[np.bool_]:
     """(size,) True where the derivative is in the equations: not for multipliers, nor for a velocity without mass."""
     mask = _mask(layout, tuple(name for name, source in SOURCES.items() if source.rate is not None)).copy()
     every = layout.name == "index1" and layout.structure.constrained  # (F5) and (F7) hold the v' that M lacks

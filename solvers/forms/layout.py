@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from hhtbench.lowering import Structure
+from hhtbench.lowering import Dynamics, Structure
 from solvers.forms.rows import ROWS, Blocks, Point
 
 
@@ -85,7 +85,7 @@ class Layout:
         absent |= set() if s.p else {"velocity_constraint", "velocity_constraint_rate"}
         return [name for name in RECIPES[self.name].rows if name not in absent]
 
-    def point(self, dynamics: Any, t: Any, y: Any, yp: Any) -> Point:
+    def point(self, dynamics: Dynamics, t: Any, y: Any, yp: Any) -> Point:
         """The quantities of the equations at ``y, yp`` (size,)."""
         quantities = {}
         for name, place in self.blocks.items():
@@ -97,13 +97,13 @@ class Layout:
         return Point(dynamics=dynamics, t=t, **quantities)
 
 
-def residual_function(dynamics: Any, layout: Layout, t: Any, y: Any, yp: Any) -> Any:
+def residual_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: Any) -> Any:
     """F(t, y, y') (size,) of a DAE form."""
     at = layout.point(dynamics, t, y, yp)
     return dynamics.xp.concatenate([ROWS[name].value(at) for name in layout.rows])
 
 
-def jacobian_function(dynamics: Any, layout: Layout, t: Any, y: Any, yp: Any, c: Any) -> Any:
+def jacobian_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: Any, c: Any) -> Any:
     """dF/dy + c dF/dy' (size, size) of a DAE form; ``c`` [1/s] comes from the integrator."""
     at = layout.point(dynamics, t, y, yp)
     rows = [_matrix_row(layout, ROWS[name].derivatives(at), c, dynamics.xp) for name in layout.rows]

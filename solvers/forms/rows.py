@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.differences import NESTED, derivative
 
 Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows, its size); None or absent: zero
@@ -19,7 +20,7 @@ Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows
 class Point:
     """All quantities of the equations at one time; None for those a form does not have."""
 
-    dynamics: Any
+    dynamics: Dynamics
     t: Any  #: [s]
     q: Any  #: (n,)
     v: Any  #: (n,)
@@ -62,14 +63,8 @@ def kinematics_derivatives(at: Point) -> Blocks:
 
 def force(at: Point) -> Any:
     """(F2) as M v' - F - Q - Qk, (n,) [N, N m]."""
-    dynamics, s = at.dynamics, at.dynamics.structure
-    inertia = at.vdot if s.mass == "identity" else dynamics.mass(at.t, at.q) @ at.vdot
-    balance = inertia - dynamics.force(at.t, at.q, at.v)
-    if s.m:
-        balance = balance - dynamics.reaction(at.t, at.q, at.lam)
-    if s.p:
-        balance = balance - dynamics.velocity_reaction(at.t, at.q, at.v, at.mu)
-    return balance
+    inertia = at.dynamics.mass_product(at.t, at.q, at.vdot)
+    return at.dynamics.residual(at.t, at.q, at.v, inertia, at.lam, at.mu)
 
 
 def force_derivatives(at: Point) -> Blocks:

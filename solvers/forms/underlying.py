@@ -6,18 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.kkt import kkt_terms
 from solvers.forms.rows import ROWS, Point
 
 
-def rhs_function(dynamics: Any, t: Any, y: Any) -> Any:
+def rhs_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
     """y' = [v; v'] (2n,) of ``y = [q; v]``.  Pure: a tracer of JAX passes through it."""
     n = dynamics.structure.n
     right, matrix = _acceleration_level(dynamics, t, y[:n], y[n:])
     return dynamics.xp.concatenate([y[n:], _solve(dynamics, matrix, right)[:n]])
 
 
-def rhs_jacobian_function(dynamics: Any, t: Any, y: Any) -> Any:
+def rhs_jacobian_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
     """Derivative of :func:`rhs_function` by y, (2n, 2n), from the differentiated system (F9)."""
     s, xp = dynamics.structure, dynamics.xp
     q, v = y[: s.n], y[s.n :]
@@ -33,7 +34,7 @@ def rhs_jacobian_function(dynamics: Any, t: Any, y: Any) -> Any:
     return xp.concatenate([xp.concatenate([zero, xp.eye(s.n)], axis=1), change], axis=0)
 
 
-def _acceleration_level(dynamics: Any, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+def _acceleration_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
     """Right side (N,) and matrix (N, N) of (F9); without constraints F (n,) and M, None for a constant one."""
     s = dynamics.structure
     if not s.constrained:
@@ -43,7 +44,7 @@ def _acceleration_level(dynamics: Any, t: Any, q: Any, v: Any) -> tuple[Any, Any
     return -packed[:size], packed[size:].reshape(size, size)
 
 
-def _solve(dynamics: Any, matrix: Any, right: Any) -> Any:
+def _solve(dynamics: Dynamics, matrix: Any, right: Any) -> Any:
     """The matrix of (F9) divided into ``right`` (N,) or (N, columns); not finite where it is singular.
 
     Rows and columns are not scaled first: with masses over fifteen decades that gained one digit and a half.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.matrix_free import SMALL, MatrixFree, matrix_free
 from hhtbench.lowering.patterns import Pattern
@@ -42,7 +42,7 @@ class Choice:
         return NewtonOptions(matrix_cost=MATRIX_COST[computed > MANY], max_iterations=25)
 
 
-def choose(dynamics: Any, layout: Layout, linsolver: str) -> Choice:
+def choose(dynamics: Dynamics, layout: Layout, linsolver: str) -> Choice:
     """The kind asked for, or with "auto" the cheapest.
 
     Raises

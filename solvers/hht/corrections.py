@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.inverse import inverse
 from solvers.hht.coefficients import Method
 from solvers.hht.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
@@ -25,18 +26,18 @@ def state_size(layout: Layout) -> int:
     return 5 * s.n + s.m + s.p
 
 
-def residual_and_end(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """:func:`~solvers.hht.discretise.step_residual` (size,), then :func:`state_after`."""
     residual = step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
     return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
 
 
-def residual_and_matrix(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """:func:`~solvers.hht.discretise.step_residual_and_matrix` from the state."""
     return step_residual_and_matrix(dynamics, layout, x, packed_known(dynamics, method, layout, given))
 
 
-def state_after(dynamics: Any, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, :func:`state_size`; with position constraints R0, R1 too."""
     known, unknown = layout.known(packed_known(dynamics, method, layout, given)), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
@@ -49,7 +50,9 @@ def state_after(dynamics: Any, method: Method, layout: Layout, x: Any, given: An
     return dynamics.xp.concatenate(parts)
 
 
-def fresh_correction(dynamics: Any, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any) -> Any:
+def fresh_correction(
+    dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any
+) -> Any:
     """A correction with the matrix at the iterate ``x`` (size,), and what is kept of that matrix, (H14).
 
     ``entries`` are the flat places of dq1/dx over dv1/dx (2n, size) that can differ from zero.
@@ -67,7 +70,14 @@ def fresh_correction(dynamics: Any, method: Method, layout: Layout, entries: tup
 
 
 def kept_correction_and_end(
-    dynamics: Any, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, kept: Any, given: Any
+    dynamics: Dynamics,
+    method: Method,
+    layout: Layout,
+    entries: tuple[int, ...],
+    x: Any,
+    inverted: Any,
+    kept: Any,
+    given: Any,
 ) -> Any:
     """A correction with what :func:`fresh_correction` left of a matrix, :func:`_sized`, then :func:`state_after`."""
     xp, size = dynamics.xp, layout.size
@@ -77,7 +87,7 @@ def kept_correction_and_end(
     return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])
 
 
-def _sized(dynamics: Any, layout: Layout, correction: Any, maps: Any) -> Any:
+def _sized(dynamics: Dynamics, layout: Layout, correction: Any, maps: Any) -> Any:
     """The correction (size,), and the largest changes of q1 and of v1 that it makes; NaN if there is one."""
     xp, n = dynamics.xp, layout.structure.n
     moved = xp.abs(maps @ correction)

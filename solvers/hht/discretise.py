@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from hhtbench.lowering import Dynamics
 from solvers.hht.layout import Layout
 
 
@@ -25,7 +26,7 @@ class Stages(NamedTuple):
     end_reaction: Any  #: (n,) R1, or None
 
 
-def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Mapping[str, Any]) -> Stages:
+def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known: Mapping[str, Any]) -> Stages:
     """q1 and v1 from accelerations and reactions, (H4) and (H5)."""
     h, s = known["h"], layout.structure
     q1 = known["q_known"] + known["q_a"] * unknown["a"]  # (H4)
@@ -53,7 +54,7 @@ def stages(dynamics: Any, layout: Layout, unknown: Mapping[str, Any], known: Map
     return Stages(q1, v1, end, start_reaction, end_reaction)
 
 
-def step_residual(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+def step_residual(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
     """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
 
     Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
@@ -64,14 +65,14 @@ def step_residual(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
     return dynamics.xp.concatenate(_rows(dynamics, layout, unknown, known, place))
 
 
-def _rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
+def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
     s, h, t1 = layout.structure, known["h"], known["t1"]
     force = dynamics.force(t1, place.q1, place.v1)
-    balance = _mass_times(dynamics, t1, place.q1, unknown["a"] + known["alpha"] * known["f0"])
+    balance = dynamics.mass_product(t1, place.q1, unknown["a"] + known["alpha"] * known["f0"])
     rows = [_accelerate(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
     if s.m and layout.end_unknown:
         reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
-        inertia = _mass_times(dynamics, known["t_stage"], place.end, unknown["R1"])
+        inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
         rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H8)
     if s.m:
         rows.append(dynamics.constraint(t1, place.q1) * (2.0 / (h * h)))  # (H7)
@@ -79,13 +80,13 @@ def _rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages
     if s.p:
         half = 0.5 * (known["v0"] + place.v1)
         reaction = dynamics.velocity_reaction(known["t_half"], known["q_half"], half, unknown["mu"])
-        inertia = _mass_times(dynamics, known["t_half"], known["q_half"], unknown["Rk"])
+        inertia = dynamics.mass_product(known["t_half"], known["q_half"], unknown["Rk"])
         rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H10)
         rows.append(dynamics.velocity_constraint(t1, place.q1, place.v1) / h)  # (H10)
     return rows
 
 
-def step_residual_and_matrix(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
     """Residual, exact Newton matrix and the derivatives of q1 and v1 by the unknowns, (H14).
 
     Returns
@@ -102,7 +103,7 @@ def step_residual_and_matrix(dynamics: Any, layout: Layout, x: Any, packed: Any)
     return xp.concatenate([residual, matrix.ravel(), q_x.ravel(), v_x.ravel()])
 
 
-def step_residual_and_ends(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+def step_residual_and_ends(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
     """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
     unknown, known = layout.split(x), layout.known(packed)
     place = stages(dynamics, layout, unknown, known)
@@ -115,14 +116,16 @@ def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
     return packed[:size], packed[size:].reshape(-1, size)
 
 
-def step_end(dynamics: Any, layout: Layout, x: Any, packed: Any) -> Any:
+def step_end(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
     """q1 and v1 of the converged unknowns, with position constraints also R0 and R1: one vector (2n,) or (4n,)."""
     place = stages(dynamics, layout, layout.split(x), layout.known(packed))
     parts = [place.q1, place.v1]
     return dynamics.xp.concatenate([*parts, place.start_reaction, place.end_reaction] if layout.structure.m else parts)
 
 
-def _matrix_rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any) -> list[Any]:
+def _matrix_rows(
+    dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
+) -> list[Any]:
     """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
     s, h, t1, alpha = layout.structure, known["h"], known["t1"], known["alpha"]
     direct = _Columns(dynamics, layout)
@@ -149,7 +152,7 @@ def _matrix_rows(dynamics: Any, layout: Layout, unknown: Any, known: Any, place:
     return rows
 
 
-def _end_reaction_row(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any) -> Any:
+def _end_reaction_row(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any) -> Any:
     t = known["t_stage"]
     reaction_q, reaction_lam = dynamics.reaction_jacobians(t, place.end, unknown["lam1"])
     by_q = -reaction_q
@@ -163,7 +166,7 @@ def _end_reaction_row(dynamics: Any, layout: Layout, unknown: Any, known: Any, p
 
 
 def _velocity_constraint_rows(
-    dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
+    dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
 ) -> list[Any]:
     t, q, half = known["t_half"], known["q_half"], 0.5 * (known["v0"] + place.v1)
     by_v, by_mu = dynamics.velocity_reaction_jacobians(t, q, half, unknown["mu"])
@@ -176,7 +179,7 @@ def _velocity_constraint_rows(
     return [reaction, (k_q @ q_x + k_v @ v_x) / known["h"]]
 
 
-def _end_derivatives(dynamics: Any, layout: Layout, unknown: Any, known: Any, place: Stages) -> tuple[Any, Any]:
+def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> tuple[Any, Any]:
     """dq1/dx and dv1/dx (n, size) of (H4), (H5)."""
     s, h = layout.structure, known["h"]
     eye = dynamics.xp.eye(s.n)
@@ -207,7 +210,7 @@ def _end_derivatives(dynamics: Any, layout: Layout, unknown: Any, known: Any, pl
 class _Columns:
     """Places blocks under the columns of their unknowns; absent blocks are zero."""
 
-    def __init__(self, dynamics: Any, layout: Layout) -> None:
+    def __init__(self, dynamics: Dynamics, layout: Layout) -> None:
         self.xp, self.layout = dynamics.xp, layout
 
     def add(self, row: Any, **blocks: Any) -> Any:
@@ -226,15 +229,15 @@ def _chain(by_q: Any, q_x: Any, by_v: Any, v_x: Any) -> Any:
     return by_q @ q_x if by_v is None else by_q @ q_x + by_v @ v_x
 
 
-def _start_reaction(dynamics: Any, lam: Any, known: Any) -> Any:
+def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
     return _inverse_mass_times(dynamics, known, "inverse_mass", dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
 
 
-def _explicit_end_reaction(dynamics: Any, layout: Layout, q: Any, lam: Any, known: Any) -> Any:
+def _explicit_end_reaction(dynamics: Dynamics, layout: Layout, q: Any, lam: Any, known: Any) -> Any:
     return _inverse_mass_times(dynamics, known, "inverse_mass_stage", dynamics.reaction(known["t_stage"], q, lam))  # (H8)
 
 
-def _inverse_mass_times(dynamics: Any, known: Any, name: str, x: Any) -> Any:
+def _inverse_mass_times(dynamics: Dynamics, known: Any, name: str, x: Any) -> Any:
     """M^-1 x with the inverse mass that is known for this place; a constant mass has only one, (H2)."""
     inverse = known.get(name)
     if inverse is None:
@@ -242,13 +245,6 @@ def _inverse_mass_times(dynamics: Any, known: Any, name: str, x: Any) -> Any:
     return x if inverse is None else inverse @ x
 
 
-def _accelerate(dynamics: Any, known: Any, x: Any) -> Any:
+def _accelerate(dynamics: Dynamics, known: Any, x: Any) -> Any:
     """Force rows to acceleration rows, (H13); None stays None."""
     return None if x is None else _inverse_mass_times(dynamics, known, "inverse_mass", x)
-
-
-def _mass_times(dynamics: Any, t: Any, q: Any, x: Any) -> Any:
-    """M(t, q) x; without a declared mass, x itself."""
-    if dynamics.structure.mass == "identity":
-        return x
-    return dynamics.mass(t, q) @ x

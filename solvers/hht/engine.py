@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, compile_function
 from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
@@ -33,7 +33,7 @@ def largest(x: Vector) -> float:
     return float(np.abs(x).max())
 
 
-def force_and_inverse_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """F (n,) and, where the mass varies, M^-1 (n*n,), packed into one vector."""
     force = dynamics.force(t, q, v)
     if dynamics.structure.mass != "variable":
@@ -47,7 +47,7 @@ def foretold(unknowns: Vector, earlier: Matrix) -> int:
     return int(np.argmin(errors))
 
 
-def layout_of(dynamics: Any, method: Method) -> Layout:
+def layout_of(dynamics: Dynamics, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
     moving = method.reaction in ("implicit", "midpoint")
     unknown = moving and (method.coefficients.b != 0.0 or dynamics.structure.mass == "variable")
@@ -59,7 +59,7 @@ class HostEngine:
 
     why = "host"  #: which engine this is, and why
 
-    def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, choice: Choice) -> None:
+    def __init__(self, dynamics: Dynamics, method: Method, work: Work, fallback: Any = None, *, choice: Choice) -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure = dynamics.structure
         self.layout = layout_of(dynamics, method)
@@ -75,7 +75,7 @@ class HostEngine:
         )  # () -> dynamics with every declared derivative derived afresh, or None
         self.distrusts = False  #: whether the declared derivatives were given up
 
-    def _functions(self, dynamics: Any) -> Functions:
+    def _functions(self, dynamics: Dynamics) -> Functions:
         count, points, choice = self.work.counted, self.points, self.choice
         full = compile_function(step_residual_and_matrix, dynamics, self.layout)
         entries = full if choice.coloured is None else choice.coloured.packed

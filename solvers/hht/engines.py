@@ -6,7 +6,7 @@ from typing import Any
 
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import NotNative, derive, route_of
+from hhtbench.lowering import Dynamics, NotNative, derive, route_of
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from solvers._start import Place, counted_dynamics, dynamics_for, independent, regular
 from solvers.hht.choose import choose
@@ -49,7 +49,7 @@ def make_engine(
     return made
 
 
-def _kernel(dynamics: Any, method: Method, linsolver: str, engine: str) -> Kernel:
+def _kernel(dynamics: Dynamics, method: Method, linsolver: str, engine: str) -> Kernel:
     if route_of(dynamics) == "numpy":
         raise NotNative("a NumpySystem is called in Python; write it as a System with jax.numpy")
     if linsolver not in ("auto", "band"):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hhtbench.lowering import Dynamics
 from solvers.hht.coefficients import Method
 from solvers.hht.layout import Layout
 
@@ -31,7 +32,7 @@ def pack(layout: Layout, xp: Any, scalars: Mapping[str, float], arrays: Mapping[
     return xp.concatenate([head, *[xp.ravel(xp.asarray(arrays[name])) for name in inputs(layout)]])
 
 
-def raw_errors(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any:
+def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
     """Imbalances that make the errors of q1 and of v1, unfiltered, and f + r at the end of the step: (3n,).
 
     Parameters
@@ -53,7 +54,7 @@ def raw_errors(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any
     return dynamics.xp.concatenate([_position(dynamics, method, known), raw_v, end])
 
 
-def _position(dynamics: Any, method: Method, known: Mapping[str, Any]) -> Any:
+def _position(dynamics: Dynamics, method: Method, known: Mapping[str, Any]) -> Any:
     """(H23), (n,)."""
     c = method.coefficients
     raw = (1 + 3 * c.alpha**2) / 12 * (known["a1"] - known["a0"])
@@ -65,7 +66,7 @@ def _position(dynamics: Any, method: Method, known: Mapping[str, Any]) -> Any:
     return raw
 
 
-def _reaction(dynamics: Any, method: Method, known: Mapping[str, Any]) -> Any:
+def _reaction(dynamics: Dynamics, method: Method, known: Mapping[str, Any]) -> Any:
     """r at the end of the step with multipliers of second order, (n,), (H24)."""
     s, force = dynamics.structure, 0.0
     if s.m:
@@ -89,7 +90,7 @@ def parabola(last: Any, h: Any, earliest: Any, start: Any, end: Any) -> Any:
     return back * earliest + (h - back - ahead) * start + ahead * end
 
 
-def levels(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+def levels(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g, g_t + g_q v, then k, (2 m + p,)."""
     rows = [dynamics.constraint(t, q), dynamics.constraint_velocity(t, q, v)] if dynamics.structure.m else []
     rows += [dynamics.velocity_constraint(t, q, v)] if dynamics.structure.p else []

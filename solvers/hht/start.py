@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, size_of
+from hhtbench.lowering import ConstraintLevels, Dynamics, size_of
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.lowering.kkt_sparse import solve_scaled_sparse
 from hhtbench.lowering.matrix_free import large
@@ -70,7 +70,7 @@ def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector
     )
 
 
-def project(dynamics: Any, levels: ConstraintLevels, place: Place, work: Work) -> tuple[Place, str] | Failure:
+def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Work) -> tuple[Place, str] | Failure:
     """The closest consistent start in the norm of the mass matrix, (H20), and what was moved how far.
 
     Raises
@@ -88,7 +88,7 @@ def project(dynamics: Any, levels: ConstraintLevels, place: Place, work: Work) -
     return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: the way there leads to {last}")
 
 
-def _projected(dynamics: Any, levels: ConstraintLevels, place: Place) -> tuple[Place, str] | Failure:
+def _projected(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tuple[Place, str] | Failure:
     q, far = _project_position(dynamics, levels, place)
     if far is not None:
         return far
@@ -109,7 +109,7 @@ def _projected(dynamics: Any, levels: ConstraintLevels, place: Place) -> tuple[P
     return moved, note
 
 
-def _project_position(dynamics: Any, levels: ConstraintLevels, place: Place) -> tuple[Vector, Failure | None]:
+def _project_position(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tuple[Vector, Failure | None]:
     q = place.q.copy()
     for _ in range(PROJECTION_STEPS):
         at = finite_levels(levels, place.t, q, place.v)
@@ -125,7 +125,7 @@ def _project_position(dynamics: Any, levels: ConstraintLevels, place: Place) -> 
     return q, None
 
 
-def _finite_mass(dynamics: Any, t: float, q: Vector) -> Any:
+def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:
     products = large(dynamics)
     if products is not None:
         return sp.diags_array(np.asarray(products.mass(t, q).values), format="csr")

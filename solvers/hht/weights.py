@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hhtbench.arguments import Vector
+from hhtbench.lowering import Dynamics
 from solvers._finite import inverse_mass_at
 from solvers.hht.coefficients import Method
 from solvers.hht.laws import rescaled, trapezoidal_start
@@ -41,7 +42,7 @@ def known_values(
     return weighted(method, layout, inverse_mass, step | place)
 
 
-def packed_known(dynamics: Any, method: Method, layout: Layout, given: Any) -> Any:
+def packed_known(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
     """:func:`known_values`, packed, from :func:`start_of`."""
     start = start_of(layout, given, dynamics.xp)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.flattening import Flat, flat_function, jitted
 from hhtbench.lowering.native import disk
 from hhtbench.lowering.native.code import Code, compiled, write
@@ -52,7 +53,7 @@ _memory, _last = Cache(4096), Cache(1)
 
 def native(
     function: Callable[..., Any],
-    dynamics: Any,
+    dynamics: Dynamics,
     *static: Any,
     shapes: Shapes,
     compact: bool = False,

@@ -13,7 +13,7 @@ from hhtbench import load_problem
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Row
-from hhtbench.lowering import ConstraintLevels, compile_function, derive
+from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, derive
 from hhtbench.protocol import Motion, Problem
 from hhtbench.result import Solution
 from solvers.hht.solver import HHT
@@ -65,7 +65,7 @@ def make_case(name: str, t_end: float, times: int) -> Case:
     return Case(name=name, problem=problem, t_end=t_end, times=times, exact=exact, force=force)
 
 
-def _force_and_mass(dynamics: Any, t: Any, q: Any, v: Any) -> Any:
+def _force_and_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([dynamics.force(t, q, v), dynamics.mass(t, q).ravel()])
 
 
