@@ -12,16 +12,14 @@ from hhtbench.lowering import (
     AccelerationLevel,
     Dynamics,
     Structure,
-    compile_function,
     derive,
-    mass_is_singular,
     route_of,
     routes,
+    singular_at,
     too_large,
 )
-from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.matrix_free import SMALL, large, matrix_free
-from hhtbench.protocol import DERIVATIVES, PHYSICS, NumpySystem, Problem, System, declared
+from hhtbench.protocol import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared
 
 WIDTHS = [None, 32, 52, 52]  # characters a column of the table
 SHOWN = 6  # entries of a parameter array that are shown; of a larger one its shape
@@ -86,13 +84,13 @@ def describe(what: Problem | System | NumpySystem) -> Description:
 
 def _declared(system: System | NumpySystem) -> list[Statement]:
     rows = []
-    for name in PHYSICS + DERIVATIVES:
+    for name in DECLARABLE:
         value = declared(system, name)
         if value is not None:
             rows.append(Statement("declared", name, _first_line(value) if callable(value) else _shown(value)))
     if isinstance(system, System):
         for field in fields(system):
-            if field.name not in PHYSICS + DERIVATIVES:
+            if field.name not in DECLARABLE:
                 doc = field.metadata.get("doc", "")
                 rows.append(Statement("declared", field.name, f"= {_shown(getattr(system, field.name))}", doc))
     return rows
@@ -140,7 +138,7 @@ def _of_problem(problem: Problem) -> list[Statement]:
     t, q, v = problem.t_span[0], problem.q0, problem.v0
     dynamics = derive(problem.system, t, q, v)
     s = dynamics.structure
-    singular = _mass_is_singular(dynamics, t, q)
+    singular = singular_at(dynamics, t, q)
     rows = [*_undeclared(problem.system), *_dependencies(dynamics, singular), *_derivatives(dynamics), _reaction(s)]
     size = f"n = {s.n} coordinates, m = {s.m} position constraints, p = {s.p} velocity constraints"
     rows.append(Statement("size", "n, m, p", size, "from q0 and what the constraints return"))
@@ -243,20 +241,6 @@ def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
         Statement("route", route, f"{ROUTE_TEXTS[route]}: {', '.join(functions)}", reason)
         for (route, reason), functions in taken.items()
     ]
-
-
-def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
-    """M (n*n,) at (t, q)."""
-    return dynamics.mass(t, q).ravel()
-
-
-def _mass_is_singular(dynamics: Dynamics, t: float, q: Any) -> bool:
-    if dynamics.structure.mass == "identity":
-        return False
-    if isinstance(dynamics.constant_mass, Diagonal):
-        return dynamics.inverse_mass is None
-    mass = np.asarray(compile_function(mass_at, dynamics)(t, q)).reshape(q.size, q.size)
-    return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
 
 
 def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:

@@ -51,26 +51,43 @@ if TYPE_CHECKING:
     from hhtbench.request import Request
     from hhtbench.result import Solution
 
-PHYSICS = (
-    "force",
-    "mass_matrix",
-    "constraint",
-    "velocity_constraint",
-    "reaction",
-    "velocity_reaction",
-    "energy",
-    "power",
-    "invariants",
-)
-DERIVATIVES = (
-    "force_jacobians",  # (t,q,v) -> (F_q (n,n), F_v (n,n)); None for one that is zero
-    "constraint_jacobian",  # (t,q) -> (m,n)
-    "constraint_time_derivative",  # (t,q) -> (m,)
-    "constraint_acceleration",  # (t,q,v) -> (m,): g_tt + 2 g_tq v + g_qq(v,v), so that g'' = g_q vdot + this
-    "velocity_constraint_jacobian",  # (t,q,v) -> (p,n): k_v
-    "reaction_jacobians",  # (t,q,lam) -> (Q_q (n,n), Q_lam (n,m))
-    "sparsity",  # mapping: name of a pattern, see PATTERNS -> booleans (rows, n)
-)
+
+class Signature(NamedTuple):
+    """What a function that a system may declare takes and returns."""
+
+    arguments: tuple[str, ...]  #: symbols of the table above
+    results: tuple[str, ...]  #: sizes of the array by letter, "mn" is (m, n); two: a pair; none: a dict of scalars
+
+    def shapes(self, n: int, m: int, p: int) -> tuple[tuple[int, ...], ...]:
+        """Of the results."""
+        return tuple(tuple({"n": n, "m": m, "p": p}[letter] for letter in letters) for letters in self.results)
+
+
+def _signature(arguments: str, *results: str) -> Signature:
+    return Signature(tuple(arguments.split()), results)
+
+
+PHYSICS = {
+    "force": _signature("t q v", "n"),
+    "mass_matrix": _signature("t q", "nn"),
+    "constraint": _signature("t q", "m"),
+    "velocity_constraint": _signature("t q v", "p"),
+    "reaction": _signature("t q lam", "n"),
+    "velocity_reaction": _signature("t q v mu", "n"),
+    "energy": _signature("t q v", ""),
+    "power": _signature("t q v lam mu", ""),
+    "invariants": _signature("t q v"),
+}
+DERIVATIVES = {
+    "force_jacobians": _signature("t q v", "nn", "nn"),  # F_q, F_v; None for one that is zero
+    "constraint_jacobian": _signature("t q", "mn"),
+    "constraint_time_derivative": _signature("t q", "m"),
+    "constraint_acceleration": _signature("t q v", "m"),  # g_tt + 2 g_tq v + g_qq(v,v): g'' = g_q vdot + this
+    "velocity_constraint_jacobian": _signature("t q v", "pn"),  # k_v
+    "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
+}
+SIGNATURES = PHYSICS | DERIVATIVES
+DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
     "velocity-level",
@@ -86,15 +103,15 @@ TAGS = (  # kinds of problems, for choosing among them
     "damped",
     "large",
 )
-PATTERNS = (  # what ``sparsity`` may hold: patterns of derivatives of F, g, k, Q and M x
-    "force_q",
-    "force_v",
-    "constraint_jacobian",
-    "velocity_constraint_jacobian",
-    "velocity_constraint_q",
-    "reaction_q",
-    "mass_product_jacobian",
-)
+PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of derivatives of F, g, k, Q and M x
+    "force_q": "nn",
+    "force_v": "nn",
+    "constraint_jacobian": "mn",
+    "velocity_constraint_jacobian": "pn",
+    "velocity_constraint_q": "pn",
+    "reaction_q": "nn",
+    "mass_product_jacobian": "nn",
+}
 
 
 def parameter(default: Any = ..., *, doc: str = "") -> Any:
@@ -159,15 +176,15 @@ def _has_default(entry: Any) -> bool:
 class NumpySystem:
     """The same physics as plain callables on NumPy arrays (a wrapped external code, say).
 
-    Takes the names of :class:`System` and of ``DERIVATIVES`` as keywords.  Derivatives that are missing come
+    Takes the names in ``DECLARABLE`` as keywords.  Derivatives that are missing come
     from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
     the difference scheme (about 1e-9), not to roundoff.  Arguments are read-only copies.
     """
 
     def __init__(self, *, force: Callable[..., Any], **declared: Any) -> None:
-        unknown = sorted(set(declared) - set(PHYSICS) - set(DERIVATIVES))
+        unknown = sorted(set(declared) - set(DECLARABLE))
         if unknown:
-            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(PHYSICS + DERIVATIVES)}.")
+            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.")
         patterns = declared.get("sparsity") or {}
         if not isinstance(patterns, Mapping):
             raise TypeError(f"sparsity must map names ({', '.join(PATTERNS)}) to patterns; got {type(patterns).__name__}.")

@@ -152,7 +152,7 @@ def recover_multipliers(
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
-        if found.singular or found.residual > 0:
+        if not found.converged:
             undetermined_at.append(float(t))
         else:
             guesses = found.lam, found.mu

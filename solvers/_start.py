@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,13 +21,12 @@ from hhtbench.lowering import (
     Structure,
     asymmetry,
     augment,
-    compile_function,
     constraint_rank,
     derive,
-    mass_is_singular,
     padded,
     reduce_redundant,
     route_of,
+    singular_at,
     smallest,
     unreduced,
 )
@@ -118,34 +116,17 @@ def independent(dynamics: Dynamics, place: Place) -> Dynamics:
 
 def regular(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or augmented where its mass is singular at ``place``."""
-    if dynamics.structure.mass == "identity" or not dynamics.structure.constrained:
-        return dynamics
-    if not _mass_is_singular(dynamics, place):
+    if not dynamics.structure.constrained or not singular_at(dynamics, place.t, place.q):
         return dynamics
     return augment(dynamics, *as_arguments(dynamics, place.t, place.q))
 
 
 def undetermined(dynamics: Dynamics, place: Place) -> Failure | None:
     """Without constraints a singular mass leaves accelerations undetermined."""
-    if dynamics.structure.constrained or dynamics.structure.mass == "identity" or not _mass_is_singular(dynamics, place):
+    if dynamics.structure.constrained or not singular_at(dynamics, place.t, place.q):
         return None
     message = "the mass matrix is singular at the start and no constraint determines the accelerations"
     return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
-
-
-def _mass_is_singular(dynamics: Dynamics, place: Place) -> bool:
-    if dynamics.structure.mass == "constant" and isinstance(dynamics.constant_mass, Diagonal):
-        return dynamics.inverse_mass is None
-    if dynamics.structure.mass == "constant":
-        mass = np.asarray(dynamics.constant_mass)
-    else:
-        mass = compile_function(mass_at, dynamics)(place.t, place.q)
-    return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
-
-
-def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
-    """M (n, n)."""
-    return dynamics.mass(t, q)
 
 
 def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:
@@ -243,7 +224,7 @@ def start_acceleration(
         return Failure(Status.singular_iteration_matrix, message)
     if not np.all(np.isfinite(found.vdot)):
         explain_nonfinite(dynamics, t, q, v)
-    if found.residual > 0:
+    if not found.converged:
         message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
         return Failure(Status.newton_failed, message)
     return found

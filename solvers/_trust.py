@@ -15,18 +15,12 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, derive, route_of
 from hhtbench.lowering.differences import derivative_along
-from hhtbench.protocol import NumpySystem, System, declared
+from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
 MISSED = 1e-4  # relative difference along a direction from which an entry is missing in a pattern
-EQUATIONS = {  # declared derivatives that enter the equations, with the arguments after t
-    "constraint_jacobian": "q",
-    "constraint_time_derivative": "q",
-    "constraint_acceleration": "qv",
-    "velocity_constraint_jacobian": "qv",
-    "reaction_jacobians": "ql",  # the second one: the multipliers are solved for with it
-}
+EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
 
 
 def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
@@ -54,12 +48,13 @@ def _points(t: float, q: Vector, v: Vector) -> Iterator[tuple[float, Vector, Vec
 
 
 def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v: Vector, defined: bool) -> bool:
-    values = {"q": q, "v": v, "l": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
-    arguments = as_arguments(dynamics, t, *(values[letter] for letter in EQUATIONS[name]))
+    values = {"t": t, "q": q, "v": v, "lam": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
+    symbols = SIGNATURES[name].arguments
+    arguments = as_arguments(dynamics, *(values[symbol] for symbol in symbols))
     try:
         given, wanted = getattr(dynamics, name)(*arguments), getattr(derived, name)(*arguments)
     except (NonFiniteValue, ArithmeticError, ValueError) as error:
-        if (defined and EQUATIONS[name] == "q") or not _always(type(error), dynamics, derived, name, arguments):
+        if (defined and symbols == ("t", "q")) or not _always(type(error), dynamics, derived, name, arguments):
             raise
         return True  # at a made-up point the system need not be defined
     pairs = zip(given, wanted, strict=True) if isinstance(given, tuple) else [(given, wanted)]

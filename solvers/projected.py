@@ -15,7 +15,7 @@ import numpy as np
 from scipy import integrate, linalg
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import Dynamics, compile_function
+from hhtbench.lowering import compile_function, mass_at
 from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._run import Halt, Run
@@ -58,7 +58,7 @@ class Projection:
 
     def __init__(self, run: Run) -> None:
         self.run, self.scales = run, run.problem.scales
-        self._mass = compile_function(mass_function, run.dynamics)
+        self._mass = compile_function(mass_at, run.dynamics)
 
     def of_step(self, step: Callable[[float], Vector], t: float) -> Vector:
         """The nearest consistent state to what ``step`` leads to at ``t``."""
@@ -93,11 +93,6 @@ def _smallest(mass: Matrix, rows: Matrix, violation: Vector) -> Vector:
     scaled = matrix * np.outer(size, size)
     solution, *_ = linalg.lstsq(scaled, right * size, cond=1e-12, check_finite=False)
     return np.asarray((solution * size)[:n])
-
-
-def mass_function(dynamics: Dynamics, t: Any, q: Any) -> Any:
-    """M (n, n)."""
-    return dynamics.mass(t, q)
 
 
 def solver(**options: Any) -> ProjectedSolver:

@@ -132,7 +132,7 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
     found = []
     for i, place in enumerate([*motion, *_made_up(dynamics, sizes, states)]):
         at = level.solve(*place, problem.lam_guess, problem.mu_guess)
-        if at.singular or at.residual > 0:  # there are no accelerations: the rows on the KKT matrix say so
+        if not at.converged:  # there are no accelerations: the rows on the KKT matrix say so
             continue
         rates = np.asarray(terms(*place, at.vdot, at.lam, at.mu))
         if i < len(motion) or np.isfinite(rates).all():  # a made-up state may lie where something is not defined

@@ -91,7 +91,7 @@ def _accelerations(
     if found.singular:
         residual, matrix = level.terms(t, q, v, x)
         x = x - _least_squares(matrix, residual)
-        found = Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], found.residual, singular=True)
+        found = Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged=False, singular=True)
     residual, matrix = level.terms(t, q, v, x)
     at_rest, _ = level.terms(t, q, v, np.zeros_like(x))
     size = np.abs(matrix) @ np.abs(x) + np.abs(at_rest)

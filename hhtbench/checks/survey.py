@@ -12,50 +12,8 @@ import numpy as np
 from hhtbench.arguments import real_values
 from hhtbench.checks.rows import attempt, not_measured, yes_or_fault
 from hhtbench.evidence import Row
-from hhtbench.protocol import DERIVATIVES, PHYSICS, Problem, System, declared
+from hhtbench.protocol import DECLARABLE, DERIVATIVES, PATTERNS, PHYSICS, SIGNATURES, Problem, System, declared
 
-ARGUMENTS = {
-    "force": "t q v",
-    "mass_matrix": "t q",
-    "constraint": "t q",
-    "velocity_constraint": "t q v",
-    "reaction": "t q lam",
-    "velocity_reaction": "t q v mu",
-    "energy": "t q v",
-    "power": "t q v lam mu",
-    "invariants": "t q v",
-    "force_jacobians": "t q v",
-    "constraint_jacobian": "t q",
-    "constraint_time_derivative": "t q",
-    "constraint_acceleration": "t q v",
-    "velocity_constraint_jacobian": "t q v",
-    "reaction_jacobians": "t q lam",
-}
-RESULTS = {  # sizes by letter; two entries: a pair of matrices, each may be None
-    "force": ("n",),
-    "mass_matrix": ("nn",),
-    "constraint": ("m",),
-    "velocity_constraint": ("p",),
-    "reaction": ("n",),
-    "velocity_reaction": ("n",),
-    "energy": ("",),
-    "power": ("",),
-    "force_jacobians": ("nn", "nn"),
-    "constraint_jacobian": ("mn",),
-    "constraint_time_derivative": ("m",),
-    "constraint_acceleration": ("m",),
-    "velocity_constraint_jacobian": ("pn",),
-    "reaction_jacobians": ("nn", "nm"),
-}
-PATTERNS = {
-    "mass_product_jacobian": "nn",
-    "force_q": "nn",
-    "force_v": "nn",
-    "constraint_jacobian": "mn",
-    "velocity_constraint_jacobian": "pn",
-    "velocity_constraint_q": "pn",
-    "reaction_q": "nn",
-}
 MEASURED = ("energy", "power", "invariants")  # no solver uses them
 MEANING = {"m": "constraints", "p": "velocity constraints"}
 
@@ -89,7 +47,7 @@ def survey(problem: Problem) -> Survey:
             result = attempt(lambda name=name: _call(problem, name, sizes))  # type: ignore[misc]
             shape: tuple[int, ...] = () if result.fault else np.shape(result.value)
             sizes[letter] = shape[0] if len(shape) == 1 else None
-    for name in PHYSICS + DERIVATIVES:
+    for name in DECLARABLE:
         if name == "force" or declared(system, name) is not None:
             rows[name] = _row(problem, name, sizes)
             if not rows[name].passed:
@@ -102,7 +60,7 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
     if name == "sparsity":
         fault = _pattern_fault(declared(problem.system, "sparsity"), sizes)
         return yes_or_fault(row_id, "sparsity gives boolean patterns by name", fault, "fits", bound)
-    claim = f"{name}({', '.join(ARGUMENTS[name].split())}) returns {bound}"
+    claim = f"{name}({', '.join(SIGNATURES[name].arguments)}) returns {bound}"
     missing = [MEANING[x] for x, size in sizes.items() if size is None and x in _letters(name)]
     if missing:
         return not_measured(row_id, claim, bound, f"the number of {missing[0]} is not known, their function is faulty")
@@ -119,7 +77,7 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
 def _letters(name: str) -> str:
     """The sizes that a function's arguments and result need; constraint and velocity_constraint set m and p themselves."""
     own = {"constraint": "m", "velocity_constraint": "p"}.get(name, "")
-    needed = "".join(RESULTS.get(name, ())) + {"lam": "m", "mu": "p"}.get(ARGUMENTS[name].split()[-1], "")
+    needed = "".join(SIGNATURES[name].results) + {"lam": "m", "mu": "p"}.get(SIGNATURES[name].arguments[-1], "")
     return needed.replace(own, "") if own else needed
 
 
@@ -128,7 +86,10 @@ def _bound(name: str, sizes: dict[str, int | None]) -> str:
         return "a dict of real scalars"
     if name == "sparsity":
         return "known names, fitting shapes"
-    texts = [str(tuple(x if sizes[x] is None else sizes[x] for x in letters)).replace("'", "") for letters in RESULTS[name]]
+    texts = [
+        str(tuple(x if sizes[x] is None else sizes[x] for x in letters)).replace("'", "")
+        for letters in SIGNATURES[name].results
+    ]
     return texts[0] if len(texts) == 1 else f"a pair of {texts[0]} and {texts[1]}"
 
 
@@ -138,7 +99,7 @@ def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]
     for letter, key, guess in (("m", "lam", problem.lam_guess), ("p", "mu", problem.mu_guess)):
         size = sizes[letter] or 0
         values[key] = guess if guess is not None and guess.size == size else np.zeros(size)
-    names = ARGUMENTS[name].split()[1:]
+    names = SIGNATURES[name].arguments[1:]
     if isinstance(problem.system, System):
         return (jnp.asarray(problem.t_span[0]), *(jnp.asarray(values[key]) for key in names))
     copies = [np.array(values[key]) for key in names]
@@ -159,7 +120,7 @@ def _fault(name: str, result: Any, sizes: dict[str, int | None]) -> str:
         if not isinstance(result, dict):
             return f"got {type(result).__name__}"
         return next((f"{key}: {fault}" for key, value in result.items() if (fault := _array_fault(value, ()))), "")
-    shapes = [tuple(sizes[x] for x in letters) for letters in RESULTS[name]]
+    shapes = [tuple(sizes[x] for x in letters) for letters in SIGNATURES[name].results]
     if len(shapes) == 1:
         free = name in ("constraint", "velocity_constraint")  # their length is theirs to choose
         return _array_fault(result, None if free else shapes[0])

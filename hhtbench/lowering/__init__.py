@@ -9,8 +9,9 @@ from hhtbench.lowering.augmented import augment
 from hhtbench.lowering.compiling import compile_function
 from hhtbench.lowering.derive import derive
 from hhtbench.lowering.dynamics import Dynamics
-from hhtbench.lowering.kkt import SYMMETRIC, AccelerationLevel, ConstraintRank, asymmetry, constraint_rank, mass_is_singular
+from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank
 from hhtbench.lowering.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
+from hhtbench.lowering.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
 from hhtbench.lowering.native import Native, NotNative, native
 from hhtbench.lowering.reduced import padded, reduce_redundant, smallest, unreduced
 from hhtbench.lowering.routes import Route, route_of, routes, too_large
@@ -34,12 +35,14 @@ __all__ = [
     "compile_function",
     "constraint_rank",
     "derive",
+    "mass_at",
     "mass_is_singular",
     "native",
     "padded",
     "reduce_redundant",
     "route_of",
     "routes",
+    "singular_at",
     "size_of",
     "smallest",
     "too_large",

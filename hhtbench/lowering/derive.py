@@ -12,12 +12,12 @@ from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.control_flow import TRACED_AS_VALUE, explain_control_flow
-from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.jax_dynamics import JaxDynamics
+from hhtbench.lowering.mass import inverse_of
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.shapes import abstract_result, expect_shape, mass_as_matrix, wrong_shape
+from hhtbench.lowering.shapes import abstract_result, expect_pair, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.structure import Structure, used_arguments
-from hhtbench.protocol import NumpySystem, System, declared
+from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 
 def derive(
@@ -98,7 +98,7 @@ def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -
     )
     with preparing("evaluating mass_matrix"):
         constant = _constant_mass(system, time, q) if mass == "constant" else None
-        inverse = _inverse(constant, jnp)
+        inverse = inverse_of(constant, jnp)
     return JaxDynamics(system, structure, ignored, constant, inverse)
 
 
@@ -110,7 +110,7 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
     linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
     structure = Structure(n=n, m=m, p=p, mass=mass, linear_reaction=linear)
     constant = mass_as_matrix(system.mass_matrix, n, np) if mass == "constant" else None  # type: ignore[attr-defined]
-    return NumpyDynamics(system, structure, ignored, constant, _inverse(constant, np))
+    return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
 
 
 def _mass_kind(system: System | NumpySystem) -> str:
@@ -125,17 +125,6 @@ def _constant_mass(system: System, t: Any, q: Any) -> Any:
     mass = system.mass_matrix  # type: ignore[attr-defined]
     mass = mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
     return jax.tree.map(lambda values: jnp.asarray(values, dtype=float), mass)
-
-
-def _inverse(mass: Any, xp: Any) -> Any:
-    """The inverse of a constant mass, or None where it is singular (solvers then augment it)."""
-    if mass is None or isinstance(mass, Diagonal):
-        return None if mass is None else mass.inverse()
-    values = np.asarray(mass)
-    scale = np.sqrt(np.abs(np.diag(values)))
-    if np.any(scale == 0) or np.linalg.cond(values / np.outer(scale, scale)) > 1e14:  # no digit is right
-        return None
-    return xp.asarray(np.linalg.inv(values))
 
 
 def _rows_jax(system: System, name: str, *arguments: Any) -> int:
@@ -161,31 +150,19 @@ def _rows_numpy(system: NumpySystem, name: str, t: float, *arguments: Any) -> in
 
 
 def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: int, ignored: tuple[str, ...]) -> None:
-    n = q.size
-    lam, mu = jnp.zeros(m), jnp.zeros(p)
-    expected = {
-        "reaction": ((n,), (t, q, lam)),
-        "velocity_reaction": ((n,), (t, q, v, mu)),
-        "constraint_jacobian": ((m, n), (t, q)),
-        "constraint_time_derivative": ((m,), (t, q)),
-        "constraint_acceleration": ((m,), (t, q, v)),
-        "velocity_constraint_jacobian": ((p, n), (t, q, v)),
-    }
-    for name, (shape, arguments) in expected.items():
-        if _declares(system, name) and name not in ignored:
-            expect_shape(system, name, shape, *arguments)
-    pairs = {"force_jacobians": (((n, n), (n, n)), (t, q, v)), "reaction_jacobians": (((n, n), (n, m)), (t, q, lam))}
-    for name, (shapes, arguments) in pairs.items():
-        if _declares(system, name) and name not in ignored:
-            _expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
-
-
-def _expect_pair(name: str, pair: Any, shapes: Any) -> None:
-    if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-        raise TypeError(f"{name} must return two matrices of shapes {shapes}; got {type(pair).__name__}.")
-    for value, shape in zip(pair, shapes, strict=True):
-        if value is not None and value.shape != shape:
-            raise wrong_shape(name, shape, value.shape)
+    at = {"t": t, "q": q, "v": v, "lam": jnp.zeros(m), "mu": jnp.zeros(p)}
+    for name in ("reaction", "velocity_reaction", *DERIVATIVES):
+        if not _declares(system, name) or name in ignored:
+            continue
+        arguments = [at[symbol] for symbol in SIGNATURES[name].arguments]
+        shapes = SIGNATURES[name].shapes(q.size, m, p)
+        if len(shapes) == 1:
+            expect_shape(system, name, shapes[0], *arguments)
+            continue
+        pair = expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
+        for value, shape in zip(pair, shapes, strict=True):
+            if value is not None and value.shape != shape:
+                raise wrong_shape(name, shape, value.shape)
 
 
 def _declares(system: System | NumpySystem, name: str) -> bool:

@@ -24,8 +24,6 @@ MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor gue
 CONVERGED = 1e-13  # last increment relative to the unknowns
 STAGNATION = 1e-9  # increments that no longer shrink below this are roundoff
 RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
-SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
-SINGULAR_MASS = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Acceleration:
     vdot: Vector  #: (n,) [m/s^2, rad/s^2]
     lam: Vector  #: (m,) [N, N m]
     mu: Vector  #: (p,) [N, N m]
-    residual: float  #: largest relative imbalance left; above 1e-6 the level is contradictory or not converged
+    converged: bool  #: False: the matrix is singular, or no multipliers of a nonlinear reaction were found from the guess
     singular: bool  #: the KKT matrix is singular here
 
 
@@ -101,17 +99,17 @@ class AccelerationLevel:
             residual, matrix = self.terms(t, q, v, x)
             increment = (_solve_scaled if self._sparse is None else solve_scaled_sparse)(matrix, residual)
             if increment is None:
-                return self._result(x, np.inf, singular=True)
+                return self._result(x, converged=False, singular=True)
             x = x - increment
             size = float(np.max(np.abs(increment) / np.maximum(_block_sizes(x, s), np.finfo(float).tiny), initial=0.0))
             if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
-                return self._result(x, 0.0, singular=False)
+                return self._result(x, converged=True)
             last = size
-        return self._result(x, last, singular=False)
+        return self._result(x, converged=False)
 
-    def _result(self, x: Vector, residual: float, *, singular: bool) -> Acceleration:
+    def _result(self, x: Vector, *, converged: bool, singular: bool = False) -> Acceleration:
         s = self.structure
-        return Acceleration(x[: s.n].copy(), x[s.n : s.n + s.m].copy(), x[s.n + s.m :].copy(), residual, singular)
+        return Acceleration(x[: s.n].copy(), x[s.n : s.n + s.m].copy(), x[s.n + s.m :].copy(), converged, singular)
 
 
 def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
@@ -127,28 +125,6 @@ def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.sum(diagonal > RANK_TOLERANCE * np.sqrt(stacked.shape[0])))
     return ConstraintRank(stacked.shape[0], rank, tuple(sorted(int(i) for i in pivots[rank:])))
-
-
-def asymmetry(mass: Matrix) -> tuple[float, str]:
-    """How far the mass matrix (n, n) is from symmetric, and the worst pair of entries in words, "" within roundoff.
-
-    Measured by the root of the product of the two diagonal entries, which no entry of a positive definite matrix exceeds.
-    """
-    diagonal = np.sqrt(np.abs(np.diag(mass)))
-    size = np.outer(diagonal, diagonal)
-    apart = np.abs(mass - mass.T) / np.where(size > 0, size, np.max(np.abs(mass), initial=0.0) or 1.0)
-    i, j = sorted(np.unravel_index(np.argmax(apart), apart.shape))
-    if not apart[i, j] > SYMMETRIC:
-        return float(apart[i, j]), ""
-    return float(apart[i, j]), f"M[{i}, {j}] = {mass[i, j]:.6g} and M[{j}, {i}] = {mass[j, i]:.6g}"
-
-
-def mass_is_singular(mass: Matrix) -> bool:
-    """Whether the mass matrix (n, n) is singular to working precision, its diagonal scaled to one."""
-    scale = np.sqrt(np.abs(np.diag(mass)))
-    if np.any(scale == 0):
-        return True
-    return bool(np.linalg.cond(mass / np.outer(scale, scale)) > SINGULAR_MASS)
 
 
 def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from hhtbench.counting import check_clock
 from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.differences import NESTED, derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.dynamics import EquationsOfMotion
-from hhtbench.lowering.shapes import checked_result
+from hhtbench.lowering.shapes import checked_result, expect_pair
 from hhtbench.lowering.structure import Structure
-from hhtbench.protocol import NumpySystem, declared
+from hhtbench.protocol import SIGNATURES, NumpySystem, declared
 
 
 @dataclass(frozen=True)
@@ -39,25 +40,24 @@ class NumpyDynamics(EquationsOfMotion):
     def _given(self, name: str) -> Any:
         return None if name in self.ignored else declared(self.system, name)
 
-    def _call(self, name: str, shape: tuple[int, ...], t: Any, *arguments: Any) -> Any:
-        return checked_result(name, self._raw(name, t, *arguments), shape, float(t))
+    @cached_property
+    def _shapes(self) -> dict[str, tuple[tuple[int, ...], ...]]:
+        s = self.structure
+        return {name: signature.shapes(s.n, s.m, s.p) for name, signature in SIGNATURES.items()}
 
-    def _raw(self, name: str, t: Any, *arguments: Any) -> Any:
+    def _call(self, name: str, t: Any, *arguments: Any) -> Any:
+        """The checked result of the callback ``name``, an array or a pair."""
         self.on_call(name)
         copies = [np.array(argument, dtype=np.float64) for argument in arguments]
         for copy in copies:
             copy.setflags(write=False)
-        return getattr(self.system, name)(float(t), *copies)
-
-    def _call_pair(self, name: str, shapes: tuple[tuple[int, ...], ...], t: Any, *arguments: Any) -> tuple[Any, Any]:
-        pair = self._raw(name, t, *arguments)
-        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise TypeError(f"{name} must return two matrices of shapes {shapes}; got {type(pair).__name__}.")
-        first, second = (
-            None if value is None else checked_result(f"{name}[{i}]", value, shape, float(t))
-            for i, (value, shape) in enumerate(zip(pair, shapes, strict=True))
+        value, shapes = getattr(self.system, name)(float(t), *copies), self._shapes[name]
+        if len(shapes) == 1:
+            return checked_result(name, value, shapes[0], float(t))
+        return tuple(
+            None if part is None else checked_result(f"{name}[{i}]", part, shape, float(t))
+            for i, (part, shape) in enumerate(zip(expect_pair(name, value, shapes), shapes, strict=True))
         )
-        return first, second
 
     def _difference(self, name: str, function: Callable[[Any], Any], x: Any, order: int = 4) -> Any:
         pattern = (declared(self.system, "sparsity") or {}).get(name)
@@ -69,13 +69,13 @@ class NumpyDynamics(EquationsOfMotion):
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """F (n,)."""
-        return self._call("force", (self.structure.n,), t, q, v)
+        return self._call("force", t, q, v)
 
     def mass(self, t: Any, q: Any) -> Any:
         """M (n, n)."""
         n = self.structure.n
         if self.structure.mass == "variable":
-            return self._call("mass_matrix", (n, n), t, q)
+            return self._call("mass_matrix", t, q)
         return np.eye(n) if self.constant_mass is None else full(self.constant_mass, np)
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
@@ -84,26 +84,25 @@ class NumpyDynamics(EquationsOfMotion):
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
         """(F_q, F_v), each (n, n), None for one that is zero; first-order differences serve Newton's matrix."""
-        n = self.structure.n
         if self._given("force_jacobians") is not None:
-            return self._call_pair("force_jacobians", ((n, n), (n, n)), t, q, v)
+            return self._call("force_jacobians", t, q, v)
         by_q = self._difference("force_q", lambda x: self.force(t, x, v), q, order=1)
         return by_q, self._difference("force_v", lambda x: self.force(t, q, x), v, order=1)
 
     def constraint(self, t: Any, q: Any) -> Any:
         """The position constraints g (m,)."""
-        return self._call("constraint", (self.structure.m,), t, q)
+        return self._call("constraint", t, q)
 
     def constraint_jacobian(self, t: Any, q: Any) -> Any:
         """g_q (m, n)."""
         if self._given("constraint_jacobian") is not None:
-            return self._call("constraint_jacobian", (self.structure.m, self.structure.n), t, q)
+            return self._call("constraint_jacobian", t, q)
         return self._difference("constraint_jacobian", lambda x: self.constraint(t, x), q)
 
     def constraint_time_derivative(self, t: Any, q: Any) -> Any:
         """g_t (m,)."""
         if self._given("constraint_time_derivative") is not None:
-            return self._call("constraint_time_derivative", (self.structure.m,), t, q)
+            return self._call("constraint_time_derivative", t, q)
         return derivative_along(lambda e: self.constraint(t + e, q), float(t), q, 0.0 * q)
 
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
@@ -119,19 +118,19 @@ class NumpyDynamics(EquationsOfMotion):
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """(m,): g_tt + 2 g_tq v + g_qq(v, v), so that g'' = g_q vdot + this."""
         if self._given("constraint_acceleration") is not None:
-            return self._call("constraint_acceleration", (self.structure.m,), t, q, v)
+            return self._call("constraint_acceleration", t, q, v)
         if self._given("constraint_jacobian") is None:
             return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
         return derivative_along(lambda e: self.constraint_velocity(t + e, q + e * v, v), float(t), q, v)
 
     def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
         """The velocity constraints k (p,)."""
-        return self._call("velocity_constraint", (self.structure.p,), t, q, v)
+        return self._call("velocity_constraint", t, q, v)
 
     def velocity_constraint_jacobian(self, t: Any, q: Any, v: Any) -> Any:
         """k_v (p, n)."""
         if self._given("velocity_constraint_jacobian") is not None:
-            return self._call("velocity_constraint_jacobian", (self.structure.p, self.structure.n), t, q, v)
+            return self._call("velocity_constraint_jacobian", t, q, v)
         return self._difference("velocity_constraint_jacobian", lambda x: self.velocity_constraint(t, q, x), v)
 
     def velocity_constraint_position_jacobian(self, t: Any, q: Any, v: Any) -> Any:
@@ -145,14 +144,13 @@ class NumpyDynamics(EquationsOfMotion):
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         """Q (n,) of the position constraints, -g_q^T lam unless declared."""
         if declared(self.system, "reaction") is not None:
-            return self._call("reaction", (self.structure.n,), t, q, lam)
+            return self._call("reaction", t, q, lam)
         return -(lam @ self.constraint_jacobian(t, q))
 
     def reaction_jacobians(self, t: Any, q: Any, lam: Any) -> tuple[Any, Any]:
         """(Q_q (n, n), Q_lam (n, m))."""
-        n, m = self.structure.n, self.structure.m
         if self._given("reaction_jacobians") is not None:
-            return self._call_pair("reaction_jacobians", ((n, n), (n, m)), t, q, lam)
+            return self._call("reaction_jacobians", t, q, lam)
         order = self._order("reaction", "constraint_jacobian")
         by_q = self._difference("reaction_q", lambda x: self.reaction(t, x, lam), q, order)
         if declared(self.system, "reaction") is None:
@@ -162,7 +160,7 @@ class NumpyDynamics(EquationsOfMotion):
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
         """Q (n,) of the velocity constraints, -k_v^T mu unless declared."""
         if declared(self.system, "velocity_reaction") is not None:
-            return self._call("velocity_reaction", (self.structure.n,), t, q, v, mu)
+            return self._call("velocity_reaction", t, q, v, mu)
         return -(mu @ self.velocity_constraint_jacobian(t, q, v))
 
     def velocity_reaction_jacobians(self, t: Any, q: Any, v: Any, mu: Any) -> tuple[Any, Any]:

@@ -59,6 +59,13 @@ def expect_shape(system: System, function: str, expected: tuple[int, ...], *argu
         raise wrong_shape(function, expected, given)
 
 
+def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
+    """``value``, raising unless it is a pair."""
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
+    return value
+
+
 def checked_result(function: str, value: Any, expected: tuple[int, ...] | None, t: float) -> np.ndarray:
     """A private float64 copy of a callback's result, refused when its type, shape or values are wrong.
 

@@ -55,7 +55,10 @@ def layout_of(dynamics: Dynamics, method: Method) -> Layout:
 
 
 class HostEngine:
-    """Steps of one method for one system.  Stateless between calls: state in, step or failure out."""
+    """Steps of one method for one system: state in, step or failure out.
+
+    Between calls it keeps only that declared derivatives were given up, for good, and counts what it evaluates.
+    """
 
     why = "host"  #: which engine this is, and why
 
@@ -170,7 +173,7 @@ class HostEngine:
         """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
         trusted = self._fallback()
         self.functions, self._fallback, self.distrusts = self._functions(trusted), None, True
-        return ", ".join(name for name in DERIVATIVES if name != "sparsity" and declared(trusted.system, name) is not None)
+        return ", ".join(name for name in DERIVATIVES if declared(trusted.system, name) is not None)
 
     def _packed(self, state: State, h: float, t1: float) -> Vector:
         return self.layout.pack(known_values(self.method, self.layout, self.inverse_mass, state, h, t1))
@@ -181,7 +184,7 @@ class HostEngine:
             return state
         found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
         self.work.add("residual_evaluations", self.points)
-        return state if found.singular or found.residual > 0 else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
+        return state if not found.converged else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) have their multipliers from the acceleration level in ``lam`` and ``mu`` already: here none."""
@@ -260,7 +263,7 @@ class HostEngine:
         found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
         self.work.add("residual_evaluations", self.points)
         q1, v1 = state.q + h * state.v, state.v + h * found.vdot
-        if found.singular or found.residual > 0 or not self._levels_kept(state, t1, q1, v1):
+        if not found.converged or not self._levels_kept(state, t1, q1, v1):
             return Outcome(None, None, "diverged")
         f1, inverse = self.force(t1, q1, v1)
         new = replace(state, t=t1, q=q1, v=v1, f=f1, a=f1, h=h, vdot=found.vdot, inverse_mass=inverse, earlier=None)

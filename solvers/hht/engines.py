@@ -61,7 +61,7 @@ def _kernel(dynamics: Dynamics, method: Method, linsolver: str, engine: str) -> 
 
 
 def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:
-    names = tuple(name for name in DERIVATIVES if name != "sparsity" and declared(system, name) is not None)
+    names = tuple(name for name in DERIVATIVES if declared(system, name) is not None)
     if not names:
         return None
     return lambda: counted_dynamics(

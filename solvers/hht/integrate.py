@@ -165,7 +165,7 @@ def recover_multipliers(engine: HostEngine, guess: tuple[Matrix, Matrix], times:
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
-        if found.singular or found.residual > 0:
+        if not found.converged:
             undetermined.append(float(t))
         else:
             lam[i], mu[i] = found.lam, found.mu

@@ -46,7 +46,7 @@ def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector
         found = solved
     f0, inverse = engine.force(t, q, v)
     nothing = np.zeros(0)
-    start = Acceleration(f0, nothing, nothing, 0.0, False) if found is None else found
+    start = Acceleration(f0, nothing, nothing, converged=True, singular=False) if found is None else found
     a0 = f0
     if engine.method.start == "shifted":
         shift = engine.method.coefficients.alpha * h

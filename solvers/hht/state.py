@@ -36,7 +36,7 @@ class State:
     vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
     unknowns: Vector | None  #: (size,) of the last step
-    earlier: Matrix | None  #: (k, size) of up to three before it of the same length, newest first
+    earlier: Matrix | None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
     factor: Factor | None  #: kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
