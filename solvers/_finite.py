@@ -33,7 +33,7 @@ def expect_finite(function: str, value: Any, t: float) -> None:
         raise NonFiniteValue(function, where, float(array[where]), t)
 
 
-def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
+def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
     """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
 
     Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.

@@ -14,6 +14,7 @@ from hhtbench.checks.reference import Reference, References, State, part_rows, p
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
+from hhtbench.lowering.dynamics import evaluate
 from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6
@@ -46,73 +47,60 @@ class Derivative:
     text: str  #: in symbols
     part: str
     by: str  #: argument; "motion": along (1, v)
-    value: Callable[[Any, Any, Any], Any]  #: (dynamics, arguments, x) -> array
+    member: str  #: function of Dynamics that gives it
+    entry: int | None = None  #: of the pair that this returns
     rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
     first_order: bool = True  #: on the NumPy route it comes from first-order differences
 
 
-def _or_zero(d: Any, matrix: Any) -> Any:
-    return d.xp.zeros((d.structure.n, d.structure.n)) if matrix is None else matrix
-
-
 DERIVED: dict[str, Derivative] = {
-    "force_q": Derivative(
-        "force_jacobians", "F_q", "force", "q", lambda d, a, x: _or_zero(d, d.force_jacobians(a["t"], a["q"], a["v"])[0])
-    ),
-    "force_v": Derivative(
-        "force_jacobians", "F_v", "force", "v", lambda d, a, x: _or_zero(d, d.force_jacobians(a["t"], a["q"], a["v"])[1])
-    ),
-    "mass_product_q": Derivative(
-        "", "(M x)_q", "mass_product", "q", lambda d, a, x: d.mass_product_jacobian(a["t"], a["q"], x)
-    ),
+    "force_q": Derivative("force_jacobians", "F_q", "force", "q", "force_jacobians", 0),
+    "force_v": Derivative("force_jacobians", "F_v", "force", "v", "force_jacobians", 1),
+    "mass_product_q": Derivative("", "(M x)_q", "mass_product", "q", "mass_product_jacobian"),
     "constraint_q": Derivative(
-        "constraint_jacobian", "g_q", "constraint", "q",
-        lambda d, a, x: d.constraint_jacobian(a["t"], a["q"]), first_order=False,
+        "constraint_jacobian", "g_q", "constraint", "q", "constraint_jacobian", first_order=False
     ),
     "constraint_t": Derivative(
-        "constraint_time_derivative", "g_t", "constraint", "t",
-        lambda d, a, x: d.constraint_time_derivative(a["t"], a["q"]) if d.structure.rheonomic else d.xp.zeros(d.structure.m),
-        first_order=False,
+        "constraint_time_derivative", "g_t", "constraint", "t", "constraint_time_derivative", first_order=False
     ),
     "constraint_velocity_q": Derivative(
-        "", "(g_t + g_q v)_q", "constraint_velocity", "q",
-        lambda d, a, x: d.constraint_velocity_jacobian(a["t"], a["q"], a["v"]), ("constraint_q", "constraint_t"),
+        "", "(g_t + g_q v)_q", "constraint_velocity", "q", "constraint_velocity_jacobian",
+        rests_on=("constraint_q", "constraint_t"),
     ),
     "constraint_acceleration": Derivative(
         "constraint_acceleration", "g_tt + 2 g_tq v + g_qq(v, v)", "constraint_velocity", "motion",
-        lambda d, a, x: d.constraint_acceleration(a["t"], a["q"], a["v"]),
-        ("constraint_q", "constraint_t"), first_order=False,
+        "constraint_acceleration", rests_on=("constraint_q", "constraint_t"), first_order=False,
     ),
     "velocity_constraint_v": Derivative(
-        "velocity_constraint_jacobian", "k_v", "velocity_constraint", "v",
-        lambda d, a, x: d.velocity_constraint_jacobian(a["t"], a["q"], a["v"]), first_order=False,
+        "velocity_constraint_jacobian", "k_v", "velocity_constraint", "v", "velocity_constraint_jacobian", first_order=False
     ),
-    "velocity_constraint_q": Derivative(
-        "", "k_q", "velocity_constraint", "q",
-        lambda d, a, x: d.velocity_constraint_position_jacobian(a["t"], a["q"], a["v"]),
-    ),
+    "velocity_constraint_q": Derivative("", "k_q", "velocity_constraint", "q", "velocity_constraint_position_jacobian"),
     "velocity_constraint_acceleration": Derivative(
-        "", "k_t + k_q v", "velocity_constraint", "motion",
-        lambda d, a, x: d.velocity_constraint_acceleration(a["t"], a["q"], a["v"]), first_order=False,
+        "", "k_t + k_q v", "velocity_constraint", "motion", "velocity_constraint_acceleration", first_order=False
     ),
     "reaction_q": Derivative(
-        "reaction_jacobians", "Q_q", "reaction", "q",
-        lambda d, a, x: d.reaction_jacobians(a["t"], a["q"], a["lam"])[0], ("constraint_q",),
+        "reaction_jacobians", "Q_q", "reaction", "q", "reaction_jacobians", 0, rests_on=("constraint_q",)
     ),
     "reaction_lam": Derivative(
-        "reaction_jacobians", "Q_lam", "reaction", "lam",
-        lambda d, a, x: d.reaction_jacobians(a["t"], a["q"], a["lam"])[1], ("constraint_q",),
+        "reaction_jacobians", "Q_lam", "reaction", "lam", "reaction_jacobians", 1, rests_on=("constraint_q",)
     ),
     "velocity_reaction_v": Derivative(
-        "", "Q_v", "velocity_reaction", "v",
-        lambda d, a, x: _or_zero(d, d.velocity_reaction_jacobians(a["t"], a["q"], a["v"], a["mu"])[0]),
-        ("velocity_constraint_v",),
+        "", "Q_v", "velocity_reaction", "v", "velocity_reaction_jacobians", 0, rests_on=("velocity_constraint_v",)
     ),
     "velocity_reaction_mu": Derivative(
-        "", "Q_mu", "velocity_reaction", "mu",
-        lambda d, a, x: d.velocity_reaction_jacobians(a["t"], a["q"], a["v"], a["mu"])[1], ("velocity_constraint_v",),
+        "", "Q_mu", "velocity_reaction", "mu", "velocity_reaction_jacobians", 1, rests_on=("velocity_constraint_v",)
     ),
 }  # fmt: skip
+
+
+def _value(d: Dynamics, derivative: Derivative, at: dict[str, Any]) -> Any:
+    """One derivative at the place ``at``; zero where the solvers do not compute it because it is."""
+    s = d.structure
+    if derivative.member == "constraint_time_derivative" and not s.rheonomic:
+        return d.xp.zeros(s.m)
+    value = evaluate(d, derivative.member, at)
+    value = value if derivative.entry is None else value[derivative.entry]
+    return d.xp.zeros((s.n, s.n)) if value is None else value
 
 
 @dataclass(frozen=True)
@@ -131,10 +119,10 @@ def names_of(s: Structure) -> tuple[str, ...]:
     return tuple(name for name, derivative in DERIVED.items() if derivative.part in parts)
 
 
-def packed_derivatives(d: Any, names: tuple[str, ...], z: Any, x: Any) -> Any:
+def packed_derivatives(d: Dynamics, names: tuple[str, ...], z: Any, x: Any) -> Any:
     """The derivatives ``names`` at z, ravelled, one after another in one vector."""
-    arguments = split(d.structure, z)
-    return d.xp.concatenate([d.xp.asarray(DERIVED[name].value(d, arguments, x), dtype=float).ravel() for name in names])
+    at = split(d.structure, z) | {"x": x}
+    return d.xp.concatenate([d.xp.asarray(_value(d, DERIVED[name], at), dtype=float).ravel() for name in names])
 
 
 def _shape(s: Structure, name: str) -> tuple[int, int]:

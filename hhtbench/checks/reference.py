@@ -19,8 +19,9 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.rows import attempt
-from hhtbench.lowering import Structure, compile_function, route_of
+from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.differences import EPS, derivative_along
+from hhtbench.lowering.dynamics import evaluate
 from hhtbench.protocol import declared
 
 DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried
@@ -58,36 +59,20 @@ def split(s: Structure, z: Any) -> dict[str, Any]:
     return {name: z[0] if name == "t" else z[where] for name, where in blocks(s).items()}
 
 
-def _force(d: Any, a: Any, x: Any) -> Any:
-    return d.force(a["t"], a["q"], a["v"])
-
-
-def _mass_product(d: Any, a: Any, x: Any) -> Any:
-    return d.mass(a["t"], a["q"]) @ x
-
-
-def _constraint(d: Any, a: Any, x: Any) -> Any:
-    return d.constraint(a["t"], a["q"])
-
-
-def _constraint_velocity(d: Any, a: Any, x: Any) -> Any:
+def _constraint_velocity(d: Dynamics, a: Any) -> Any:
     """g_t + g_q v along the motion, from g alone."""
     if d.xp is jnp:
         return jax.jvp(d.constraint, (a["t"], a["q"]), (jnp.ones_like(a["t"]), a["v"]))[1]
     return derivative_along(lambda e: d.constraint(a["t"] + e, a["q"] + e * a["v"]), a["t"], a["q"], a["v"])
 
 
-def _velocity_constraint(d: Any, a: Any, x: Any) -> Any:
-    return d.velocity_constraint(a["t"], a["q"], a["v"])
-
-
-def _reaction(d: Any, a: Any, x: Any) -> Any:
+def _reaction(d: Dynamics, a: Any) -> Any:
     if d.xp is not jnp or declared(d.system, "reaction") is not None:
         return d.reaction(a["t"], a["q"], a["lam"])
     return -_transposed_product(lambda q: d.constraint(a["t"], q), a["q"], a["lam"])
 
 
-def _velocity_reaction(d: Any, a: Any, x: Any) -> Any:
+def _velocity_reaction(d: Dynamics, a: Any) -> Any:
     if d.xp is not jnp or declared(d.system, "velocity_reaction") is not None:
         return d.velocity_reaction(a["t"], a["q"], a["v"], a["mu"])
     return -_transposed_product(lambda v: d.velocity_constraint(a["t"], a["q"], v), a["v"], a["mu"])
@@ -98,15 +83,10 @@ def _transposed_product(function: Callable[[Any], Any], x: Any, weights: Any) ->
     return jax.vjp(lambda y: function(y).astype(x.dtype), x)[1](weights)[0]
 
 
-PARTS: dict[str, Callable[[Any, Any, Any], Any]] = {
-    "force": _force,
-    "mass_product": _mass_product,
-    "constraint": _constraint,
-    "constraint_velocity": _constraint_velocity,
-    "velocity_constraint": _velocity_constraint,
-    "reaction": _reaction,
-    "velocity_reaction": _velocity_reaction,
-}
+PARTS: dict[str, Callable[[Dynamics, Any], Any]] = {
+    name: lambda d, at, name=name: evaluate(d, name, at)
+    for name in ("force", "mass_product", "constraint", "velocity_constraint")
+} | {"constraint_velocity": _constraint_velocity, "reaction": _reaction, "velocity_reaction": _velocity_reaction}
 
 
 def parts_of(s: Structure) -> tuple[str, ...]:
@@ -121,16 +101,16 @@ def part_rows(s: Structure, name: str) -> int:
     return {"constraint": s.m, "constraint_velocity": s.m, "velocity_constraint": s.p}.get(name, s.n)
 
 
-def packed_parts(d: Any, names: tuple[str, ...], z: Any, x: Any) -> Any:
+def packed_parts(d: Dynamics, names: tuple[str, ...], z: Any, x: Any) -> Any:
     """The parts ``names`` at z, one after another in one vector."""
-    arguments = split(d.structure, z)
-    return d.xp.concatenate([PARTS[name](d, arguments, x) for name in names])
+    at = split(d.structure, z) | {"x": x}
+    return d.xp.concatenate([PARTS[name](d, at) for name in names])
 
 
 class References:
     """Evaluates :class:`Reference` for a system whose declared derivatives are all ignored."""
 
-    def __init__(self, plain: Any, scales: Vector) -> None:
+    def __init__(self, plain: Dynamics, scales: Vector) -> None:
         self.structure: Structure = plain.structure
         self.names = parts_of(self.structure)
         self.scales = scales  #: (size of z,) typical size of each argument
