@@ -12,12 +12,13 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import integrate, linalg
+from scipy import integrate
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.lowering import compile_function, mass_at
 from hhtbench.result import Status
 from solvers._adapter import choose
+from solvers._projection import closest
 from solvers._run import Halt, Run
 from solvers.scipy_ivp import SciPySolver, _step
 
@@ -75,24 +76,12 @@ class Projection:
             at = self.run.levels.at(t, q, v)
             if not at.position.size or np.max(at.scaled_position(self.scales.q)) <= ROUNDOFF:
                 break
-            q = q - _smallest(mass, at.position_jacobian, at.position)
+            q = q + closest(mass, at.position_jacobian, np.zeros(q.size), at.position)
         else:
             at = self.run.levels.at(t, q, v)
             if np.max(at.scaled_position(self.scales.q)) > 1e3 * ROUNDOFF:
                 raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
-        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        return np.concatenate([q, v - _smallest(mass, rows, at.velocity_drift)])
-
-
-def _smallest(mass: Matrix, rows: Matrix, violation: Vector) -> Vector:
-    """The change x with rows x = violation that is smallest in the metric of ``mass``; rows may depend on one another."""
-    n, m = mass.shape[0], rows.shape[0]
-    matrix = np.block([[mass, rows.T], [rows, np.zeros((m, m))]])
-    right = np.concatenate([np.zeros(n), violation])
-    size = 1 / np.sqrt(np.maximum(np.max(np.abs(matrix), axis=1), np.finfo(float).tiny))
-    scaled = matrix * np.outer(size, size)
-    solution, *_ = linalg.lstsq(scaled, right * size, cond=1e-12, check_finite=False)
-    return np.asarray((solution * size)[:n])
+        return np.concatenate([q, v + closest(mass, at.rows, np.zeros(v.size), at.velocity_drift)])
 
 
 def solver(**options: Any) -> ProjectedSolver:

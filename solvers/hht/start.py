@@ -12,9 +12,9 @@ from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, size_of
 from hhtbench.lowering.kkt import Acceleration
-from hhtbench.lowering.kkt_sparse import solve_scaled_sparse
 from hhtbench.lowering.matrix_free import large
 from hhtbench.result import Status
+from solvers._projection import closest
 from solvers._start import (
     Failure,
     Place,
@@ -97,7 +97,7 @@ def _projected(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tu
         at = finite_levels(levels, place.t, q, v)
         rows = at.rows
         mass = _finite_mass(dynamics, place.t, q)
-        change = _closest(mass, rows, mass @ (v - place.v), at.velocity_drift)
+        change = closest(mass, rows, mass @ (v - place.v), at.velocity_drift)
         v = v + change
         if np.max(np.abs(change)) <= 1e-15 * max(1.0, float(np.max(np.abs(v)))):
             break
@@ -114,7 +114,7 @@ def _project_position(dynamics: Dynamics, levels: ConstraintLevels, place: Place
     for _ in range(PROJECTION_STEPS):
         at = finite_levels(levels, place.t, q, place.v)
         mass = _finite_mass(dynamics, place.t, q)
-        change = _closest(mass, at.position_jacobian, mass @ (q - place.q), at.position)
+        change = closest(mass, at.position_jacobian, mass @ (q - place.q), at.position)
         q = q + change
         if np.max(np.abs(change), initial=0.0) <= 1e-15 * max(1.0, float(np.max(np.abs(q)))):
             break
@@ -132,14 +132,3 @@ def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:
     mass = np.asarray(dynamics.mass(*as_arguments(dynamics, t, q)))
     expect_finite("mass_matrix", mass, t)
     return mass
-
-
-def _closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
-    """One Newton step of: least mass-weighted change subject to ``value = 0``; rows may be dependent, sparse ones not."""
-    if isinstance(rows, sp.csr_array):
-        blocks: Any = [[mass, rows.transpose()], [rows, None]]
-        solved = solve_scaled_sparse(sp.block_array(blocks, format="csr"), np.concatenate([pull, value]))
-        return np.full(pull.size, np.nan) if solved is None else -solved[: pull.size]
-    n, m = mass.shape[0], rows.shape[0]
-    matrix = np.block([[mass, rows.T], [rows, np.zeros((m, m))]])
-    return np.linalg.lstsq(matrix, -np.concatenate([pull, value]), rcond=1e-13)[0][:n]
