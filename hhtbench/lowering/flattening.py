@@ -12,8 +12,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.jax_internals import compiled_variants
 from hhtbench.lowering.dynamics import Dynamics
+from hhtbench.lowering.jax_internals import compiled_variants
 
 _jitted = Cache(4096)
 _flattened = Cache(64)
