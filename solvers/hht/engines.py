@@ -7,6 +7,7 @@ from typing import Any
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, NotNative, derive, route_of
+from hhtbench.lowering.foreign import foreign
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from solvers._start import Place, counted_dynamics, dynamics_for, independent, regular
 from solvers.hht.choose import choose
@@ -50,14 +51,12 @@ def make_engine(
 
 
 def _kernel(dynamics: Dynamics, method: Method, linsolver: str, engine: str) -> Kernel:
-    if route_of(dynamics) == "numpy":
-        raise NotNative("a NumpySystem is called in Python; write it as a System with jax.numpy")
     if linsolver not in ("auto", "band"):
         raise NotNative(f'linsolver="{linsolver}" is the host engine\'s')
     layout = layout_of(dynamics, method)
     if engine == "auto" and layout.size > LARGEST:
         raise NotNative(f"a step has {layout.size} unknowns, more than {LARGEST}")
-    return kernel_for(dynamics, method, layout)
+    return kernel_for(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout)
 
 
 def _fallback(system: System | NumpySystem, place: Place, work: Work) -> Any:

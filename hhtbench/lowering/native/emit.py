@@ -48,7 +48,7 @@ def needs(graph: Graph, node: int) -> tuple[int, ...]:
     operation, operands = graph.operation[node], graph.operands[node]
     if operation in ("constant", "parameter", "argument"):
         return ()
-    return {"entry": operands[:1], "solve": operands[2:]}.get(operation, operands)
+    return {"entry": operands[:1], "solve": operands[2:], "foreign": operands[2:]}.get(operation, operands)
 
 
 def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
@@ -112,6 +112,8 @@ class _Writer:
             self.load(node, f"%x{operands[0]}", operands[1])
         elif operation == "solve":
             self.solve(node, operands[0], operands[1], operands[2:])
+        elif operation == "foreign":
+            self.foreign(node, operands[0], operands[1], operands[2:])
         else:
             self.operations += 1
             self.lines.append(f"  %v{node} = {self.expression(operation, [self.name(x) for x in operands])}")
@@ -168,15 +170,38 @@ class _Writer:
         self.declarations.add(f"declare double @{function}({', '.join(['double'] * len(x))}){attributes}")
         return f"call double @{function}({', '.join(f'double {value}' for value in x)})"
 
+    def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
+        """Arguments to the stack, then the call by the address in ``%p``; NaN is left where it does not write its result."""
+        self.operations += len(entries) + 2 * size
+        self.room(f"%m{node}", len(entries))
+        self.room(f"%x{node}", size)
+        for place, entry in enumerate(entries):
+            self.put(f"%s{node}.{place}", f"%m{node}", place, entry)
+        self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
+        self.lines += [
+            f"  call void @llvm.memset.p0.i64(ptr %x{node}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
+            f"  %c{node}.at = getelementptr ptr, ptr %p, i64 {parameter}",
+            f"  %c{node} = load ptr, ptr %c{node}.at, align 8",
+            f"  call void %c{node}(ptr %m{node}, ptr %x{node})",
+        ]
+
+    def room(self, name: str, size: int) -> None:
+        """Numbers on the stack."""
+        self.scratch.append(f"  {name} = alloca [{size} x double], align 64")
+
+    def put(self, pointer: str, base: str, place: int, node: int) -> None:
+        """One number to memory."""
+        self.lines.append(f"  {pointer} = getelementptr double, ptr {base}, i64 {place}")
+        self.lines.append(f"  store double {self.name(node)}, ptr {pointer}, align 8")
+
     def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
         """Matrix and right-hand sides to the stack, then the helper, which leaves the solution in place of the latter."""
         self.operations += n * n + n * k
         self.helpers[f"{n} {k}"] = helper(n, k)
         self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr, ptr)")
-        self.scratch.append(f"  %m{node} = alloca [{n * n} x double], align 64")
-        self.scratch.append(f"  %x{node} = alloca [{n * k} x double], align 64")
+        self.room(f"%m{node}", n * n)
+        self.room(f"%x{node}", n * k)
         for place, entry in enumerate(entries):
             base, offset = ("%m", place) if place < n * n else ("%x", place - n * n)
-            self.lines.append(f"  %s{node}.{place} = getelementptr double, ptr {base}{node}, i64 {offset}")
-            self.lines.append(f"  store double {self.name(entry)}, ptr %s{node}.{place}, align 8")
+            self.put(f"%s{node}.{place}", f"{base}{node}", offset, entry)
         self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %m{node}, ptr %x{node})")

@@ -1,4 +1,4 @@
-"""Rules of linear algebra: solves with a general matrix are one call of emitted code, triangular ones are unrolled."""
+"""Rules of linear algebra and of callbacks: a solve with a general matrix is one call of emitted code."""
 
 from __future__ import annotations
 
@@ -77,6 +77,16 @@ def _blocks(matrix: Ids) -> list[np.ndarray]:
     """Sets of unknowns that do not meet: a solve with many right-hand sides is one block each."""
     _, label = connected_components(matrix != ZERO, directed=False)
     return [np.flatnonzero(label == i) for i in range(label.max() + 1)] if label.size else []
+
+
+@rule("hhtbench_foreign")
+def _foreign(walk: Walk, equation: Any, address: Value, *inputs: Value) -> list[Value]:
+    (parameter,) = numbers(walk.graph, address).ravel().tolist()
+    entries = [entry for value in inputs for entry in numbers(walk.graph, value).ravel().tolist()]
+    size = int(np.prod(equation.params["shape"]))
+    call = walk.graph.node("foreign", walk.graph.operands[parameter][0], size, *entries)
+    ids = np.array([walk.graph.node("entry", call, i) for i in range(size)], dtype=np.int64)
+    return [Nodes(ids.reshape(equation.params["shape"]), "number")]
 
 
 @rule("triangular_solve")

@@ -53,7 +53,7 @@ def _kept(reading: Reading, last: int) -> list[int]:
 def _is_worth_keeping(graph: Graph, node: int) -> bool:
     """A number that costs an operation: truth values have no place in an array of numbers."""
     operation = graph.operation[node]
-    return operation not in (*LEAVES, *LOGIC, "select_truth", "solve") and operation not in COMPARISONS
+    return operation not in (*LEAVES, *LOGIC, "select_truth", "solve", "foreign") and operation not in COMPARISONS
 
 
 def _with_arguments(graph: Graph, kept: list[int], argument: int) -> Graph:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering.foreign import Callbacks
 from solvers.hht.choose import Choice
 from solvers.hht.coefficients import Method
 from solvers.hht.control import Advance, ControlOptions, ErrorControlled, Planned
@@ -57,6 +60,7 @@ class NativeEngine(HostEngine):
     def __init__(self, dynamics: Any, method: Method, work: Work, fallback: Any = None, *, kernel: Kernel) -> None:
         self.kernel = kernel
         self._memory: Memory | None = None
+        self._callbacks: Callbacks | None = getattr(kernel.dynamics, "callbacks", None)
         super().__init__(dynamics, method, work, fallback, choice=Choice(kernel.analysis, None, None))
         self._most = FIRST if work.clock.limit is None else FEW
 
@@ -99,6 +103,7 @@ class NativeEngine(HostEngine):
         self, state: State, advance: Advance, stop: float, rows: Matrix, watched: Watched, *, watching: bool = True
     ) -> tuple[State, int]:
         """The state after as many steps as fit into ``rows``, or fewer; none by a rule that the loops do not know."""
+        self._raise_cause()
         count, lengths, ends, control = len(rows), np.zeros(1), np.zeros(1), PRESCRIBED
         planned = advance if isinstance(advance, Planned) else None
         if planned is not None:
@@ -115,13 +120,16 @@ class NativeEngine(HostEngine):
             tolerances = advance.estimator.tolerances  # type: ignore[attr-defined]
             floats(z, RTOL)[:], floats(z, ATOL)[:] = tolerances.rtol, tolerances.atol
         z.i[CODE : CODE + 2 * len(FUNCTIONS)] = self.kernel.code(controlled=control.controlled)
-        made = march(z, control._replace(watching=watching), lengths, ends, rows[:count], tally, tally.copy())
+        with self._callbacks or nullcontext():
+            made = march(z, control._replace(watching=watching), lengths, ends, rows[:count], tally, tally.copy())
         if not made:
+            self._raise_cause()
             return state, 0
         if planned is not None:
             planned.made(made)
         for name, amount in zip(COUNTS, tally.tolist(), strict=True):
-            self.work.add(name, amount)
+            if self.points or name != "residual_evaluations":  # callbacks count themselves
+                self.work.add(name, amount)
         watched.values = floats(z, EVENT_VALUES).copy()
         return self.kernel.store(z, state), made
 
@@ -134,12 +142,23 @@ class NativeEngine(HostEngine):
             z.i[RESCALE_A], z.i[TRAPEZOIDAL] = self.method.rescale_a, self.method.start == "trapezoidal"
             z.i[MAX_ITERATIONS], z.i[MAX_DAMPED], z.i[MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
         z, limit = self._memory, self.work.max_evaluations
-        z.i[EVALUATIONS] = UNLIMITED if limit is None else limit - self.work.tally["residual_evaluations"]
+        z.i[EVALUATIONS] = UNLIMITED if limit is None or not self.points else limit - self.work.tally["residual_evaluations"]
         self.kernel.load(z, state)
         floats(z, EVENT_VALUES)[:] = watched.values
         for name, values in watched.sections().items():
             integers(z, INTEGERS.index(name))[:] = values
         return z
+
+    def _raise_cause(self) -> None:
+        """Raise again what a function in Python has raised in the loops, whose steps before it stand.
+
+        A value that is not finite is not raised: the host engine makes the step again and tells.
+        """
+        cause = None if self._callbacks is None else self._callbacks.take_cause()
+        if isinstance(cause, NonFiniteValue):
+            self.work.add("nonfinite_evaluations")
+        elif cause is not None:
+            raise cause
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
@@ -152,13 +171,15 @@ class NativeEngine(HostEngine):
         at = tuple(int(array.ctypes.data) for array in (place, x, terms))
         code = kkt.address, int(kkt.parameters.ctypes.data)
         work = np.empty((x.size, x.size)), np.empty(x.size), np.empty(x.size)
-        first, block = 0, FIRST
+        first, block = 0, FIRST if self.points else FEW
         while first < times.size and self.work.clock.left() >= 0.0:
             part, began = slice(first, first + block), time.perf_counter()
-            recover(code, at, s.linear_reaction, place, x, terms, work, rows[part], done[part])
+            with self._callbacks or nullcontext():
+                recover(code, at, s.linear_reaction, place, x, terms, work, rows[part], done[part])
+            self._raise_cause()
             first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
         lam[done], mu[done] = np.split(rows[done, 1 + 2 * s.n :], [s.m], axis=1)
-        self.work.add("residual_evaluations", int(done.sum()))
+        self.work.add("residual_evaluations", self.points * int(done.sum()))
         return done
 
 

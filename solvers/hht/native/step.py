@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -188,6 +189,8 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
             put(place, 1, part(z, END)[: z.i[N]])
             at = address(z, PLACE)
             invoke(z.i[C_INVERSE], (address(z, END_INVERSE), z.i[C_INVERSE + 1], at, at + 8))
+            if not math.isfinite(top(part(z, END_INVERSE))):
+                return NONFINITE, -1, 0.0
     return ended, slot, rate
 
 

@@ -1,0 +1,92 @@
+"""Functions of a NumPy system are called back from machine code: same values, shared code, nothing raised is lost."""
+
+import gc
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from hhtbench.lowering import derive, native
+from hhtbench.lowering.foreign import FUNCTIONS, foreign
+from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering.native.compiler import native_pieces
+from hhtbench.result import Status
+from solvers.hht import HHT
+from tests.hht.scenes import Q0, V0, pendulum
+from tests.lowering.systems import RICH_NUMPY
+
+
+def arguments_of(name, structure, random):
+    sizes = {"n": structure.n, "m": structure.m, "p": structure.p}
+    return [0.3 if letter == "1" else random.normal(size=sizes[letter]) for letter in FUNCTIONS[name][1]]
+
+
+def called(dynamics, name, *arguments):
+    return dynamics.xp.concatenate([part.ravel() for part in _parts(getattr(dynamics, name)(*arguments))])
+
+
+def _parts(value):
+    return [part for part in value if part is not None] if isinstance(value, tuple) else [value]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_machine_code_gets_what_the_function_gives(name):
+    dynamics = derive(RICH_NUMPY, 0.0, np.ones(3), np.ones(3))
+    random = np.random.default_rng(7)
+    arguments = arguments_of(name, dynamics.structure, random)
+    shapes = tuple(np.shape(argument) for argument in arguments)
+    code = native(called, foreign(dynamics), name, shapes=shapes)
+    expected = called(dynamics, name, *arguments)
+    np.testing.assert_allclose(native_call(code, shapes)(*arguments), expected, rtol=1e-14, atol=1e-14)
+
+
+def test_systems_of_one_structure_share_code_whatever_their_functions():
+    for length in (1.0, 1.0, 2.0):
+        before = native_pieces()
+        circle = lambda t, q, radius=length: np.array([(q @ q - radius**2) / 2])  # noqa: E731
+        solution = HHT(pendulum(constraint=circle), engine="native").solve((0.0, 0.1), length * Q0, V0, step=0.01)
+        assert solution.success, solution.message
+        np.testing.assert_allclose(np.sum(solution.q**2, axis=1), length**2, rtol=1e-13)
+    assert native_pieces() == before
+
+
+def test_a_function_that_raises_leaves_its_result_unset_and_its_exception_there():
+    def broken(t, q, v):
+        raise ZeroDivisionError("now")
+
+    traced = foreign(derive(pendulum(), 0.0, Q0, V0))
+    bad = foreign(derive(pendulum(force=broken), 0.0, Q0, V0))
+    shapes = (), (2,), (2,)
+    for dynamics, finite in ((traced, True), (bad, False)):
+        value = native_call(native(called, dynamics, "force", shapes=shapes), shapes)(0.0, Q0, V0)
+        assert np.isfinite(value).all() == finite
+    assert isinstance(bad.callbacks.take_cause(), ZeroDivisionError)
+    assert bad.callbacks.take_cause() is None
+
+
+def test_a_hundred_interrupts_are_all_told(request):
+    """Wherever they fall: in a callback, between two of its lines, in machine code or in Python around it.
+
+    But for the garbage collector, whose hook of JAX's prints and forgets an interrupt that falls into it.
+    """
+    request.addfinalizer(gc.enable)
+    gc.disable()
+    solver = HHT(pendulum(), engine="native")
+    solver.solve((0.0, 0.1), Q0, V0, step=0.001)
+    random, told = np.random.default_rng(3), 0
+    for _ in range(100):
+        timer = threading.Timer(0.03 + 0.01 * random.random(), os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        try:
+            solver.solve((0.0, 1e6), Q0, V0, step=0.001, max_seconds=20.0)
+        except KeyboardInterrupt as error:
+            told += 1
+            partial = error.partial_solution
+            assert partial.status is Status.interrupted
+            assert np.isfinite(partial.q).all()
+        timer.join()
+    assert told == 100
+    assert solver.solve((0.0, 0.1), Q0, V0, step=0.01).success
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
