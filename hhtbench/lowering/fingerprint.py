@@ -2,25 +2,55 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
-import re
+from collections.abc import Iterator
+from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
 from hhtbench.protocol import NumpySystem, System
 
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # in the text of a function: another one in every process
+
+class NoFingerprint(TypeError):
+    """What the text says of the system has no name that is equal in every process."""
 
 
-def fingerprint(system: System | NumpySystem) -> str | None:
-    """A hash of the class's name and of all fields; None for a NumpySystem, whose functions hide their numbers."""
+def fingerprint(system: System | NumpySystem) -> str:
+    """A hash of the class's name and of all fields, whatever their values are made of.
+
+    What the class itself is made of, and what its functions refer to outside the fields, is no part of it.
+
+    Raises
+    ------
+    NoFingerprint
+        A NumpySystem, whose functions hide their numbers, or a field that holds a function or another such object.
+    """
     if isinstance(system, NumpySystem):
-        return None
-    leaves, structure = jax.tree.flatten(system)
-    digest = hashlib.sha256(type(system).__qualname__.encode())
-    for part in (structure, *leaves):
-        array = np.asarray(part) if isinstance(part, jax.Array | np.ndarray | np.generic) else None
-        text = _ADDRESS.sub("", f"{type(part).__name__} {part!r}") if array is None else f"{array.dtype} {array.shape} "
-        digest.update(text.encode() + (b"" if array is None else array.tobytes()) + b"\0")
+        raise NoFingerprint("is a NumpySystem")
+    digest = hashlib.sha256()
+    for part in _parts(system):
+        digest.update(b"%d " % len(part) + part)
     return digest.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    """``value`` in bytes: type and size of everything go before its contents."""
+    yield type(value).__qualname__.encode()
+    if value is None or type(value) in (bool, int, float, complex, str, bytes):
+        yield repr(value).encode()
+    elif isinstance(value, jax.Array | np.ndarray | np.generic) and not value.dtype.hasobject:
+        array = np.asarray(value)
+        yield from (f"{array.dtype} {array.shape}".encode(), array.tobytes())
+    elif isinstance(value, tuple | list | dict | eqx.Module):
+        inner: Any = value
+        if isinstance(value, eqx.Module):
+            inner = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        inner = [part for item in inner.items() for part in item] if isinstance(inner, dict) else inner
+        yield b"%d" % len(inner)
+        for part in inner:
+            yield from _parts(part)
+    else:
+        raise NoFingerprint(f"holds a {type(value).__name__}")

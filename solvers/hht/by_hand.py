@@ -10,7 +10,7 @@ from typing import Any
 from hhtbench.arguments import real_number, real_vector
 from hhtbench.counting import Clock, Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.fingerprint import fingerprint
+from hhtbench.lowering.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Status
@@ -23,7 +23,7 @@ from solvers.hht.engine import HostEngine
 from solvers.hht.engines import make_engine
 from solvers.hht.error import make_tolerances
 from solvers.hht.events import Event, Occurrence
-from solvers.hht.legal_state import check
+from solvers.hht.legal_state import check, check_factor
 from solvers.hht.run import check_accuracy, controlled_course
 from solvers.hht.state import State
 from solvers.hht.stepping import Constant, Standing, begun, make_goal, take
@@ -144,7 +144,8 @@ class ByHand:
         """Where stepping by hand stands, for :meth:`resume` in another process.
 
         Neither system nor options are in it, only a fingerprint of the system with its parameter values, and the options'
-        text.  A NumpySystem has no fingerprint, as its functions hide their numbers: that it is the same is up to you.
+        text.  A NumpySystem has none, as its functions hide their numbers, nor has a System with a function in a field:
+        that it is the same is up to you.
         """
         return pack(replace(self._stands(), message=self._message), self._setup())
 
@@ -159,14 +160,16 @@ class ByHand:
         setup = self._setup()
         standing = unpack(data, setup)
         if setup["fingerprint"] is None:
-            text = "a NumpySystem has no fingerprint: that it is the checkpoint's, with the same numbers, is not checked."
-            warnings.warn(text, UserWarning, stacklevel=2)
+            text = f"the system {self._named()[1]}, which has no fingerprint: that it is the checkpoint's system, with the"
+            warnings.warn(f"{text} same numbers, is not checked.", UserWarning, stacklevel=2)
         with self._alone():
             try:
                 engine = self._rebuild(standing)
             except (ArithmeticError, LookupError, TypeError, ValueError) as error:
                 raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
-            check(standing, engine.layout, len(self.events))
+            check(standing, engine, len(self.events))
+            if standing.state.factor is not None:
+                check_factor(standing.state, self._rebuild(standing))  # an engine of its own: the trial leaves no trace
             self._standing, self._engine, self._message = standing, engine, standing.message
 
     def restart(self, state: State, *, step: float | None = None) -> None:
@@ -204,7 +207,14 @@ class ByHand:
         """What a checkpoint and the solver that resumes it must share, as texts."""
         options = {name: str(getattr(self, name)) for name in ("method", "control", "rule", "linsolver", "engine")}
         events = ", ".join(event.name for event in self.events)
-        return {"system": type(self.system).__name__, "fingerprint": fingerprint(self.system), **options, "events": events}
+        return {"system": type(self.system).__name__, "fingerprint": self._named()[0], **options, "events": events}
+
+    def _named(self) -> tuple[str | None, str]:
+        """The system's fingerprint; None where it has none, and then why."""
+        try:
+            return fingerprint(self.system), ""
+        except NoFingerprint as error:
+            return None, str(error)
 
     def _stands(self) -> Standing:
         if self._standing is None:

@@ -75,7 +75,7 @@ def unpack(data: Any, setup: dict[str, Any]) -> Standing:
     try:
         tree = json.loads(line, parse_constant=_no_number)
         made_with, standing = tree["setup"], _decoded(tree["standing"], _arrays(tree["arrays"], rest))
-    except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, ArithmeticError, RuntimeError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
     for name, value in setup.items():
         found = made_with.get(name) if isinstance(made_with, dict) else None
@@ -149,14 +149,16 @@ def _decoded(value: Any, arrays: list[np.ndarray]) -> Any:
 
     Raises
     ------
-    ValueError, KeyError, TypeError
-        They are not.
+    ValueError, KeyError, TypeError, RuntimeError
+        They are not; a sparse matrix that SuperLU is to factorise anew is singular.
     """
     if isinstance(value, list):
         return tuple(_decoded(part, arrays) for part in value)
     if not isinstance(value, dict):
         if isinstance(value, int) and abs(value) >= 2**63:
             raise ValueError(f"{value} is no number of 64 bits")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError("a number that is not finite")  # what is too large, as 1e999, is read as infinity
         return value
     name = value["type"]
     if name == "array":

@@ -2,34 +2,84 @@
 
 from __future__ import annotations
 
+import math
+import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hhtbench.errors import ProblemError
 from solvers.hht.blocks import Order
+from solvers.hht.engine import HostEngine, largest
 from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
 from solvers.hht.linear import DenseFactor, Factor, InverseFactor
-from solvers.hht.sparse import BandFactor, SpluFactor
-from solvers.hht.stepping import Standing
+from solvers.hht.sparse import Band, BandFactor, SpluFactor
+from solvers.hht.state import State, Step
+from solvers.hht.stepping import Constant, Standing
+from solvers.hht.watch import Course, Watch
+
+SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
+AGREE = 1e-6  # of q and v: steps with the kept factorisation and with a fresh one differ by what Newton's iteration leaves
+SAME = 1e3  # a kept factorisation that still contracts tells increments of the size that a fresh one does, by far
 
 
-def check(standing: Standing, layout: Layout, events: int) -> None:
-    """Raise ProblemError unless ``standing`` is a legal state of steps with ``layout`` and as many events."""
-    s = standing
-    wrong = [*_misshapen(s, layout, events), *_misfits(s, layout.structure.mass, events)]
-    if s.state.factor is not None:
-        wrong += _unfit_factor(s.state.factor, 2 * layout.structure.n, layout.size)
+def check(standing: Standing, engine: HostEngine, events: int) -> None:
+    """Raise ProblemError unless ``standing`` is a legal state of steps by ``engine`` with as many events."""
+    s, layout = standing, engine.layout
+    wrong = _misshapen(s, layout, events) or _misfits(s, layout.structure.mass, events)
+    if not wrong and s.state.factor is not None:
+        wrong = _unfit_factor(s.state.factor, s.state.t, engine)
     if wrong:
         raise ProblemError(f"the checkpoint does not fit this system: {wrong[0]}.")
+
+
+def check_factor(state: State, engine: HostEngine) -> None:
+    """Raise ProblemError where the kept factorisation makes another step of its length than a fresh one does.
+
+    From accelerations and multipliers of zero, so that each must find them.  ``engine`` serves for nothing else.
+    """
+    kept = state.factor
+    if kept is None:
+        return
+    blank = replace(state, unknowns=np.zeros(engine.layout.size), earlier=None)
+    course = Course(engine=engine, advance=Constant(engine, kept.h))
+    stop = math.copysign(math.inf, kept.h)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            theirs, ours = (course.next(replace(blank, factor=factor), Watch(), stop) for factor in (kept, None))
+            wrong = _disagree(kept, getattr(theirs, "step", None), getattr(ours, "step", None), engine.layout)
+    except Exception:  # noqa: BLE001 - of the user's functions, where they are not defined: the steps themselves will tell
+        return
+    if wrong:
+        raise ProblemError("the checkpoint does not fit this system: State.factor is no factorisation of its matrix.")
+
+
+def _disagree(kept: Factor, theirs: Step | None, ours: Step | None, layout: Layout) -> bool:
+    """Whether a step with the ``kept`` factorisation, ``theirs``, is not what it is with a fresh one, ``ours``."""
+    if theirs is None or ours is None:
+        return theirs is not None  # the same remedies serve both: a step that only the kept one makes is none
+    n, fresh = layout.structure.n, ours.state.factor
+    sizes = ours.state.size_q, ours.state.size_v
+    apart = largest(theirs.state.q - ours.state.q), largest(theirs.state.v - ours.state.v)
+    if not all(difference <= AGREE * size for difference, size in zip(apart, sizes, strict=True)):
+        return True
+    if fresh is None:  # a step too short for Newton's iteration
+        return False
+    probe = np.random.default_rng(0).standard_normal(layout.size)
+    told = [[*f.largest(probe, n), *f.largest(f.solve(probe), n)] for f in (kept, fresh)]
+    alike = all(a <= SAME * b and b <= SAME * a for a, b in zip(*told, strict=True))
+    quiet = all(a <= SAME * b + AGREE * size for a, b, size in zip(kept.noise, fresh.noise, sizes, strict=True))
+    return not (alike and quiet)
 
 
 def _misshapen(s: Standing, layout: Layout, events: int) -> list[str]:
     """Arrays of a wrong shape, in words."""
     n, m, p, size = layout.structure.n, layout.structure.m, layout.structure.p, layout.size
     state, rows = s.state, s.last.t.size
-    known = 0 if state.earlier is None else min(len(state.earlier), HIGHEST)
+    known = 0 if state.earlier is None else min(state.earlier.size // size, HIGHEST)
     wanted: list[tuple[Any, dict[str, Any]]] = [
         (s.place, {"q": (n,), "v": (n,)}),
         (state, dict.fromkeys(("q", "v", "a", "f", "vdot"), (n,)) | {"lam": (m,), "mu": (p,)}),
@@ -54,7 +104,7 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
     state, memory, t = s.state, s.state.memory, s.last.t
     named = {
         "either a step or tolerances are needed": (s.step is None) == (s.tolerances is None),
-        "a step must not be zero": s.step == 0.0 or state.h == 0.0,
+        "a step must not be zero": s.step == 0.0 or not (state.h is None or _is_length(state.h, state.t)),
         "the direction of time must be 1, -1 or 0": s.direction not in (-1.0, 0.0, 1.0),
         f"the mass is {mass}": (state.inverse_mass is None) == (mass == "variable"),
         "sizes must not be negative": min(state.size_q, state.size_v) < 0,
@@ -68,11 +118,18 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
     return [text for text, broken in named.items() if broken]
 
 
-def _unfit_factor(factor: Factor, rows: int, size: int) -> list[str]:
+def _is_length(h: float, t: float) -> bool:
+    """Whether a step of ``h`` [s] can have ended at ``t``."""
+    return max(float(np.spacing(abs(t))) / 2, SHORTEST) <= abs(h) <= LONGEST
+
+
+def _unfit_factor(factor: Factor, t: float, engine: HostEngine) -> list[str]:
     """Shapes and places of a factorisation: compiled loops go by them and look at no bound."""
-    fits = factor.h != 0.0 and factor.maps.shape == (rows, size) and len(factor.noise) == 2 and factor.uses >= 0
-    if hasattr(factor.maps, "indptr"):
-        fits &= factor.maps.indptr.dtype == factor.maps.indices.dtype == np.int32
+    rows, size, maps = 2 * engine.structure.n, engine.layout.size, factor.maps
+    fits = _is_length(factor.h, t) and len(factor.noise) == 2 and factor.uses >= 0 and min(factor.rate, *factor.noise) >= 0.0
+    fits &= maps.shape == (rows, size) and maps.dtype == np.float64
+    if hasattr(maps, "indptr"):
+        fits &= maps.indptr.dtype == maps.indices.dtype == np.int32
     if isinstance(factor, DenseFactor):
         fits &= factor.lu.shape == (size, size) and factor.lu.dtype == np.float64
         fits &= _are_places(factor.pivots, (size,), size, np.int32)
@@ -81,8 +138,24 @@ def _unfit_factor(factor: Factor, rows: int, size: int) -> list[str]:
     elif isinstance(factor, SpluFactor):
         fits &= factor.matrix.shape == (size, size)
     elif isinstance(factor, BandFactor):
-        fits &= _is_order(factor.order, size) and _is_band(factor, size)
+        fits &= hasattr(maps, "indptr") and _is_order(factor.order, size) and _is_band(factor, size)
+    linear: Any = engine.choice.linear
+    band = getattr(linear, "band", linear)
+    if fits and isinstance(band, Band) and isinstance(factor, BandFactor | InverseFactor):
+        fits &= _is_of(factor, band)
     return [] if fits else [f"State.factor is no {type(factor).__name__} of {size} unknowns"]
+
+
+def _is_of(factor: BandFactor | InverseFactor, band: Band) -> bool:
+    """Whether the entries are those of the analysis in use, place by place."""
+    if not hasattr(factor.maps, "indptr"):
+        return False
+    pairs: list[tuple[Any, Any]] = [(factor.maps.indptr, band.maps.starts), (factor.maps.indices, band.maps.columns)]
+    if isinstance(factor, BandFactor):
+        theirs, c = factor.order, factor.couplings
+        pairs += [(theirs.rows, band.order.rows), (theirs.columns, band.order.columns), (theirs.blocks, band.order.blocks)]
+        pairs += [(c.starts, band.starts), (c.places, band.coupled)]
+    return all(np.array_equal(a, b) for a, b in pairs)
 
 
 def _are_places(values: Any, shape: tuple[int, ...], size: int, dtype: Any = np.int64) -> bool:
@@ -96,7 +169,7 @@ def _is_order(order: Order, size: int) -> bool:
     for places in (order.rows, order.columns):
         if not _are_places(places, (size,), size) or not np.array_equal(np.sort(places), everything):
             return False
-    if not _are_places(blocks, (blocks.shape[0], 4), size + 1):
+    if not _are_places(blocks, (blocks.size // 4, 4), size + 1):
         return False
     start, count, lower, upper = blocks.T
     ends = np.concatenate([[0], np.cumsum(count)])
@@ -120,7 +193,7 @@ def _is_band(factor: BandFactor, size: int) -> bool:
     whole = (
         c.starts[0] == 0
         and c.starts[-1] == c.places.size
-        and c.values.shape == c.places.shape
+        and c.values.shape == c.places.shape == (c.starts[-1],)
         and c.values.dtype == np.float64
     )
     return bool(whole and c.places.dtype == np.int64 and np.all((c.places >= 0) & (c.places < earlier)))

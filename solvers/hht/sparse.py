@@ -149,12 +149,12 @@ class MapsPattern:
 
     def __init__(self, pattern: Pattern, size: int, own: int) -> None:
         self.rows = pattern.shape[0] - size  #: 2n
-        self._own, self._columns, self._shape = own, pattern.columns[own:].astype(np.int32), (self.rows, size)
-        self._starts = np.searchsorted(pattern.rows[own:] - size, np.arange(self.rows + 1)).astype(np.int32)
+        self._own, self.columns, self._shape = own, pattern.columns[own:].astype(np.int32), (self.rows, size)
+        self.starts = np.searchsorted(pattern.rows[own:] - size, np.arange(self.rows + 1)).astype(np.int32)
 
     def matrix(self, values: Vector) -> sp.csr_array:
         """(2n, size) from the entries of the whole pattern."""
-        return sp.csr_array((np.array(values[self._own :]), self._columns, self._starts), shape=self._shape)
+        return sp.csr_array((np.array(values[self._own :]), self.columns, self.starts), shape=self._shape)
 
 
 def splu_factor(matrix: sp.csc_array, maps: sp.csr_array, h: float) -> Factor | None:
