@@ -22,7 +22,9 @@ from solvers.hht.watch import Course, Watch
 
 SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
 AGREE = 1e-6  # of q and v: steps with the kept factorisation and with a fresh one differ by what Newton's iteration leaves
-SAME = 1e3  # a kept factorisation that still contracts tells increments of the size that a fresh one does, by far
+SAME = (
+    1e3  # the maps of a kept factorisation, with which Newton's iteration measures, give changes of the size of fresh ones
+)
 
 
 def check(standing: Standing, engine: HostEngine, events: int) -> None:
@@ -69,8 +71,10 @@ def _disagree(kept: Factor, theirs: Step | None, ours: Step | None, layout: Layo
     if fresh is None:  # a step too short for Newton's iteration
         return False
     probe = np.random.default_rng(0).standard_normal(layout.size)
-    told = [[*f.largest(probe, n), *f.largest(f.solve(probe), n)] for f in (kept, fresh)]
-    alike = all(a <= SAME * b and b <= SAME * a for a, b in zip(*told, strict=True))
+    changes = zip(
+        kept.largest(probe, n), fresh.largest(probe, n), strict=True
+    )  # not solved: where it is singular all differ
+    alike = all(a <= SAME * b and b <= SAME * a for a, b in changes)
     quiet = all(a <= SAME * b + AGREE * size for a, b, size in zip(kept.noise, fresh.noise, sizes, strict=True))
     return not (alike and quiet)
 
