@@ -15,7 +15,7 @@ from solvers.hht.engine import HostEngine, largest
 from solvers.hht.laws import HIGHEST
 from solvers.hht.layout import Layout
 from solvers.hht.linear import DenseFactor, Factor, InverseFactor
-from solvers.hht.sparse import Band, BandFactor, SpluFactor
+from solvers.hht.sparse import Band, BandFactor, Splu, SpluFactor
 from solvers.hht.state import State, Step
 from solvers.hht.stepping import Constant, Standing
 from solvers.hht.watch import Course, Watch
@@ -145,17 +145,17 @@ def _unfit_factor(factor: Factor, t: float, engine: HostEngine) -> list[str]:
         fits &= hasattr(maps, "indptr") and _is_order(factor.order, size) and _is_band(factor, size)
     linear: Any = engine.choice.linear
     band = getattr(linear, "band", linear)
-    if fits and isinstance(band, Band) and isinstance(factor, BandFactor | InverseFactor):
+    if fits and isinstance(band, Band | Splu) and not isinstance(factor, DenseFactor):
         fits &= _is_of(factor, band)
     return [] if fits else [f"State.factor is no {type(factor).__name__} of {size} unknowns"]
 
 
-def _is_of(factor: BandFactor | InverseFactor, band: Band) -> bool:
+def _is_of(factor: Factor, band: Band | Splu) -> bool:
     """Whether the entries are those of the analysis in use, place by place."""
     if not hasattr(factor.maps, "indptr"):
         return False
     pairs: list[tuple[Any, Any]] = [(factor.maps.indptr, band.maps.starts), (factor.maps.indices, band.maps.columns)]
-    if isinstance(factor, BandFactor):
+    if isinstance(factor, BandFactor) and isinstance(band, Band):
         theirs, c = factor.order, factor.couplings
         pairs += [(theirs.rows, band.order.rows), (theirs.columns, band.order.columns), (theirs.blocks, band.order.blocks)]
         pairs += [(c.starts, band.starts), (c.places, band.coupled)]

@@ -133,15 +133,15 @@ class Splu:
         self._rows = rows[self._sorted]
         self._starts = np.searchsorted(columns[self._sorted], np.arange(size + 1)).astype(np.int32)
         self._size = size
-        self._maps = MapsPattern(pattern, size, self._own)
+        self.maps = MapsPattern(pattern, size, self._own)
 
     def factor(self, entries: Vector, h: float) -> Factor | None:
         """``entries``: q1, v1 (2n,), then the entries of the pattern."""
-        values = entries[self._maps.rows :]
+        values = entries[self.maps.rows :]
         matrix: Any = sp.csc_array(
             (values[: self._own][self._sorted], self._rows, self._starts), shape=(self._size, self._size)
         )
-        return splu_factor(matrix, self._maps.matrix(values), h)
+        return splu_factor(matrix, self.maps.matrix(values), h)
 
 
 class MapsPattern:

@@ -229,6 +229,13 @@ def whole_numbers(factor, get, put):
     put(record, get(record).astype(np.int64))
 
 
+def no_increments(factor, get, put):
+    if factor["type"] == "DenseFactor":  # the upper factor
+        put(factor["lu"], get(factor["lu"]) * (1.0 + 1e300 * np.triu(np.ones(get(factor["lu"]).shape))))
+    else:  # storage of bands holds what divides
+        scaled("matrix", 1e300 if factor["type"] == "SpluFactor" else 1e-300)(factor, get, put)
+
+
 def with_field(**values):
     return lambda factor, get, put: factor.update(values)
 
@@ -238,9 +245,7 @@ FORGED = {
     "maps without entries": no_map,
     "maps with more entries": full_maps,
     "maps of whole numbers": whole_numbers,
-    "increments of zero": lambda f, get, put: scaled("matrix", 1e-300 if f["type"] == "InverseFactor" else 1e300)(
-        f, get, put
-    ),
+    "increments of zero": no_increments,
     "much roundoff": with_field(noise=[1e300, 1e300]),
     "no length": with_field(h=5e-324),
     "a short length": with_field(h=1e-18),
