@@ -1,8 +1,8 @@
 """The processes that hhtbench starts, its commands, workers and benchmarks: in each of them BLAS has one thread.
 
-The matrices here are small.  A second thread gains nothing and waits for a core that another process has: on two cores,
-one of them busy, a solve of 160 equations takes 6 to 15 ms in the mean instead of 0.3.  The number is set once per process
-and never by a solve, since it belongs to all threads of the process.  XLA's own threads are left alone.
+The matrices here are small.  A second thread gains nothing and waits for a core that another process has: with two threads
+on two cores, one of them busy with another process, a solve of 160 equations takes 6 to 15 ms in the mean instead of 0.3.
+The number is set once per process and never by a solve: it belongs to all its threads.  XLA's own threads are left alone.
 """
 
 from __future__ import annotations
