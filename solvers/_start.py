@@ -19,7 +19,6 @@ from hhtbench.lowering import (
     Dynamics,
     Levels,
     Structure,
-    asymmetry,
     augment,
     constraint_rank,
     derive,
@@ -78,20 +77,7 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
             stacklevel=2,
         )
         dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
-    _warn_of_asymmetry(dynamics)
     return regular(independent(dynamics, place), place)
-
-
-def _warn_of_asymmetry(dynamics: Dynamics) -> None:
-    """Say that a constant mass is not symmetric; the equations are solved as they stand."""
-    mass = dynamics.constant_mass
-    entries = "" if mass is None or isinstance(mass, Diagonal) else asymmetry(np.asarray(mass))[1]
-    if entries:
-        warnings.warn(
-            f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one.",
-            UserWarning,
-            stacklevel=2,
-        )
 
 
 def independent(dynamics: Dynamics, place: Place) -> Dynamics:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,28 @@ def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
 
 
 def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
-    """Whether the mass of ``dynamics`` is singular at (t, q); one that is not finite is not."""
+    """Whether the mass of ``dynamics`` is singular at (t, q); one that is not finite is not.  Warns if it is not symmetric."""
     if dynamics.structure.mass == "identity":
         return False
     if isinstance(dynamics.constant_mass, Diagonal):
         return dynamics.inverse_mass is None
     mass = dynamics.constant_mass
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q) if mass is None else mass)
-    return bool(np.all(np.isfinite(mass))) and mass_is_singular(mass)
+    if not np.all(np.isfinite(mass)):
+        return False
+    _warn_of_asymmetry(mass)
+    return mass_is_singular(mass)
+
+
+def _warn_of_asymmetry(mass: Matrix) -> None:
+    """Say that the mass (n, n) is not symmetric; the equations are solved as they stand."""
+    entries = asymmetry(mass)[1]
+    if entries:
+        warnings.warn(
+            f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one.",
+            UserWarning,
+            stacklevel=2,
+        )
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:

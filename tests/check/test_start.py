@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks import check
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol import NumpySystem, Problem, Scales, System, parameter
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import hht, ida
@@ -84,3 +84,41 @@ def test_a_mass_that_is_not_symmetric_is_said_with_its_entries(mass, named, rout
             solver.solve(made, Request(rtol=1e-3, max_num_steps=1))
         said = [str(w.message) for w in caught if "not symmetric" in str(w.message)]
         assert (named in said[0] and "mass_matrix" in said[0]) if named else not said
+
+
+class Turning(System):
+    """A mass that moves with q, and an entry of it that has no counterpart."""
+
+    skew: object = parameter(0.25, doc="[kg]")
+
+    def force(self, t, q, v):
+        return -q
+
+    def mass_matrix(self, t, q):
+        return jnp.array([[2.0 + q[0] ** 2, 0.5], [0.5 + self.skew, 2.0]])
+
+
+def turning(skew):
+    return lambda t, q: np.array([[2.0 + q[0] ** 2, 0.5], [0.5 + skew, 2.0]])
+
+
+@pytest.mark.parametrize("route", ["jax", "numpy"])
+@pytest.mark.parametrize("constrained", [False, True])
+@pytest.mark.parametrize("skew", [0.25, 0.0])
+def test_a_variable_mass_that_is_not_symmetric_at_the_start_is_said_once_by_solve(route, constrained, skew):
+    functions = {"constraint": lambda t, q: q[:1] - 1.0} if constrained else {}
+    if route == "jax":
+        system = type("Bound", (Turning,), {name: lambda self, t, q, f=f: f(t, q) for name, f in functions.items()})(
+            skew=skew
+        )
+    else:
+        jacobian = {"constraint_jacobian": lambda t, q: np.array([[1.0, 0.0]])} if constrained else {}
+        system = NumpySystem(force=lambda t, q, v: -q, mass_matrix=turning(skew), **functions, **jacobian)
+    made = Problem(name="weighed", system=system, t_span=(0.0, 1.0), q0=np.ones(2), v0=np.zeros(2))
+    for solver in (hht.solver(), ida.solver(form="index1")):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            solver.solve(made, Request(rtol=1e-3, max_num_steps=1))
+        said = [str(w.message) for w in caught if "not symmetric" in str(w.message)]
+        assert len(said) == (1 if skew else 0)
+        assert all("M[0, 1] = 0.5 and M[1, 0] = 0.75" in text for text in said)
