@@ -6,7 +6,6 @@ the disk before the cell counts as done.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import sqlite3
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench.errors import ProblemError
+from hhtbench.store.files import store_file, take_lock
 from hhtbench.store.rows import RunRow
 
 VERSION = 1
@@ -63,11 +63,11 @@ class Store:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = _store_file(path)
+        self.path = store_file(path)
         self.repairs: tuple[str, ...] = ()  #: what was found damaged on opening
         if not self.path.parent.is_dir():
             raise ProblemError(f"there is no folder {self.path.parent} for the store {self.path.name}; make it first.")
-        self._lock = _take_lock(self.path)
+        self._lock = take_lock(self.path)
         try:
             self._connection = self._open()
         except BaseException:
@@ -163,7 +163,7 @@ def load_rows(path: str | Path) -> list[RunRow]:
     ProblemError
         There is no such file, or it is no store.
     """
-    file = _store_file(path)
+    file = store_file(path)
     if not file.exists():
         raise ProblemError(f"there is no store {path}; `hhtbench run --store {path}` writes one.")
     try:
@@ -176,28 +176,6 @@ def load_rows(path: str | Path) -> list[RunRow]:
     if damaged:
         warnings.warn(f"{path}: {len(damaged)} damaged rows are left out; run the campaign again.", stacklevel=2)
     return [row for _, row in sound]
-
-
-def _store_file(path: Any) -> Path:
-    """``path`` as that of a file, which need not be there.
-
-    Raises
-    ------
-    TypeError, ProblemError
-        It is no path, or cannot be that of a file.
-    """
-    if not isinstance(path, (str, Path)):
-        raise TypeError(f"a store is named by the path of its file; got {type(path).__name__}.")
-    if not str(path) or "\0" in str(path):
-        raise ProblemError(f"a store needs the name of a file, such as runs.sqlite; got {str(path)!r}.")
-    file = Path(path)
-    try:
-        if file.exists() and not file.is_file():
-            kind = f"a folder; name a file in it, such as {file / 'runs.sqlite'}" if file.is_dir() else "no plain file"
-            raise ProblemError(f"{path} cannot be a store: it is {kind}.")
-    except OSError as error:
-        raise ProblemError(f"{path} cannot be a store: {error.strerror}.") from error
-    return file
 
 
 def _refuse_foreign(path: Path) -> None:
@@ -289,17 +267,3 @@ def _hash(texts: Iterable[Any]) -> str:
 
 def _as_text(value: Any) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-
-
-def _take_lock(path: Path) -> Any:
-    """Hold ``<store>.lock``; the system lets go of it when this process ends, however it ends."""
-    try:
-        lock = path.with_name(f"{path.name}.lock").open("w")
-    except OSError as error:
-        raise ProblemError(f"{path.parent} cannot be written: {error.strerror}.") from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        lock.close()
-        raise ProblemError(f"another `hhtbench run` writes {path}; wait for it, or use another store.") from error
-    return lock

@@ -1,0 +1,45 @@
+"""The file of a store and the lock beside it, before SQLite sees either."""
+
+from __future__ import annotations
+
+import fcntl
+from pathlib import Path
+from typing import Any
+
+from hhtbench.errors import ProblemError
+
+
+def store_file(path: Any) -> Path:
+    """``path`` as that of a file, which need not be there.
+
+    Raises
+    ------
+    TypeError, ProblemError
+        It is no path, or cannot be that of a file.
+    """
+    if not isinstance(path, (str, Path)):
+        raise TypeError(f"a store is named by the path of its file; got {type(path).__name__}.")
+    if not str(path) or "\0" in str(path):
+        raise ProblemError(f"a store needs the name of a file, such as runs.sqlite; got {str(path)!r}.")
+    file = Path(path)
+    try:
+        if file.exists() and not file.is_file():
+            kind = f"a folder; name a file in it, such as {file / 'runs.sqlite'}" if file.is_dir() else "no plain file"
+            raise ProblemError(f"{path} cannot be a store: it is {kind}.")
+    except OSError as error:
+        raise ProblemError(f"{path} cannot be a store: {error.strerror}.") from error
+    return file
+
+
+def take_lock(path: Path) -> Any:
+    """Hold ``<store>.lock``; the system lets go of it when this process ends, however it ends."""
+    try:
+        lock = path.with_name(f"{path.name}.lock").open("w")
+    except OSError as error:
+        raise ProblemError(f"{path.parent} cannot be written: {error.strerror}.") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        lock.close()
+        raise ProblemError(f"another `hhtbench run` writes {path}; wait for it, or use another store.") from error
+    return lock
