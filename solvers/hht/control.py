@@ -19,6 +19,9 @@ from solvers.hht.laws import CRUMB, SHORT, fit, growth, representable
 from solvers.hht.state import Memory, State, Step
 
 NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
+CERTAIN = 5.0  # times what is allowed: roundoff that no step can be below; with 2.5 times many steps still pass
+CRAWL = 1e-6  # of what is left of the interval: steps as short as that do not get there
+STILL = 1e-10  # relative change of v' that is roundoff
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +40,7 @@ class ControlOptions:
     least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
     after_failure: float = 0.25  #: factor after Newton has failed
     spacings: float = 16.0  #: of floating-point times: what is shorter is no step
-    grown: float = 10.0  #: times an error must have grown while the step was shortened: that is roundoff over the step
+    grown: float = 100.0  #: times an error must exceed what a jump of the force leaves of it in a shorter step
 
 
 class Advance(Protocol):
@@ -105,7 +108,7 @@ class ErrorControlled:
     def __call__(self, state: State, stop: float) -> Step | Failure:
         """The next accepted step from ``state``; a :class:`Failure` when not even the smallest is accepted."""
         o, work = self.options, self.engine.work
-        h, failure, rejected, least = proposal(state, o), None, 0, math.inf
+        h, failure, rejected, first = proposal(state, o), None, 0, None
         while True:
             h = representable(state.t, math.copysign(h, stop - state.t))
             asked = abs(h)
@@ -126,22 +129,53 @@ class ErrorControlled:
                     memory = remembered(taken, found, state, h_next)
                     return replace(taken, state=replace(taken.state, memory=memory))
                 work.add("steps_rejected_error")
-                least = min(least, found.size)
-                failure = self._unmet(state, h, found.size, least)
+                first = first or (h, found.size)
+                if beneath := self._beneath(state, h, found.size, first):
+                    return beneath
+                failure = self._unmet(state, h, found.size)
                 factor = max(o.shrink, (o.target / found.size) ** (1 / 3)) if rejected == 0 else o.shrink
             smallest = shortest(o, state.t, stop)
             if abs(h) <= smallest:
                 return failure
             h, rejected = max(abs(h) * factor, smallest), rejected + 1
 
-    def _unmet(self, before: State, h: float, error: float, least: float) -> Failure:
-        """Why the ``error`` of a step of h [s] is too large, by what shorter ones made of it: ``least`` was its smallest."""
+    def unreachable(self, state: State, stop: float) -> Failure | None:
+        """Why no step from ``state`` can be short enough: roundoff of q and v is more than what is allowed of any.
+
+        None where it is less, and in a motion whose v'' has no error that a single step towards ``stop`` [s] would show.
+        """
+        tolerances, memory = self.estimator.tolerances, state.memory
+        roundoff = tolerances.roundoff(state)
+        if memory is None or roundoff <= CERTAIN:
+            return None
+        left = abs(stop - state.t)
+        change, h = memory.acceleration - memory.earlier, min(left, self.options.max_step)
+        moves = largest(change) > STILL * largest(memory.acceleration)
+        with np.errstate(all="ignore"):
+            error = tolerances.size(state, h**3 / 12 * change / memory.last, np.zeros_like(change))  # (H27)
+        crawls = state.h is not None and memory.h_next < CRAWL * left
+        if not crawls and not (moves and error > 1.0):
+            return None
+        head = f"at t = {state.t:.17g} the roundoff of q and v is {roundoff:.3g} times what the tolerances allow of a step: "
+        return Failure(Status.step_too_small, head + tolerances.reachable(state, proposal(state, self.options)))
+
+    def _beneath(self, before: State, h: float, error: float, first: tuple[float, float]) -> Failure | None:
+        """That roundoff makes the ``error`` of a step of h [s], so that none shorter helps, by h and error tried ``first``.
+
+        What a jump of the force leaves in v goes with h; roundoff stays or grows, and is no more than q and v make.
+        """
+        tolerances, left = self.estimator.tolerances, first[1] * h / first[0]
+        stays = self.options.grown * left < error < NOISE * tolerances.roundoff(before, h)
+        if not stays and tolerances.roundoff(before) <= CERTAIN:
+            return None
+        text = f"at t = {before.t:.17g} the error of a step of {abs(h):.3g} s is {error:.3g} times what the tolerances allow"
+        text += f", that of {abs(first[0]):.3g} s was {first[1]:.3g} times" if stays else ""
+        return Failure(Status.step_too_small, f"{text}: {tolerances.reachable(before, first[0])}")
+
+    def _unmet(self, before: State, h: float, error: float) -> Failure:
+        """Why the ``error`` of a step of h [s] is too large, where it is more than roundoff."""
         o, t = self.options, before.t
         head = f"at t = {t:.17g} the error of a step of {abs(h):.3g} s is {error:.3g} times what the tolerances allow; "
-        if o.grown * least < error < math.inf:
-            factor = (NOISE * least) ** (2 / 3)  # the error over what is allowed goes with tolerance^(-3/2), (H26)
-            text = f"that of longer ones was {least:.3g} times that at least: roundoff is reached. "
-            return Failure(Status.step_too_small, f"{head}{text}{self.estimator.tolerances.loosened(factor)}")
         by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
         moved = abs(h) * max(before.size_v, abs(h) * largest(before.vdot))
         if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves

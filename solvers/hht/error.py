@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.laws import NOTHING, allowed, relative_part, relative_tolerance
+from solvers.hht.laws import EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
 from solvers.hht.state import State
 
 
@@ -35,11 +35,25 @@ class Tolerances:
         parts = [float(relative_part(*part).min()) if part[0] > NOTHING else math.inf for part in sizes]
         return relative_tolerance(*parts)
 
-    def loosened(self, factor: float) -> str:
-        """The advice to take ``factor`` times as large ones, in words."""
+    def size(self, state: State, q: Vector, v: Vector) -> float:
+        """Of errors ``q`` and ``v`` (n,) at ``state`` over what is allowed of a step, (H26)."""
+        return rms(np.concatenate([q, v]) / self.weights(state, state)) / math.sqrt(self.relative(state))
+
+    def roundoff(self, state: State, h: float = math.inf) -> float:
+        """The same of the roundoff of q and v: in a step of h [s] v is also a difference of q over h."""
+        q = EPS * np.abs(state.q)
+        with np.errstate(over="ignore"):
+            return self.size(state, q, np.maximum(EPS * np.abs(state.v), q / abs(h)))
+
+    def reachable(self, state: State, h: float) -> str:
+        """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
+
+        What is allowed goes with tolerance^(3/2), (H26), and the roundoff of q over h with tolerance^(-1/2) besides.
+        """
+        factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
         smallest = {"rtol": float(self.rtol.min()), "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
-        return f"Loosen the tolerances {factor:.2g} times, to {values}."
+        return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."
 
 
 def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:

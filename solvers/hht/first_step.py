@@ -9,14 +9,13 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
-from solvers.hht.control import ControlOptions
+from solvers.hht.control import STILL, ControlOptions
 from solvers.hht.engine import HostEngine
 from solvers.hht.error import Tolerances
 from solvers.hht.state import Memory, State
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
-STILL = 1e-10  # relative change of v' over the probe that is roundoff
 UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
 
 

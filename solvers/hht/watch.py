@@ -80,9 +80,14 @@ class Course:
                 state = self.prepare(state, stop)
         except (BudgetSpent, NonFiniteValue):  # the next step tells
             return state, watch, 0
+        if self._unreachable(state, stop):
+            return state, watch, 0
         looks = self._looks(watch)
         state, made = self.engine.march(state, self.advance, stop, history, most, looks)
         return state, replace(watch, values=looks.values) if made and self.events else watch, made
+
+    def _unreachable(self, state: State, stop: float) -> Failure | None:
+        return self.advance.unreachable(state, stop) if isinstance(self.advance, ErrorControlled) else None
 
     def _in_machine_code(self, state: State, stop: float) -> Step | None:
         """The next step from compiled loops, with the events it may have; None: the host engine makes it."""
@@ -109,6 +114,8 @@ class Course:
         try:
             if self.prepare is not None and state.memory is None:
                 state = self.prepare(state, stop)
+            if failure := self._unreachable(state, stop):
+                return failure
             step = self._in_machine_code(state, stop) or self.advance(state, stop)
             if isinstance(step, Failure) or not self.events:
                 return step if isinstance(step, Failure) else Passage(step, watch)

@@ -9,6 +9,7 @@ import pytest
 
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
+from problems import andrews, jay_negrut_pendulum
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at
 
@@ -179,16 +180,75 @@ def test_prescribed_steps_cost_nothing_of_error_control():
     assert plain.counters.linear_solves == plain.counters.newton_iterations
 
 
+def named_tolerance(message):
+    return float(re.search(r"roundoff is reached.* to atol=([\d.e-]+)\.$", message)[1])
+
+
 def test_a_tolerance_below_roundoff_is_named_with_one_that_is_not():
     """Shorter steps make the error larger: no jump in the forces does that."""
     hht = HHT(JAX_PENDULUM)
     solution = hht.solve((0.0, 0.5), Q0, V0, rtol=0, atol=1e-10)
     assert solution.status is Status.step_too_small
-    assert "roundoff is reached" in solution.message
     assert "jump" not in solution.message
-    atol = float(re.search(r"atol=([\d.e-]+)\.$", solution.message)[1])
-    assert 2e-10 < atol < 1e-8
+    atol = named_tolerance(solution.message)
+    assert 2e-10 < atol < 1e-7
     assert hht.solve((0.0, 0.5), Q0, V0, rtol=0, atol=atol).success
+
+
+@pytest.mark.parametrize("engine", ["native", "host"])
+@pytest.mark.parametrize("atol", [1e-12, 1e-13, 1e-14, 1e-16, 1e-20])
+def test_a_tolerance_below_the_roundoff_of_q_is_named_before_any_step(engine, atol):
+    """Steps of 1e-10 s that ended with the budget, or with advice about jumps, where each error happened not to grow."""
+    solution = HHT(JAX_PENDULUM, engine=engine).solve((0.0, 10.0), Q0, V0, rtol=0, atol=atol, max_num_steps=1_000)
+    assert solution.status is Status.step_too_small
+    assert len(solution.t) == 1
+    assert "jump" not in solution.message
+    named = named_tolerance(solution.message)
+    assert 1e-9 < named < 1e-7, "1e-9 fails after 1.7 s, 5e-9 lasts to the end"
+    assert HHT(JAX_PENDULUM).solve((0.0, 10.0), Q0, V0, rtol=0, atol=named).success
+
+
+@pytest.mark.parametrize(
+    ("make", "engine", "atol"),
+    [
+        (jay_negrut_pendulum.problem, "native", 1e-9),
+        (jay_negrut_pendulum.problem, "host", 1e-9),
+        (andrews.problem, "native", 1e-10),
+    ],
+)
+def test_an_error_that_stays_while_steps_shrink_is_roundoff(make, engine, atol):
+    """It fell and grew by turns until steps of 1e-18 s had one of 1.01, or crept on with those."""
+    problem = make()
+    hht = HHT(problem.system, engine=engine)
+    solution = hht.solve(problem.t_span, problem.q0, problem.v0, rtol=0, atol=atol, max_num_steps=3_000)
+    assert solution.status is Status.step_too_small
+    assert 10 * atol < named_tolerance(solution.message) < 1e4 * atol
+    assert np.abs(solution.steps_data.h).min() > 1e-10
+
+
+class Spring(System):
+    """Without a constraint roundoff is least, [1/s^2]."""
+
+    def force(self, t, q, v):
+        return -q
+
+
+@pytest.mark.parametrize(("rtol", "reached"), [(1e-11, True), (1e-13, False)])
+@pytest.mark.parametrize("start", [(1.0, 0.0), (0.6, 0.8)])
+def test_what_can_be_reached_is_not_refused_and_the_rest_does_not_creep_on(start, rtol, reached):
+    """1e-13 took a million steps to 5e-4 s; at rest nothing tells of it before them."""
+    solution = HHT(Spring()).solve((0.0, 0.5), start[:1], start[1:], rtol=rtol, max_num_steps=200_000)
+    assert solution.success is reached
+    assert reached or "roundoff is reached" in solution.message
+
+
+@pytest.mark.parametrize("size", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize("atol", [1e-6, 1e-8, 1e-9])
+def test_a_jump_is_stepped_over_or_named_at_tolerances_above_roundoff(size, atol):
+    push = NumpySystem(force=lambda t, q, v: np.array([size if t > 0.4321 else -1.0]))
+    solution = HHT(push).solve((0.0, 0.5), [1.0], [0.5], rtol=0, atol=atol)
+    assert "roundoff" not in solution.message
+    assert solution.success or "jump" in solution.message
 
 
 def test_a_jump_too_large_for_the_shortest_step_is_told_from_roundoff():
