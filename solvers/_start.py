@@ -30,7 +30,6 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.augmented import AugmentedDynamics
-from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.kkt import Acceleration
 from hhtbench.lowering.matrix_free import large
 from hhtbench.lowering.numpy_dynamics import NumpyDynamics

@@ -22,7 +22,7 @@ def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
 
 
 def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
-    """Whether the mass of ``dynamics`` is singular at (t, q); one that is not finite is not.  Warns if it is not symmetric."""
+    """Whether the mass is singular at (t, q); one that is not finite is not.  Warns where it is not symmetric."""
     if dynamics.structure.mass == "identity":
         return False
     if isinstance(dynamics.constant_mass, Diagonal):
