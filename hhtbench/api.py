@@ -38,10 +38,11 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     ProblemError, TypeError
         Wrong use, before any function of the system is called.
     """
+    began = time.perf_counter()
     asked = make_request(**request)
-    clock = Clock(asked.max_seconds)  # it runs while problem and solver are imported, which nothing else can end
+    clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
     loaded, chosen = load_problem(problem), load_solver(solver)
-    clock.note_preparation("importing problem and solver", time.perf_counter() - clock.started)
+    clock.note_preparation("importing problem and solver", time.perf_counter() - began)
     if asked.t_eval is not None:
         check_output_times(asked.t_eval, *loaded.t_span)
     with handed_over(clock):

@@ -69,14 +69,15 @@ class timed:
     A class, since a generator would write to the traceback of an exception whose class is frozen.
     """
 
-    def __init__(self, limit: float | None) -> None:
-        self._limit = limit
+    def __init__(self, limit: float | None, began: float | None = None) -> None:
+        """``began``: when the call did, where that is not now."""
+        self._limit, self._began = limit, began
         self._token: Token[Clock | None] | None = None
 
     def __enter__(self) -> Clock:
         clock = _clock.get()
         if clock is None or clock.in_use or clock.limit != self._limit:
-            clock = Clock(self._limit)
+            clock = Clock(self._limit, time.perf_counter() if self._began is None else self._began)
         clock.in_use = True
         self._token = _clock.set(clock)
         return clock

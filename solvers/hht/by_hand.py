@@ -230,15 +230,15 @@ class ByHand:
         mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
         return Place(t0, q, v), (lam, mu)
 
-    def _alone(self, max_seconds: float | None = None) -> _Alone:
-        return _Alone(self._busy, max_seconds)
+    def _alone(self, max_seconds: float | None = None, began: float | None = None) -> _Alone:
+        return _Alone(self._busy, max_seconds, began)
 
 
 class _Alone(timed):
     """Holds the lock of one HHT object, with the clock of what it does."""
 
-    def __init__(self, busy: Any, max_seconds: float | None) -> None:
-        super().__init__(max_seconds)
+    def __init__(self, busy: Any, max_seconds: float | None, began: float | None) -> None:
+        super().__init__(max_seconds, began)
         self.busy = busy
 
     def __enter__(self) -> Clock:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -136,6 +137,7 @@ class HHT(ByHand):
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
             the system's own functions is raised again as it is, with ``.partial_solution``.
         """
+        began = time.perf_counter()
         asked = make_request(**request)
         if asked.options:
             raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={asked.options}.")
@@ -150,7 +152,7 @@ class HHT(ByHand):
         check_interval("tspan", t0, t1)
         if asked.fixed:
             plan_steps(asked, t0, t1)
-        with self._alone(asked.max_seconds) as clock:
+        with self._alone(asked.max_seconds, began) as clock:
             return Run(self, asked, t1, place, guesses, clock).solution()
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
