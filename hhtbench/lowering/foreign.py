@@ -8,6 +8,7 @@ Machine code fills the result with NaN before the call and the callback writes i
 from __future__ import annotations
 
 import ctypes
+import math
 import signal
 import threading
 from collections.abc import Callable
@@ -20,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import ShapedArray
 
+from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering.diagonal import full
 from hhtbench.lowering.dynamics import Dynamics, EquationsOfMotion
 from hhtbench.lowering.jax_internals import Primitive
@@ -28,7 +30,7 @@ from hhtbench.protocol import declared
 
 foreign_p = Primitive("hhtbench_foreign")
 foreign_p.def_abstract_eval(lambda address, *arguments, shape: ShapedArray(shape, np.dtype(np.float64)))
-_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
+_POINTER = ctypes.c_void_p
 
 FUNCTIONS = {  # sizes of the result, and of the arguments: "1" the time, n coordinates, m and p multipliers
     "force": ("n", "1nn"),
@@ -52,15 +54,16 @@ FUNCTIONS = {  # sizes of the result, and of the arguments: "1" the time, n coor
 
 
 class Callbacks:
-    """The callbacks of one dynamics, and what one of them has raised; equal to all others, since code does not depend on it.
+    """Functions in Python that machine code calls by address, and what one of them has raised.
 
-    ``with callbacks:`` around machine code that calls them: in the main thread an interrupt is then noted instead of raised
-    between two of their lines, where it would be lost.
+    Equal to all others, since code does not depend on them.  ``with callbacks:`` around machine code that calls them: in the
+    main thread an interrupt is then noted instead of raised between two of their lines, where it would be lost.
     """
 
-    def __init__(self, system: Any) -> None:
+    def __init__(self, system: Any = None) -> None:
         self.system = system
-        self.cause: BaseException | None = None
+        self.cause: BaseException | None = None  #: nothing is computed any more
+        self.nonfinite: NonFiniteValue | None = None  #: the last value that was not finite; the loops go on with NaN
         self._kept: list[Any] = []
         self._before: Any = None
 
@@ -88,23 +91,61 @@ class Callbacks:
         cause, self.cause = self.cause, None
         return cause
 
-    def address(self, function: Callable[..., Any], size: int, sizes: tuple[int, ...]) -> int:
-        """Address of ``void f(const double* arguments, double* result)``, the arguments in a row."""
-        cuts = np.cumsum([0, *sizes]).tolist()
-        parts = [slice(start, stop) for start, stop in pairwise(cuts[1:])]  # behind the time
-        given, result = ctypes.c_double * cuts[-1], ctypes.c_double * size
+    def take_nonfinite(self) -> NonFiniteValue | None:
+        """The last value that was not finite since the last call, where a callback told of it."""
+        found, self.nonfinite = self.nonfinite, None
+        return found
 
-        def call(at: int, to: int) -> None:
+    def row(self, function: Callable[..., Any], size: int, sizes: tuple[int, ...]) -> int:
+        """Address of ``void f(const double* arguments, double* result)``, the arguments in a row, the time first."""
+        cuts = np.cumsum([0, *sizes]).tolist()
+        parts = [slice(start, stop) for start, stop in pairwise(cuts[1:])]
+        given = ctypes.c_double * cuts[-1]
+
+        def compute(at: int) -> Any:
+            values = np.array(given.from_address(at))
+            return function(float(values[0]), *[values[part] for part in parts])
+
+        call = self._noting(compute, size)
+        return self._kept_address(ctypes.CFUNCTYPE(None, _POINTER, _POINTER), lambda at, to: call(to, at))
+
+    def entry(self, function: Callable[..., Any], size: int, shapes: tuple[tuple[int, ...] | None, ...]) -> int:
+        """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code has it.
+
+        Parameters are not looked at, nor arguments whose shape is None; one of shape () is a number.
+        """
+        kinds = [None if shape is None else ctypes.c_double * math.prod(shape) for shape in shapes]
+
+        def compute(*places: int) -> Any:
+            arguments = []
+            for place, kind, shape in zip(places[1:], kinds, shapes, strict=True):
+                if kind is not None and shape is not None:
+                    values = np.array(kind.from_address(place))
+                    arguments.append(values.reshape(shape) if shape else float(values[0]))
+            return function(*arguments)
+
+        kind = ctypes.CFUNCTYPE(None, *[_POINTER] * (2 + len(shapes)))
+        return self._kept_address(kind, self._noting(compute, size))
+
+    def _noting(self, compute: Callable[..., Any], size: int) -> Callable[..., None]:
+        """``call(to, *places)`` that writes what is computed, last of all, and notes what is raised."""
+        result = ctypes.c_double * size
+
+        def call(to: int, *places: int) -> None:
             try:
                 if self.cause is not None:
                     return
-                values = np.array(given.from_address(at))
                 out: Any = result.from_address(to)
-                np.frombuffer(out)[:] = function(float(values[0]), *[values[part] for part in parts])
+                np.frombuffer(out)[:] = compute(*places)
+            except NonFiniteValue as error:
+                self.nonfinite = error
             except BaseException as error:  # noqa: BLE001 - ctypes would print and forget it
                 self.cause = error
 
-        callback = _CALLBACK(call)
+        return call
+
+    def _kept_address(self, kind: Any, function: Callable[..., None]) -> int:
+        callback = kind(function)
         self._kept.append(callback)
         return int(ctypes.cast(callback, ctypes.c_void_p).value or 0)
 
@@ -180,7 +221,7 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
     for name, (result, arguments) in FUNCTIONS.items():
         shape = _shape(result, s)
         sizes = tuple(_shape(letter, s)[0] for letter in arguments)
-        addresses.append(callbacks.address(_flat(getattr(dynamics, name), name, s.n), int(np.prod(shape)), sizes))
+        addresses.append(callbacks.row(_flat(getattr(dynamics, name), name, s.n), int(np.prod(shape)), sizes))
     masses = (None if mass is None else np.asarray(mass) for mass in (dynamics.constant_mass, dynamics.inverse_mass))
     own = tuple(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)

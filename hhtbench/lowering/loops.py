@@ -63,24 +63,32 @@ def inner(**options: Any) -> Callable[[Any], Any]:
     return lambda function: Inner(function, options)
 
 
-class Later:
-    """What Numba needs, by the name of its module, which is imported where something is compiled."""
+class Intrinsic:
+    """A word of compiled loops for which Numba has a generator of code, and Python a function that does the same."""
 
-    def __init__(self, module: str, name: str) -> None:
-        self._module, self._name = module, name
+    def __init__(self, module: str, name: str, function: Callable[..., Any]) -> None:
+        self._module, self._name, self._function = module, name, function
+
+    def __call__(self, *arguments: Any) -> Any:
+        """As plain Python."""
+        return self._function(*arguments)
 
     def for_numba(self) -> Any:
-        """The thing itself."""
+        """Numba's; its module is imported where something is compiled."""
         return getattr(importlib.import_module(self._module), self._name)
 
 
 class Inner:
-    """A function that other loops call."""
+    """A function that other loops call; called from Python it runs as plain Python."""
 
     def __init__(self, function: Any, options: dict[str, Any]) -> None:
         self.__doc__, self.__module__, self.__name__ = function.__doc__, function.__module__, function.__name__
         self.function, self.options = function, options
         self._made: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """As plain Python."""
+        return self.function(*arguments)
 
     def for_numba(self) -> Any:
         """Numba's function."""
@@ -91,7 +99,10 @@ class Inner:
 
 
 class Entry(Inner):
-    """A function that Python calls.  Its arguments go over as a row of eight-byte words."""
+    """A function that Python calls.  Its arguments go over as a row of eight-byte words.
+
+    ``entry.function`` is the same as plain Python.
+    """
 
     def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
         super().__init__(function, options)

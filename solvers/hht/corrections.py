@@ -12,7 +12,7 @@ from typing import Any
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.inverse import inverse
 from solvers.hht.coefficients import Method
-from solvers.hht.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.discretise import stages, step_residual, step_residual_and_ends, step_residual_and_matrix, unpack_matrix
 from solvers.hht.laws import force_at_end
 from solvers.hht.layout import Layout
 from solvers.hht.weights import packed_known, start_of
@@ -21,14 +21,24 @@ SMALL = 12  #: unknowns up to which that is so
 
 
 def state_size(layout: Layout) -> int:
-    """Length of q, v, a, f, lam, mu and the change of v over h, in a row."""
+    """Length of what :func:`state_after` returns."""
     s = layout.structure
-    return 5 * s.n + s.m + s.p
+    return (7 if s.m else 5) * s.n + s.m + s.p
+
+
+def residual_of(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`~solvers.hht.discretise.step_residual` (size,) from the state."""
+    return step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
+
+
+def residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    return step_residual_and_ends(dynamics, layout, x, packed_known(dynamics, method, layout, given))
 
 
 def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """:func:`~solvers.hht.discretise.step_residual` (size,), then :func:`state_after`."""
-    residual = step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
+    residual = residual_of(dynamics, method, layout, x, given)
     return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
 
 
@@ -38,7 +48,7 @@ def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: A
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, :func:`state_size`; with position constraints R0, R1 too."""
+    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
     known, unknown = layout.known(packed_known(dynamics, method, layout, given)), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
     a = unknown["a"]
@@ -81,7 +91,7 @@ def kept_correction_and_end(
 ) -> Any:
     """A correction with what :func:`fresh_correction` left of a matrix, :func:`_sized`, then :func:`state_after`."""
     xp, size = dynamics.xp, layout.size
-    residual = step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
+    residual = residual_of(dynamics, method, layout, x, given)
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(kept)
     sized = _sized(dynamics, layout, inverted.reshape(size, size).T @ residual, flat.reshape(-1, size))
     return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])

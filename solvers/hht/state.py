@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hhtbench.arguments import Matrix, Vector
-from solvers.hht.linear import Factor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +17,16 @@ class Memory:
     acceleration: Vector  #: (n,) f + r after it
     velocity_reaction: Vector | None = None  #: (n,) R_k
     error: float | None = None  #: size of the step's error over what was allowed, (H26)
-    easy: int = 0  #: steps in a row that Newton's iteration found easy (Chrono's rule only)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factorised:
+    """Where the kept factorisation of Newton's matrix was made: the same code makes the same bits of it again."""
+
+    at: Vector  #: the unknowns (size,), then the step and the state before it
+    h: float  #: signed step [s] it was made for
+    rate: float  #: worst contraction per iteration seen with it
+    uses: int  #: solves with it: a small matrix that serves often is inverted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,19 +45,7 @@ class State:
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
     unknowns: Vector | None  #: (size,) of the last step
     earlier: Matrix | None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
-    factor: Factor | None  #: kept factorisation
+    factorised: Factorised | None  #: the kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
     memory: Memory | None = None  #: None with prescribed steps
-
-
-@dataclass(frozen=True, kw_only=True)
-class Step:
-    """One accepted step: the new state and the stage values the step was made with."""
-
-    state: State
-    lam_start: Vector  #: (m,)
-    lam_end: Vector  #: (m,)
-    mu_half: Vector  #: (p,)
-    reactions: tuple[Vector, Vector] | None = None  #: R0, R1 (n,) of (H8), accelerations
-    velocity_reaction: Vector | None = None  #: R_k (n,) of (H10), None without velocity constraints

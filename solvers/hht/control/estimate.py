@@ -1,67 +1,56 @@
-"""The local error of a step in a compiled loop: what :class:`solvers.hht.estimate.Estimator` does, by the same laws."""
+"""The local error of a step, (H23) to (H26): along the constraints, filtered by the step's own matrix."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from solvers.hht.kernels import solve_pair_into
 from solvers.hht.laws import EPS, GAUSS, NOTHING, ROUNDOFF
-from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.native.parts import address, half, half_of_pivots, indices, part, put, top
-from solvers.hht.native.tables import (
+from solvers.hht.linear.matrix import respond
+from solvers.hht.step.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
+from solvers.hht.step.memory import (
     ACCELERATION,
-    ANSWERS,
     ATOL,
+    ATTEMPT,
     BEFORE,
     BETA,
-    BLOCKS,
     C_LEVELS,
     C_RAW,
-    CHANGES,
-    COLUMNS,
     CONSTANTS,
-    COUPLED,
-    COUPLINGS,
+    CONTROL,
     END,
-    END_INVERSE,
+    END_INVERSE_MASS,
     ERROR,
     FACTOR,
-    FACTOR_H,
     GAMMA,
-    HAS_ROLLING,
-    INVERSE_MATRIX,
+    H_TRIED,
+    HAS_REACTION_K,
     LAM,
     LAST,
     LEVELS,
-    MAP_COLUMNS,
-    MAP_STARTS,
-    MAPS,
-    MEMORY,
+    MADE_H,
     MU,
     NUMBER,
     O_LAM0,
     O_LAM1,
     O_MU,
     O_RK,
+    PAIR_CHANGE,
+    PAIR_RIGHT,
+    PAIR_SOLUTION,
     PLACE,
     RAW,
     RAW_GIVEN,
-    RIGHTS,
-    ROLLING,
-    ROWS,
+    REACTION_K,
+    RECORD,
     RTOL,
-    SIZE,
     SIZE_Q,
     SIZE_V,
-    SMALL,
-    STARTS,
+    SLOT,
     STEP,
-    STORAGE,
+    T_END,
     VARIABLE,
     WEIGHTS,
-    WORKS,
     A,
     F,
     H,
@@ -73,17 +62,18 @@ from solvers.hht.native.tables import (
     V,
     X,
 )
+from solvers.hht.step.sections import address, call, half, largest, part, put
 
 
 @compiled
 def describe(z: Any, h: Any, t1: Any) -> None:
     """Fill what :func:`solvers.hht.local_error.raw_errors` takes, in its order."""
     n, m, p, x, end, given = z.i[N], z.i[M], z.i[P], part(z, X), part(z, END), part(z, RAW_GIVEN)
-    memory, last_h, a, f, step = part(z, MEMORY), part(z, NUMBER)[H], part(z, A), part(z, F), part(z, STEP)
-    rolling = p > 0 and memory[HAS_ROLLING] > 0.0
-    given[0], given[1] = h, memory[LAST]
+    control, last_h, a, f, step = part(z, CONTROL), part(z, NUMBER)[H], part(z, A), part(z, F), part(z, STEP)
+    with_reaction_k = p > 0 and control[HAS_REACTION_K] > 0.0
+    given[0], given[1] = h, control[LAST]
     given[2] = 1.0 if last_h == 0.0 else h / (h + last_h)
-    given[3] = h / (6 * (h + memory[LAST])) if rolling else 0.0
+    given[3] = h / (6 * (h + control[LAST])) if with_reaction_k else 0.0
     given[4] = t1
     k = put(given, 5, end[: 2 * n])
     k = put(given, k, part(z, V))
@@ -100,52 +90,17 @@ def describe(z: Any, h: Any, t1: Any) -> None:
         k = put(given, k, x[z.i[O_LAM1] : z.i[O_LAM1] + m])
     if p > 0:
         k = put(given, k, x[z.i[O_RK] : z.i[O_RK] + n])
-        k = put(given, k, part(z, ROLLING))
+        k = put(given, k, part(z, REACTION_K))
         k = put(given, k, part(z, MU))
         k = put(given, k, x[z.i[O_MU] : z.i[O_MU] + p])
     if z.i[VARIABLE]:
-        put(given, k, part(z, END_INVERSE))
+        put(given, k, part(z, END_INVERSE_MASS))
 
 
 @compiled
-def respond(z: Any, slot: Any) -> None:
-    """What the two right-hand sides in RIGHTS make of the unknowns, into ANSWERS, and of q1 and v1, into CHANGES."""
-    rights, answers, changes, n = part(z, RIGHTS), part(z, ANSWERS), part(z, CHANGES), z.i[N]
-    if z.i[SMALL]:
-        columns, size = half(z, INVERSE_MATRIX, slot), z.i[SIZE]
-        for i in range(2 * size):
-            answers[i] = 0.0
-        for j in range(size):
-            for i in range(size):
-                answers[2 * i] += columns[j * size + i] * rights[2 * j]
-                answers[2 * i + 1] += columns[j * size + i] * rights[2 * j + 1]
-    else:
-        solve_pair_into(
-            rights,
-            indices(z, ROWS),
-            indices(z, COLUMNS),
-            half(z, STORAGE, slot),
-            half_of_pivots(z, slot),
-            indices(z, BLOCKS),
-            indices(z, STARTS),
-            indices(z, COUPLED),
-            half(z, COUPLINGS, slot),
-            part(z, WORKS),
-            answers,
-        )
-    starts, columns, maps = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot)
-    for i in range(2 * n):
-        first = second = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            first += maps[e] * answers[2 * columns[e]]
-            second += maps[e] * answers[2 * columns[e] + 1]
-        changes[2 * i], changes[2 * i + 1] = first, second
-
-
-@compiled
-def make_up(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
+def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
     """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    rights, off, h, m = part(z, RIGHTS), part(z, LEVELS), part(z, FACTOR_H)[slot], z.i[M]
+    rights, off, h, m = part(z, PAIR_RIGHT), part(z, LEVELS), half(z, RECORD, slot)[MADE_H], z.i[M]
     for i in range(m):
         if position:
             rights[2 * (z.i[O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
@@ -155,11 +110,11 @@ def make_up(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
 
 
 @compiled
-def look(z: Any, t: Any) -> None:
+def levels_at(z: Any, t: Any) -> None:
     """The constraint levels at t and the q, v in PLACE."""
     part(z, PLACE)[0] = t
     at = address(z, PLACE)
-    invoke(z.i[C_LEVELS], (address(z, LEVELS), z.i[C_LEVELS + 1], at, at + 8, at + 8 + 8 * z.i[N]))
+    call(z, C_LEVELS, LEVELS, (at, at + 8, at + 8 + 8 * z.i[N]))
 
 
 @compiled
@@ -168,8 +123,8 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[N], part(z, RAW), part(z, FACTOR_H)[slot], part(z, CONSTANTS)
-    error, rights, answers, changes = part(z, ERROR), part(z, RIGHTS), part(z, ANSWERS), part(z, CHANGES)
+    n, raw, made, o = z.i[N], part(z, RAW), half(z, RECORD, slot)[MADE_H], part(z, CONSTANTS)
+    error, rights, solutions, changes = part(z, ERROR), part(z, PAIR_RIGHT), part(z, PAIR_SOLUTION), part(z, PAIR_CHANGE)
     in_q, in_v = o[BETA] * (made / h) * (made / h), made * o[GAMMA]
     for i in range(rights.size):
         rights[i] = 0.0
@@ -179,18 +134,18 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     for i in range(n):
         error[i] = changes[2 * i]
         if z.i[O_RK] >= 0:
-            error[i] -= 0.5 * made * made * answers[2 * (z.i[O_RK] + i)]
+            error[i] -= 0.5 * made * made * solutions[2 * (z.i[O_RK] + i)]
     for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
         rights[2 * i], rights[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
     if z.i[M] + z.i[P] > 0:
         place, end = part(z, PLACE), part(z, END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
-        look(z, t1)
-        make_up(z, slot, 0, -1.0, False)
+        levels_at(z, t1)
+        put_levels(z, slot, 0, -1.0, False)
     if inside:
-        look_inside(z, h)
-        make_up(z, slot, 1, 1.0, True)
+        levels_inside(z, h)
+        put_levels(z, slot, 1, 1.0, True)
     respond(z, slot)
     off = 0.0
     for i in range(n):
@@ -214,32 +169,55 @@ def weighted_rms(x: Any, weights: Any) -> Any:
 
 
 @compiled
-def look_inside(z: Any, h: Any) -> None:
+def levels_inside(z: Any, h: Any) -> None:
     """The constraint levels of dense output inside the step, where its v errs most."""
     n, end, q, v, place = z.i[N], part(z, END), part(z, Q), part(z, V), part(z, PLACE)
     for i in range(n):
         place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i], v[i], end[n + i])
-    look(z, part(z, NUMBER)[T] + GAUSS * h)
+    levels_at(z, part(z, NUMBER)[T] + GAUSS * h)
 
 
 @compiled
-def estimate(z: Any, h: Any, t1: Any, slot: Any) -> Any:
-    """The size of the attempt's error, (H26); f + r at its end is the last third of RAW."""
-    n, end, q, v, number = z.i[N], part(z, END), part(z, Q), part(z, V), part(z, NUMBER)
-    rtol, atol, weights = part(z, RTOL), part(z, ATOL), part(z, WEIGHTS)
-    describe(z, h, t1)
-    invoke(z.i[C_RAW], (address(z, RAW), z.i[C_RAW + 1], address(z, RAW_GIVEN)))
-    of_q = of_v = least = math.inf
-    size_q, size_v = max(number[SIZE_Q], top(end[:n])), max(number[SIZE_V], top(end[n : 2 * n]))
+def weigh(z: Any, q1: Any, v1: Any) -> Any:
+    """Put what is allowed of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
+    n, q, v, number, weights = z.i[N], part(z, Q), part(z, V), part(z, NUMBER), part(z, WEIGHTS)
+    rtol, atol = part(z, RTOL), part(z, ATOL)
+    of_q = of_v = math.inf
+    size_q, size_v = max(number[SIZE_Q], largest(q1)), max(number[SIZE_V], largest(v1))
     for i in range(n):
-        weights[i] = allowed(rtol[i], atol[i], q[i], end[i])
-        weights[n + i] = allowed(rtol[n + i], atol[n + i], v[i], end[n + i])
-        least = min(least, weights[n + i])
+        weights[i] = allowed(rtol[i], atol[i], q[i], q1[i])
+        weights[n + i] = allowed(rtol[n + i], atol[n + i], v[i], v1[i])
         if size_q > NOTHING:
             of_q = min(of_q, relative_part(size_q, rtol[i], atol[i]))
         if size_v > NOTHING:
             of_v = min(of_v, relative_part(size_v, rtol[n + i], atol[n + i]))
-    relative = math.sqrt(relative_tolerance(of_q, of_v))
+    return math.sqrt(relative_tolerance(of_q, of_v)), size_q
+
+
+@compiled
+def roundoff(z: Any, h: Any) -> Any:
+    """The size of the roundoff of q and v, (H26); in a step of h [s] v is also a difference of q over h."""
+    n, q, v, error = z.i[N], part(z, Q), part(z, V), part(z, ERROR)
+    relative, _ = weigh(z, q, v)
+    for i in range(n):
+        error[i] = EPS * abs(q[i])
+        error[n + i] = max(EPS * abs(v[i]), error[i] / abs(h))
+    return weighted_rms(error, part(z, WEIGHTS)) / relative
+
+
+@compiled
+def estimate(z: Any) -> Any:
+    """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
+    n, end, number, tried = z.i[N], part(z, END), part(z, NUMBER), part(z, ATTEMPT)
+    h, t1, slot = tried[H_TRIED], tried[T_END], int(tried[SLOT])
+    describe(z, h, t1)
+    call(z, C_RAW, RAW, (address(z, RAW_GIVEN),))
+    if slot < 0:  # (H21): nothing moved
+        return 0.0
+    relative, size_q = weigh(z, end[:n], end[n : 2 * n])
+    weights, least = part(z, WEIGHTS), math.inf
+    for i in range(n):
+        least = min(least, weights[n + i])
     inside = z.i[M] + z.i[P] > 0 and EPS * size_q <= ROUNDOFF * abs(h) * least  # else v there is roundoff over h
     kept = int(number[FACTOR])
     found, off = filtered(z, slot, t1, h, inside)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
 from solvers.hht.kernels import called
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled
 from solvers.hht.native.step import put, top
+
+from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
 
 MAX_ITERATIONS = 25
 CONVERGED = 1e-13

@@ -1,0 +1,183 @@
+"""Newton's matrix before its entries: which there are, which linear algebra serves them, and where the loops keep them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering import Native
+from hhtbench.lowering.patterns import Indices, Pattern
+from solvers.hht.linear.lapack import address_of
+from solvers.hht.linear.matrix import PRODUCT
+from solvers.hht.linear.order import Order, find_order
+from solvers.hht.linear.superlu import SuperLU, fill
+from solvers.hht.step.memory import (
+    DGETRF,
+    DGETRS,
+    KIND,
+    KIND_BAND,
+    KIND_CALLBACK,
+    KIND_DENSE,
+    KIND_INVERSE,
+    LAPACK,
+    OWN,
+    VALUES,
+    Memory,
+    integer_view,
+    view,
+)
+
+KINDS = ("auto", "dense", "band", "sparse")
+CODES = {"inverse": KIND_INVERSE, "band": KIND_BAND, "dense": KIND_DENSE, "sparse": KIND_CALLBACK}
+NARROW = 64  # diagonals up to which a band is taken without a look at what SuperLU would fill
+BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
+CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
+NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """The entries of [matrix; dq1/dx; dv1/dx] and the linear algebra for them."""
+
+    kind: str  #: "inverse", "band", "dense" or "sparse"
+    reason: str  #: why this kind, in words
+    size: int  #: unknowns
+    rows: Indices  #: (entries,) ascending, those of the matrix first
+    columns: Indices  #: (entries,)
+    maps: int  #: rows of dq1/dx over dv1/dx, 2n
+    slots: Indices  #: (computed,) where what the matrix function returns goes in [residual; entries]
+    constants: Vector  #: (size + entries,) the others
+    order: Order = NO_ORDER  #: of a band
+
+    @property
+    def own(self) -> int:
+        """Entries of the matrix itself."""
+        return int(np.searchsorted(self.rows, self.size))
+
+    @property
+    def storage(self) -> int:
+        """Numbers of one factorisation."""
+        return {"band": self.order.storage, "dense": self.size**2}.get(self.kind, 0)
+
+    @property
+    def inverse(self) -> int:
+        """Numbers of one inverse, where it is kept."""
+        return self.size**2 if self.kind == "inverse" or (self.kind == "band" and self.size <= PRODUCT) else 0
+
+    def sections(self) -> dict[str, Any]:
+        """Integer sections of the loops' memory."""
+        own, size = self.own, self.size
+        starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
+        named = {"slots": self.slots, "map_starts": starts, "map_columns": self.columns[own:]}
+        i, j = self.rows[:own], self.columns[:own]
+        if self.kind == "dense":
+            return named | {"inside": np.arange(own), "places": i.astype(np.int64) + j.astype(np.int64) * size}
+        return named | self._blocks(_inverse(self.order.rows)[i], _inverse(self.order.columns)[j]) if self.storage else named
+
+    def _blocks(self, i: Indices, j: Indices) -> dict[str, Any]:
+        """Where the entries at the places ``i, j`` (own,) stand in bands, and which couple blocks."""
+        order = self.order
+        block = np.searchsorted(order.blocks[:, 0], np.arange(self.size), side="right") - 1
+        start, count, lower, upper = order.blocks.T
+        height = 2 * lower + upper + 1
+        offset = np.concatenate([[0], np.cumsum(count * height)])
+        inside, b = block[i] == block[j], block[j]
+        outside = np.flatnonzero(~inside)
+        outside = outside[np.argsort(i[outside], kind="stable")]
+        return {
+            "inside": np.flatnonzero(inside),
+            "places": (offset[b] + (j - start[b]) * height[b] + lower[b] + upper[b] + i - j)[inside],
+            "outside": outside,
+            "starts": np.searchsorted(i[outside], np.arange(self.size + 1)),
+            "coupled": j[outside],
+            "rows": order.rows,
+            "columns": order.columns,
+            "blocks": order.blocks.ravel(),
+        }
+
+    def fill(self, z: Memory) -> None:
+        """Put what does not change into the loops' memory."""
+        view(z, VALUES)[:] = self.constants
+        z.i[KIND], z.i[OWN] = CODES[self.kind], self.own
+        z.i[DGETRF], z.i[DGETRS] = address_of("dgetrf"), address_of("dgetrs")
+        integer_view(z, LAPACK)[:] = self.size, 1, ord("N"), 0
+
+    def outside(self) -> SuperLU | None:
+        """What keeps factorisations in Python."""
+        if self.kind != "sparse":
+            return None
+        return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size)
+
+
+def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> Analysis:
+    """For the entries that machine code computes; systems of up to ``small`` unknowns keep the inverse."""
+    computed = np.zeros(matrix.size, dtype=bool)
+    computed[matrix.varying] = True
+    flat = np.flatnonzero(computed | (matrix.constants != 0.0))
+    flat = flat[flat >= size] - size  # entries of matrix and maps, row by row
+    place = np.full(matrix.size, -1)
+    place[:size] = np.arange(size)
+    place[size + flat] = size + np.arange(flat.size)
+    constants = np.concatenate([matrix.constants[:size], matrix.constants[size + flat]])
+    given = flat // size, flat % size, 2 * n, place[matrix.varying].astype(np.int64), constants
+    if linsolver == "auto" and size <= small:
+        return Analysis("inverse", f"up to {small} unknowns", size, *given)
+    return chosen(size, *given, linsolver=linsolver, measured=False)
+
+
+def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
+    """For the entries of a sparse derivative, which come after the residual."""
+    rows = np.asarray(pattern.rows, dtype=np.int64)
+    columns, total = np.asarray(pattern.columns, dtype=np.int64), size + pattern.entries
+    maps = pattern.shape[0] - size
+    return chosen(size, rows, columns, maps, np.arange(total), np.zeros(total), linsolver=linsolver, measured=True)
+
+
+def full(size: int, n: int, linsolver: str, reason: str) -> Analysis:
+    """For full matrices."""
+    rows, columns = (x.ravel() for x in np.indices((size + 2 * n, size)))
+    total = size + rows.size
+    given = size, rows, columns, 2 * n, np.arange(total), np.zeros(total)
+    if linsolver in ("auto", "dense"):
+        return Analysis("dense", reason, *given)
+    return chosen(*given, linsolver=linsolver, measured=False)
+
+
+def chosen(
+    size: int,
+    rows: Indices,
+    columns: Indices,
+    maps: int,
+    slots: Indices,
+    constants: Vector,
+    *,
+    linsolver: str,
+    measured: bool,
+) -> Analysis:
+    """The kind asked for, or with "auto" the cheapest: by the band, and where ``measured`` by SuperLU's fill."""
+    given, own = (size, rows, columns, maps, slots, constants), int(np.searchsorted(rows, size))
+    if linsolver == "dense":
+        return Analysis("dense", "asked for", *given)
+    order = find_order(rows[:own], columns[:own], size)
+    shape = f"{own} entries; blocks of {order.text} diagonals after reverse Cuthill-McKee"
+    if linsolver == "sparse":
+        return Analysis("sparse", shape, *given)
+    if linsolver == "band" or (measured and order.storage <= NARROW * size):
+        return Analysis("band", shape, *given, order=order)
+    if order.storage > size * size:
+        return Analysis("dense", f"{shape}, more than the full matrix", *given)
+    filled = fill(rows[:own], columns[:own], size) if measured else order.storage
+    if measured and min(filled, order.storage) > CROWDED * size * size:
+        return Analysis("dense", f"{filled} entries of {size} x {size} fill in", *given)
+    if order.storage <= BAND_GAIN * filled:
+        return Analysis("band", shape, *given, order=order)
+    return Analysis("sparse", f"{shape}; SuperLU fills {filled}", *given)
+
+
+def _inverse(order: Indices) -> Indices:
+    places = np.empty_like(order)
+    places[order] = np.arange(order.size)
+    return places

@@ -1,0 +1,1 @@
+"""From a start to a solution: the engine, the loop over steps, rows and checkpoints."""

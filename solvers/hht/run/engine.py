@@ -1,0 +1,348 @@
+"""``Engine``: the loops of one method for one system, seen from Python: a state in, a state after many steps out."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Work
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function
+from hhtbench.lowering.diagonal import Diagonal
+from hhtbench.lowering.foreign import Callbacks
+from hhtbench.protocol import DERIVATIVES, declared
+from solvers._finite import explain_nonfinite, inverse_mass_at
+from solvers._start import points_of
+from solvers.hht.coefficients import Method
+from solvers.hht.events.compiled import EventFunctions
+from solvers.hht.run.functions import Functions, MachineCode
+from solvers.hht.run.march import Control, look, march, remake, take, try_step
+from solvers.hht.run.recover import Recovery
+from solvers.hht.run.shortest import Shortest
+from solvers.hht.run.transfer import load, store
+from solvers.hht.state import State
+from solvers.hht.step.memory import (
+    ATOL,
+    ATTEMPT,
+    CODE,
+    CONSTANTS,
+    CONVERGED,
+    COUNTS,
+    END,
+    END_INVERSE_MASS,
+    ENDED,
+    EVALUATIONS,
+    EVENT_CODE,
+    EVENT_VALUES,
+    EVENTS_KNOWN,
+    FALLBACK,
+    FUNCTIONS,
+    H_TRIED,
+    KIND_CALLBACK,
+    KIND,
+    MAX_DAMPED,
+    MAX_HALVINGS,
+    MAX_ITERATIONS,
+    NEWTON_CONSTANTS,
+    RESCALE_A,
+    RTOL,
+    SPENT,
+    T_END,
+    TRAPEZOIDAL,
+    Memory,
+    X,
+    integer_view,
+    view,
+)
+
+UNLIMITED = 2**62
+ATTEMPTED = (ATTEMPT, X, END, END_INVERSE_MASS)  # sections that hold an attempt
+
+
+class Engine:
+    """Steps of one method for one system.
+
+    Beside the loops' memory it keeps that declared derivatives were given up, for good, and counts what is evaluated.
+
+    Parameters
+    ----------
+    fallback
+        () -> functions with every declared derivative derived afresh; None where none is declared.
+    plain
+        Run the loops as plain Python: for debugging, and to compare with.
+    """
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        method: Method,
+        work: Work,
+        functions: Functions,
+        *,
+        fallback: Callable[[], Functions] | None = None,
+        plain: bool = False,
+    ) -> None:
+        self.dynamics, self.method, self.work = dynamics, method, work
+        self.structure, self.points = dynamics.structure, points_of(dynamics)  # a NumPy system counts its calls itself
+        self.functions, self.layout = functions, functions.layout
+        self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
+        self.acceleration = AccelerationLevel(dynamics)
+        self.callbacks = functions.callbacks or Callbacks()
+        self.events = EventFunctions((), functions, self.callbacks)
+        self._fallback, self._plain = fallback, plain
+        self.distrusts = False  #: whether the declared derivatives were given up
+        self._z: Memory | None = None
+        self._held: State | None = None  #: the state that is in the memory
+        self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
+        self._outside = self.functions.analysis.outside()
+        self.nonfinite: NonFiniteValue | None = None  #: the value that was not finite in the last call, where it is known
+
+    @property
+    def why(self) -> str:
+        """How the steps are made."""
+        kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
+        return f"{'plain Python' if self._plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
+
+    def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
+        """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
+
+        Raises
+        ------
+        NonFiniteValue
+            F or M holds NaN or infinity.
+        """
+        n = self.structure.n
+        packed = self._force(t, q, v)
+        if not np.isfinite(packed).all():
+            explain_nonfinite(self.dynamics, t, q, v)
+        if self.structure.mass == "variable":
+            inverse = packed[n:].reshape(n, n)
+            return inverse @ packed[:n], inverse
+        inverse = self.dynamics.inverse_mass
+        if isinstance(inverse, Diagonal):
+            return np.asarray(inverse.values) * packed, None
+        return (packed if inverse is None else np.asarray(inverse) @ packed), None
+
+    def with_multipliers(self, state: State) -> State:
+        """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
+        if not self.structure.constrained:
+            return state
+        found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
+        self.work.add("residual_evaluations", self.points)
+        return state if not found.converged else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
+
+    def watch(self, events: Any) -> None:
+        """Look at the functions of ``events`` in every step."""
+        if events != self.events.events:
+            self.events = EventFunctions(events, self.functions, self.callbacks)
+            self._z = self._held = None
+
+    def march(
+        self, state: State, control: Control, lengths: Vector, ends: Vector, rows: Matrix, values: Vector | None
+    ) -> tuple[State, int, int]:
+        """(the state after, how many steps were made, how it ended) of at most ``len(rows)`` steps.
+
+        ``values``: of the event functions at ``state``; None where the motion begins there.
+        """
+        z = self._prepared(state, values, controlled=control.controlled)
+        made = self._call(march, z, control, lengths, ends, rows, before_raising=lambda made: made == 0)
+        self.work.add("steps_accepted", made)
+        ended = int(z.i[ENDED])
+        if made:
+            state = self._held = store(z, controlled=state.memory is not None)
+        if ended == SPENT and not made:
+            raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
+        return state, made, ended
+
+    def try_step(self, h: float, t1: float) -> int:
+        """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
+        self.work.check_time()
+        return self._call(try_step, self._memory(), float(h), float(t1))
+
+    def look(self) -> int:
+        """What the event functions do along the attempt."""
+        return self._call(look, self._memory())
+
+    def take(self, control: Control, *, estimates: bool) -> tuple[State, Vector]:
+        """Accept the attempt: the state after it and its row; ``estimates``: its error is not known yet."""
+        z, row = self._memory(), np.zeros((1, self.columns))
+        controlled = self._held is not None and self._held.memory is not None
+        self._call(take, z, control, row, estimates)
+        self.work.add("steps_accepted")
+        self._held = store(z, controlled=controlled)
+        return self._held, row[0]
+
+    def attempted(self) -> tuple[Vector, ...]:
+        """Copies of what the memory holds of the attempt: numbers, unknowns, end, inverse mass."""
+        return tuple(view(self._memory(), section).copy() for section in ATTEMPTED)
+
+    def put_back(self, attempt: tuple[Vector, ...]) -> None:
+        """Make ``attempt``, of the same state, the one that the memory holds."""
+        for section, values in zip(ATTEMPTED, attempt, strict=True):
+            view(self._memory(), section)[:] = values
+
+    @property
+    def columns(self) -> int:
+        """Of a row: t, h, q, v, a, lam at both ends, mu."""
+        s = self.structure
+        return 2 + 3 * s.n + 2 * s.m + s.p
+
+    def numbers(self) -> Vector:
+        """The ATTEMPT section of the memory."""
+        return view(self._memory(), ATTEMPT)
+
+    def section(self, name: int) -> Vector:
+        """A section of the memory."""
+        return view(self._memory(), name)
+
+    def event_values(self) -> Vector:
+        """(k,) of the event functions at the state in the memory."""
+        return view(self._memory(), EVENT_VALUES).copy()
+
+    def give_up_derivatives(self, state: State) -> bool:
+        """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
+        if self._fallback is None:
+            return False
+        numbers = self.numbers().copy()
+        declared_ones = self.functions, self._fallback, self._z, self._outside
+        names = self.distrust()
+        self._prepared(replace(state, factorised=None), None, controlled=state.memory is not None)
+        ended = self._call(try_step, self._memory(), float(numbers[H_TRIED]), float(numbers[T_END]))
+        self._held = None
+        if ended == CONVERGED:
+            warnings.warn(
+                f"Newton's iteration failed with the declared {names} and converged without; derived ones are used "
+                "from here on. `hhtbench check` shows the wrong entries.",
+                UserWarning,
+                stacklevel=2,
+            )
+            return True
+        self.functions, self._fallback, self._z, self._outside = declared_ones
+        self.distrusts, self._not_suspect = False, state
+        self.numbers()[:] = numbers
+        return False
+
+    def distrust(self) -> str:
+        """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
+        if self._fallback is None:
+            return ""
+        self.functions = self._fallback()
+        self.callbacks = self.functions.callbacks or Callbacks()
+        self.events = EventFunctions(self.events.events, self.functions, self.callbacks)
+        self._outside = self.functions.analysis.outside()
+        self._fallback, self._z, self._held, self.distrusts = None, None, None, True
+        system = self.functions.dynamics.system
+        return ", ".join(name for name in DERIVATIVES if declared(system, name) is not None)
+
+    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+        """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
+        if not isinstance(self.functions, MachineCode) or self._plain:
+            return np.zeros(times.size, dtype=bool)
+        recovery = Recovery(self.functions.dynamics, self.callbacks, self.work, self.points)
+        done = recovery(times, q, v, lam, mu)
+        self._raise_cause()
+        return done
+
+    def explain(self, state: State, t1: float) -> NonFiniteValue | None:
+        """The value that was not finite, looked for at the end of the step from ``state`` where machine code has met it."""
+        if self.nonfinite is not None:
+            return self.nonfinite
+        n, end = self.structure.n, self.section(END)
+        q1, v1 = (end[:n], end[n : 2 * n]) if np.isfinite(end[: 2 * n]).all() and end.any() else (state.q, state.v)
+        try:
+            explain_nonfinite(self.dynamics, t1, q1, v1)
+        except NonFiniteValue as error:
+            return error
+        return None
+
+    def _memory(self) -> Memory:
+        if self._z is None:
+            self._z = self._made()
+        return self._z
+
+    def _made(self) -> Memory:
+        """The loops' memory with constants and addresses, but for those of the error and the events."""
+        z = self.functions.memory(len(self.events.events), self.events.samples)
+        c, o = self.method.coefficients, self.functions.newton
+        view(z, CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in NEWTON_CONSTANTS)]
+        z.i[RESCALE_A], z.i[TRAPEZOIDAL] = self.method.rescale_a, self.method.start == "trapezoidal"
+        z.i[MAX_ITERATIONS], z.i[MAX_DAMPED], z.i[MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
+        codes = self.functions.codes(self.callbacks) | Shortest(self).codes(self.callbacks)
+        if z.i[KIND] == KIND_CALLBACK and self._outside is not None:
+            codes |= self._outside.codes(self.callbacks, self.functions.analysis.rows.size)
+        self._put(z, codes)
+        self.events.fill(z)
+        return z
+
+    def _put(self, z: Memory, codes: dict[str, tuple[int, int]]) -> None:
+        for name, pair in codes.items():
+            at = CODE + 2 * FUNCTIONS.index(name)
+            z.i[at : at + 2] = pair
+
+    def _prepared(self, state: State, values: Vector | None, *, controlled: bool) -> Memory:
+        """The memory with ``state`` in it."""
+        self._raise_cause()
+        z = self._memory()
+        if controlled and not z.i[CODE + 2 * FUNCTIONS.index("raw")]:
+            self._put(z, self.functions.error_codes(self.callbacks))
+        if self._held is not state:
+            if state.factorised is not None:
+                ended = self._call(remake, z, state.factorised.at, float(state.factorised.h), counted=False)
+                state_in = state if ended == CONVERGED else replace(state, factorised=None)
+            else:
+                state_in = state
+            load(z, state_in)
+            self._held = state
+        z.i[FALLBACK] = self._fallback is not None and self._not_suspect is not state
+        z.i[EVENTS_KNOWN] = values is not None
+        if values is not None:
+            view(z, EVENT_VALUES)[:] = values
+        integer_view(z, EVENT_CODE)[:] = self.events.codes()
+        return z
+
+    def tolerate(self, rtol: Vector, atol: Vector) -> None:
+        """The weights of the error norm, (2n,) each."""
+        z = self._memory()
+        view(z, RTOL)[:], view(z, ATOL)[:] = rtol, atol
+
+    def _call(
+        self,
+        entry: Any,
+        z: Memory,
+        *arguments: Any,
+        counted: bool = True,
+        before_raising: Callable[[int], bool] = lambda made: True,
+    ) -> int:
+        """Call one of the loops; what a function in Python has raised in it is raised again."""
+        tally, limit = np.zeros(len(COUNTS), dtype=np.int64), self.work.max_evaluations
+        z.i[EVALUATIONS] = UNLIMITED if limit is None or not self.points else limit - self.work.tally["residual_evaluations"]
+        with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
+            result = int((entry.function if self._plain else entry)(z, *arguments, tally) or 0)
+        for name, amount in zip(COUNTS, tally.tolist(), strict=True):
+            if counted and amount and (self.points or name != "residual_evaluations"):  # callbacks count themselves
+                self.work.add(name, amount)
+        self.nonfinite = self.callbacks.take_nonfinite()
+        if before_raising(result):
+            self._raise_cause()
+        return result
+
+    def _raise_cause(self) -> None:
+        """Raise again what a function in Python has raised in the loops, whose steps before it stand."""
+        cause = self.callbacks.take_cause()
+        if cause is not None:
+            raise cause
+
+
+def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """F (n,) and, where the mass varies, M^-1 (n*n,), packed into one vector."""
+    force = dynamics.force(t, q, v)
+    if dynamics.structure.mass != "variable":
+        return force
+    return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])

@@ -1,0 +1,85 @@
+"""The loop over steps, compiled: everything between a state and the next that Python need not see."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from hhtbench.lowering.loops import FloatArray, FloatMatrix, IntArray
+from solvers.hht.control.controller import advance, conclude
+from solvers.hht.control.estimate import estimate
+from solvers.hht.events.scan import scan
+from solvers.hht.linear.matrix import early, renew
+from solvers.hht.step.attempt import attempt
+from solvers.hht.step.compiled import called
+from solvers.hht.step.memory import ATTEMPT, CONVERGED, ENDED, ERROR_SIZE, FACTOR, NUMBER, SLOT, STEP, Memory, T, X
+from solvers.hht.step.sections import part, put, view
+
+
+class Control(NamedTuple):
+    """Constants of step control, named as in :class:`~solvers.hht.control.options.ControlOptions`."""
+
+    controlled: bool
+    watching: bool  #: whether there are event functions to look at
+    stop: float  #: [s]
+    min_step: float
+    max_step: float
+    target: float
+    integral: float
+    proportional: float
+    growth: float
+    shrink: float
+    keep: tuple[float, float]
+    least: float
+    spacings: float
+    after_failure: float
+    grown: float
+
+
+@called
+def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray) -> Any:
+    """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
+
+    Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.
+    """
+    z.i[ENDED] = CONVERGED
+    for i in range(rows.shape[0]):
+        if c.controlled and part(z, NUMBER)[T] == c.stop:
+            return i
+        k = 0 if c.controlled else i
+        z.i[ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
+        if z.i[ENDED] != CONVERGED:
+            return i
+    return rows.shape[0]
+
+
+@called
+def try_step(z: Memory, h: float, t1: float, counts: IntArray) -> Any:
+    """How an attempt at a step of h [s] to t1 ended; nothing is accepted, the next attempt begins with its factorisation."""
+    ended = attempt(z, h, t1, counts)
+    if ended == CONVERGED and part(z, ATTEMPT)[SLOT] >= 0.0:
+        part(z, NUMBER)[FACTOR] = part(z, ATTEMPT)[SLOT]
+    return ended
+
+
+@called
+def look(z: Memory, counts: IntArray) -> Any:
+    """What the event functions do along the attempt, by its samples."""
+    return scan(z, counts)
+
+
+@called
+def take(z: Memory, c: Control, row: FloatMatrix, estimates: bool, counts: IntArray) -> None:
+    """Accept the attempt, and where ``estimates`` tell its error first."""
+    if estimates:
+        part(z, ATTEMPT)[ERROR_SIZE] = estimate(z)
+    conclude(z, c, row[0], counts)
+
+
+@called
+def remake(z: Memory, made_at: FloatArray, h: float, counts: IntArray) -> Any:
+    """Make the matrix of a saved state again, from where it was made, into slot 0; the state in memory is lost."""
+    size = part(z, X).size
+    put(part(z, X), 0, made_at[:size])
+    put(view(z.w, z.i[2 * STEP], made_at.size - size), 0, made_at[size:])
+    early(z)
+    return renew(z, 0, h, counts)

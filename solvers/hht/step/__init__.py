@@ -1,0 +1,1 @@
+"""One attempt at a step: the loops' memory, Newton's iteration, acceptance."""

@@ -1,0 +1,237 @@
+"""The memory of the loops: one float64 array and one int64 array, and one table of the sections in them.
+
+Every line below that calls :func:`floats` or :func:`integers` is a row of the table: the name of a section, its kind and its
+size.  Order, offsets and views follow from it.  Few and plain arguments: compiling loops that pass tuples of fifty arrays
+takes five times as long, and counting references to those arrays takes longer than small systems' linear algebra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhtbench.lowering.loops import FloatArray, IntArray
+from solvers.hht.laws import HIGHEST
+from solvers.hht.weights import GIVEN, HEAD
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """The numbers from which the sizes of all sections follow."""
+
+    n: int  #: coordinates
+    m: int  #: position constraints
+    p: int  #: velocity constraints
+    size: int  #: unknowns of a step
+    inverse_mass: int  #: n*n where the mass varies, else 0
+    raw: int  #: what the raw errors are made from
+    early: int = 0  #: what machine code computes before the iterate is known
+    early_matrix: int = 0
+    computed: int = 0  #: numbers that the matrix function returns
+    fresh: int = 0  #: that of a small system
+    matrix: int = 0  #: entries of Newton's matrix
+    maps: int = 0  #: entries of dq1/dx over dv1/dx
+    storage: int = 0  #: of one factorisation
+    couplings: int = 0
+    inverse: int = 0  #: size*size where the inverse is kept
+    sections: dict[str, Any] = field(default_factory=dict)  #: contents of the integer sections of the linear algebra
+    events: int = 0
+    samples: int = 0  #: of all event functions in a step
+
+    @property
+    def given(self) -> int:
+        """The step, and the state before it."""
+        return len(GIVEN) + len(HEAD) + 5 * self.n + self.m + self.p + self.inverse_mass
+
+
+_floats: list[Callable[[Sizes], int]] = []
+_integers: list[Callable[[Sizes], int]] = []
+_contents: dict[int, str] = {}
+
+
+def floats(size: Callable[[Sizes], int]) -> int:
+    """A section of floats; returns its number."""
+    _floats.append(size)
+    return len(_floats) - 1
+
+
+def integers(size: Callable[[Sizes], int]) -> int:
+    """A section of integers; returns its number."""
+    _integers.append(size)
+    return len(_integers) - 1
+
+
+def given_integers(name: str) -> int:
+    """A section of integers whose content the linear algebra gives by ``name``; returns its number."""
+    _contents[len(_integers)] = name
+    return integers(lambda s: len(s.sections.get(name, ())))
+
+
+# The step (GIVEN of solvers.hht.weights), and the state: these follow one another, `packed_known` takes them as one vector.
+STEP = floats(lambda s: len(GIVEN))
+NUMBER = floats(lambda s: len(HEAD))
+Q = floats(lambda s: s.n)
+V = floats(lambda s: s.n)
+A = floats(lambda s: s.n)
+F = floats(lambda s: s.n)
+LAM = floats(lambda s: s.m)
+MU = floats(lambda s: s.p)
+VDOT = floats(lambda s: s.n)
+INVERSE_MASS = floats(lambda s: s.inverse_mass)
+X_LAST = floats(lambda s: s.size)
+X_EARLIER = floats(lambda s: HIGHEST * s.size)
+T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: its slot, or -1
+
+# What error control remembers: h_next, last, error (-1: none), whether R_k is known; f + r before and after the step; R_k.
+CONTROL = floats(lambda s: 4)
+BEFORE = floats(lambda s: s.n)
+ACCELERATION = floats(lambda s: s.n)
+REACTION_K = floats(lambda s: s.n)
+H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
+
+# An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
+ATTEMPT = floats(lambda s: 8)
+X = floats(lambda s: s.size)
+RESIDUAL = floats(lambda s: s.size)
+COMPUTED = floats(lambda s: s.computed)
+VALUES = floats(lambda s: s.size + s.matrix + s.maps)
+RIGHT = floats(lambda s: s.size)
+WORK = floats(lambda s: s.size)
+INCREMENT = floats(lambda s: s.size + 2)
+END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
+END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
+EARLY = floats(lambda s: s.early)
+EARLY_MATRIX = floats(lambda s: s.early_matrix)
+FRESH = floats(lambda s: s.fresh)
+BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
+FULL = floats(lambda s: s.size + 2)
+UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
+H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)  # in ATTEMPT
+
+# Its error: input and output of the raw errors, a place t, q, v to look at, the constraint levels there ...
+RAW_GIVEN = floats(lambda s: s.raw)
+RAW = floats(lambda s: 3 * s.n)
+PLACE = floats(lambda s: 1 + 2 * s.n)
+LEVELS = floats(lambda s: 2 * s.m + s.p)
+ERROR = floats(lambda s: 2 * s.n)
+WEIGHTS = floats(lambda s: 2 * s.n)
+RTOL = floats(lambda s: 2 * s.n)
+ATOL = floats(lambda s: 2 * s.n)
+PAIR_RIGHT = floats(lambda s: 2 * s.size)  # ... two right-hand sides at once, entry beside entry
+PAIR_WORK = floats(lambda s: 2 * s.size)
+PAIR_SOLUTION = floats(lambda s: 2 * s.size)
+PAIR_CHANGE = floats(lambda s: 4 * s.n)
+
+# Two slots for factorisations, one after the other: numbers of each, factors, maps, and where the matrix was made.
+RECORD = floats(lambda s: 2 * 8)
+STORAGE = floats(lambda s: 2 * s.storage)
+COUPLINGS = floats(lambda s: 2 * s.couplings)
+MAPS = floats(lambda s: 2 * s.maps)
+INVERSE = floats(lambda s: 2 * s.inverse)
+MADE_AT = floats(lambda s: 2 * (s.size + s.given))
+MADE_H, RATE, USES, INVERTED, NOISE_Q, NOISE_V, LEAST_PIVOT, RANK = range(8)  # in RECORD
+
+CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
+EVENT = floats(lambda s: 1)
+EVENT_VALUES = floats(lambda s: s.events)
+SAMPLE_TIMES = floats(lambda s: s.samples)
+SAMPLE_VALUES = floats(lambda s: s.samples)
+SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
+FACTOR_TOLD = floats(lambda s: 3)
+# What Python computes where it is rarely needed: [whether, v', lam, mu] of the acceleration level, [whether, END, M^-1].
+ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
+SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
+
+NEWTON_CONSTANTS = (
+    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
+    "stalled", "second", "noise_margin", "matrix_cost",
+)  # fmt: skip
+ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
+TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)
+
+# Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.entries.
+SLOTS = given_integers("slots")
+INSIDE = given_integers("inside")
+PLACES = given_integers("places")
+OUTSIDE = given_integers("outside")
+STARTS = given_integers("starts")
+COUPLED = given_integers("coupled")
+ROWS = given_integers("rows")
+COLUMNS = given_integers("columns")
+BLOCKS = given_integers("blocks")
+MAP_STARTS = given_integers("map_starts")
+MAP_COLUMNS = given_integers("map_columns")
+PIVOTS = integers(lambda s: 2 * s.size)
+LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
+EVENT_CODE = integers(lambda s: 2 * s.events)
+DIRECTIONS = integers(lambda s: s.events)
+SAMPLES = integers(lambda s: s.events)
+
+# The header: starts and lengths of all sections, then single numbers.
+FIRST = 2 * (len(_floats) + len(_integers))
+N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)  # O_: offsets of unknowns, -1: absent
+VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 9, FIRST + 16)
+EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 16, FIRST + 24)
+EVENTS_KNOWN, DGETRF, DGETRS = FIRST + 24, FIRST + 25, FIRST + 26
+FUNCTIONS = (
+    "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
+    "factor", "solve",
+)  # fmt: skip
+CODE = FIRST + 27
+C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
+C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE = range(CODE + 16, CODE + 24, 2)
+HEADER = CODE + 2 * len(FUNCTIONS)
+
+KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra
+
+# How an attempt, and how a call of the loops ended.
+CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, SUSPECT = range(6)
+NO_ADVANCE, TOO_LARGE, ROUNDOFF_REACHED, EVENT_FOUND, EVENT_NONFINITE = range(6, 11)
+
+COUNTS = (
+    "newton_iterations", "residual_evaluations", "jacobian_evaluations", "factorisations", "linear_solves",
+    "steps_rejected_error", "event_evaluations", "steps_rejected_newton", "nonfinite_evaluations",
+)  # fmt: skip
+NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES = range(len(COUNTS))
+
+
+class Memory(NamedTuple):
+    """Everything: floating-point numbers and integers."""
+
+    w: FloatArray  #:
+    i: IntArray  #: starts and lengths of the sections, header, sections
+
+
+def allocate(sizes: Sizes) -> Memory:
+    """The memory for ``sizes``, zero but for the header and what the linear algebra gives."""
+    lengths = [size(sizes) for size in _floats]
+    counts = [size(sizes) for size in _integers]
+    starts = np.cumsum([0, *lengths])
+    places = HEADER + np.cumsum([0, *counts])
+    z = Memory(np.zeros(int(starts[-1])), np.zeros(int(places[-1]), dtype=np.int64))
+    table = [pair for pairs in (zip(starts, lengths, strict=False), zip(places, counts, strict=False)) for pair in pairs]
+    z.i[:FIRST] = np.ravel(table)
+    z.i[BASE], z.i[INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
+    z.i[N : N + 4] = sizes.n, sizes.m, sizes.p, sizes.size
+    z.i[VARIABLE] = sizes.inverse_mass > 0
+    for section, name in _contents.items():
+        integer_view(z, section)[:] = sizes.sections.get(name, ())
+    return z
+
+
+def view(z: Memory, section: int) -> Any:
+    """A section of floats, for reading and writing from Python."""
+    return z.w[z.i[2 * section] : z.i[2 * section] + z.i[2 * section + 1]]
+
+
+def integer_view(z: Memory, section: int) -> Any:
+    """A section of integers, for reading and writing from Python."""
+    at = 2 * (len(_floats) + section)
+    return z.i[z.i[at] : z.i[at] + z.i[at + 1]]
+
+
+INTEGER = len(_floats)  #: the first of the integer sections in the header
