@@ -18,7 +18,6 @@ class Memory:
     acceleration: Vector  #: (n,) f + r after it
     velocity_reaction: Vector | None = None  #: (n,) R_k
     error: float | None = None  #: size of the step's error over what was allowed, (H26)
-    easy: int = 0  #: steps in a row that Newton's iteration found easy (Chrono's rule only)
 
 
 @dataclass(frozen=True, kw_only=True)
