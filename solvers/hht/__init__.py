@@ -2,6 +2,7 @@
 
 from solvers.hht.adapter import solver
 from solvers.hht.events import Event
+from solvers.hht.options import HHTOptions
 from solvers.hht.solver import HHT
 
-__all__ = ["HHT", "Event", "solver"]
+__all__ = ["HHT", "Event", "HHTOptions", "solver"]

@@ -9,19 +9,11 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
-from solvers.hht.choose import KINDS
-from solvers.hht.coefficients import make_method
-from solvers.hht.control import RULES, make_control
-from solvers.hht.engines import ENGINES
+from solvers.hht.options import KNOWN, make_options
 from solvers.hht.solver import HHT
-
-METHOD = ("alpha", "rho_inf", "b", "reaction", "rescale_a", "start")
-CONTROL = ("first_step", "min_step", "max_step", "control")
-OPTIONS = (*METHOD, *CONTROL, "linsolver", "engine", "calc_initcond")
 
 
 @dataclass(frozen=True)
@@ -36,9 +28,9 @@ class HHTSolver:
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Declines requests without steps and without tolerances."""
-        unknown = sorted(set(request.options) - set(OPTIONS))
+        unknown = sorted(set(request.options) - set(KNOWN))
         if unknown:
-            return f"unknown option {', '.join(unknown)}; known: {', '.join(OPTIONS)}"
+            return f"unknown option {', '.join(unknown)}; known: {', '.join(KNOWN)}"
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
         if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
@@ -62,18 +54,8 @@ class HHTSolver:
 
 
 def solver(**options: Any) -> HHTSolver:
-    """The extended HHT-alpha method; options as in :class:`~solvers.hht.solver.HHT`."""
-    unknown = sorted(set(options) - set(OPTIONS))
-    if unknown:
-        raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(OPTIONS)}.")
-    make_method(**{name: options[name] for name in METHOD if name in options})
-    make_control(**{name: options[name] for name in CONTROL if name in options and name != "control"})
-    if options.get("control", "error") not in RULES:
-        raise ProblemError(f"control must be one of {', '.join(RULES)}; got {options['control']!r}.")
-    if options.get("linsolver", "auto") not in KINDS:
-        raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {options['linsolver']!r}.")
-    if options.get("engine", "auto") not in ENGINES:
-        raise ProblemError(f"engine must be one of {', '.join(ENGINES)}; got {options['engine']!r}.")
+    """The extended HHT-alpha method; options as in :class:`~solvers.hht.options.HHTOptions`."""
+    make_options(**options)
     return HHTSolver("hht", dict(options))
 
 

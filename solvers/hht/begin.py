@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+from hhtbench.arguments import real_number, real_vector
 from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import ConstraintLevels, unreduced
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
@@ -18,9 +20,9 @@ from solvers._start import (
     inconsistency,
     undetermined,
 )
-from solvers.hht.coefficients import Method
 from solvers.hht.engine import HostEngine
 from solvers.hht.engines import make_engine
+from solvers.hht.options import HHTOptions
 from solvers.hht.start import first_state, project
 from solvers.hht.state import State
 
@@ -35,25 +37,42 @@ class Started:
     note: str = ""
 
 
+def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
+    """The caller's start as private arrays.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        One is no finite number or vector, or their lengths differ.
+    """
+    t, q = real_number("t0", t0, unit=" [s]"), real_vector("q0", q0)
+    if q.size == 0:
+        raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
+    v = real_vector("v0", v0, q.size)
+    lam = None if lam_guess is None else real_vector("lam_guess", lam_guess)
+    mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
+    return Place(t, q, v), (lam, mu)
+
+
 def begin(
     system: System | NumpySystem,
-    method: Method,
+    options: HHTOptions,
     place: Place,
     guesses: Guesses,
     h: float,
     work: Work,
     *,
-    calc_initcond: bool,
-    linsolver: str = "auto",
-    engine: str = "auto",
+    controlled: bool = False,
 ) -> Started:
-    """Derive, check and project the start, and make the first state; a stray NaN is tried once more."""
+    """Derive, check and project the start, and make the first state; a stray NaN is tried once more.
+
+    ``h`` [s] is the first step, or the direction of time.
+    """
     failure = None
     for _ in range(2):
         try:
-            return _begin(
-                system, method, place, guesses, h, work, calc_initcond=calc_initcond, linsolver=linsolver, engine=engine
-            )
+            made = make_engine(system, options, place, work, controlled=controlled)
+            return _begin(made, place, guesses, h, project_start=options.calc_initcond)
         except NonFiniteValue as error:
             work.add("nonfinite_evaluations")
             failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
@@ -62,26 +81,14 @@ def begin(
     return Started(None, None, failure)
 
 
-def _begin(
-    system: System | NumpySystem,
-    method: Method,
-    place: Place,
-    guesses: Guesses,
-    h: float,
-    work: Work,
-    *,
-    calc_initcond: bool,
-    linsolver: str = "auto",
-    engine: str = "auto",
-) -> Started:
-    made = make_engine(system, method, place, work, linsolver=linsolver, engine=engine)
+def _begin(made: HostEngine, place: Place, guesses: Guesses, h: float, *, project_start: bool) -> Started:
     dynamics, s = made.dynamics, made.structure
     note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
     whole, failure = unreduced(dynamics), undetermined(dynamics, place)
     if s.constrained:
         levels = ConstraintLevels(dynamics)
-        if calc_initcond:
-            projected = project(dynamics, levels, place, work)
+        if project_start:
+            projected = project(dynamics, levels, place, made.work)
             if isinstance(projected, Failure):
                 return Started(None, None, projected)
             place, moved = projected

@@ -29,7 +29,7 @@ from solvers.hht.state import Memory, State
 from solvers.hht.stepping import Standing
 from solvers.hht.watch import Watch
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 2
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 3
 SPARSE = {"csr_array": sp.csr_array, "csc_array": sp.csc_array}
 FACTORS = {kind.__name__: kind for kind in (DenseFactor, InverseFactor, BandFactor, SpluFactor)}
 RECORDS = (Standing, Place, State, Memory, Tolerances, Watch, Occurrence, HermiteOutput, Order, Couplings)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,44 +82,3 @@ def alpha_of(alpha: Any, rho_inf: Any) -> float:
             "infinite frequency gets weaker again and order two buys nothing for it. It is not clamped."
         )
     return max(number, ALPHA_MIN)
-
-
-def make_method(
-    *,
-    alpha: Any = None,
-    rho_inf: Any = None,
-    b: Any = 0.0,
-    reaction: str = "implicit",
-    rescale_a: bool = True,
-    start: str = "f0",
-) -> Method:
-    """A validated :class:`Method`; the defaults are those of :class:`~solvers.hht.solver.HHT`.
-
-    Raises
-    ------
-    ProblemError
-        ``alpha`` outside [-1/3, 0] or ``rho_inf`` outside [1/2, 1], or both given; ``b`` = 1/2; an unknown reaction or
-        start; a midpoint reaction with b != 0.
-    """
-    damping, b = alpha_of(alpha, rho_inf), real_number("b", b)
-    if b == 0.5:
-        raise ProblemError(
-            "b must not be 1/2: there the position and the velocity constraint act on the same combination of the two "
-            "stage reactions and the step's equations are singular (Theorem 4.1). Take b = 0."
-        )
-    if reaction not in REACTIONS:
-        raise ProblemError(f"reaction must be one of {', '.join(REACTIONS)}; got {reaction!r}.")
-    if start not in STARTS:
-        raise ProblemError(f"start must be one of {', '.join(STARTS)}; got {start!r}.")
-    if reaction.startswith("midpoint") and b != 0.0:
-        raise ProblemError(f"the midpoint reactions are defined for b = 0; got b = {b:g}.")
-    if not isinstance(rescale_a, bool):
-        raise TypeError(f"rescale_a must be True or False; got {rescale_a!r}.")
-    if abs(b - 0.5) < NEAR_HALF:
-        warnings.warn(
-            f"b = {b:g} is close to the singular value 1/2; errors grow like 1/(1 - 2b). Take b = 0.",
-            UserWarning,
-            stacklevel=3,
-        )
-    coefficients = Coefficients(alpha=damping, b=b)
-    return Method(coefficients=coefficients, reaction=reaction, rescale_a=rescale_a, start=start)

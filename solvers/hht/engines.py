@@ -15,19 +15,13 @@ from solvers.hht.coefficients import Method
 from solvers.hht.engine import HostEngine, layout_of
 from solvers.hht.native.engine import NativeEngine
 from solvers.hht.native.kernel import Kernel, kernel_for
+from solvers.hht.options import HHTOptions
 
-ENGINES = ("auto", "host", "native")
 LARGEST = 200  # unknowns of a step up to which machine code is tried: beyond it the host engine is as fast
 
 
 def make_engine(
-    system: System | NumpySystem,
-    method: Method,
-    place: Place,
-    work: Work,
-    *,
-    linsolver: str = "auto",
-    engine: str = "auto",
+    system: System | NumpySystem, options: HHTOptions, place: Place, work: Work, *, controlled: bool = False
 ) -> HostEngine:
     """The engine for runs that begin at ``place``, without a look at the start.
 
@@ -36,25 +30,26 @@ def make_engine(
     ProblemError
         ``engine="native"`` for a system that cannot be compiled; the text says why, and the way out.
     """
-    dynamics = counted_dynamics(dynamics_for(system, place), work)
+    method, dynamics = options.method(controlled=controlled), counted_dynamics(dynamics_for(system, place), work)
     fallback, reason = _fallback(system, place, work), "asked for"
-    if engine != "host":
+    if options.engine != "host":
         try:
-            return NativeEngine(dynamics, method, work, fallback, kernel=_kernel(dynamics, method, linsolver, engine))
+            return NativeEngine(dynamics, method, work, fallback, kernel=_kernel(dynamics, method, options))
         except NotNative as error:
-            if engine == "native":
+            if options.engine == "native":
                 raise ProblemError(f'engine="native" cannot serve this system: {error}. Take engine="auto".') from error
             reason = str(error)
-    made = HostEngine(dynamics, method, work, fallback, choice=choose(dynamics, layout_of(dynamics, method), linsolver))
+    choice = choose(dynamics, layout_of(dynamics, method), options.linsolver)
+    made = HostEngine(dynamics, method, work, fallback, choice=choice)
     made.why = f"host: {reason}"
     return made
 
 
-def _kernel(dynamics: Dynamics, method: Method, linsolver: str, engine: str) -> Kernel:
-    if linsolver not in ("auto", "band"):
-        raise NotNative(f'linsolver="{linsolver}" is the host engine\'s')
+def _kernel(dynamics: Dynamics, method: Method, options: HHTOptions) -> Kernel:
+    if options.linsolver not in ("auto", "band"):
+        raise NotNative(f'linsolver="{options.linsolver}" is the host engine\'s')
     layout = layout_of(dynamics, method)
-    if engine == "auto" and layout.size > LARGEST:
+    if options.engine == "auto" and layout.size > LARGEST:
         raise NotNative(f"a step has {layout.size} unknowns, more than {LARGEST}")
     return kernel_for(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout)
 

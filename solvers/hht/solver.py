@@ -4,71 +4,53 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
-import jax
-import numpy as np
-
-from hhtbench.arguments import check_interval, real_number, real_vector
-from hhtbench.counting import Work
+from hhtbench.arguments import real_number
+from hhtbench.counting import Clock, Work, timed
 from hhtbench.errors import ProblemError
+from hhtbench.lowering.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
-from hhtbench.request import check_output_times, make_request, plan_steps
-from hhtbench.result import Solution
+from hhtbench.request import make_request
+from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._start import Guesses, Place
-from solvers.hht.begin import Started, begin
-from solvers.hht.by_hand import ByHand
-from solvers.hht.choose import KINDS
-from solvers.hht.coefficients import Method, make_method
-from solvers.hht.control import RULES, make_control
+from solvers.hht.begin import Started, begin, start_values
+from solvers.hht.checkpoint import pack, unpack
 from solvers.hht.engine import HostEngine
-from solvers.hht.engines import ENGINES
-from solvers.hht.events import make_events
-from solvers.hht.run import Run, check_accuracy
-from solvers.hht.stepping import Standing
+from solvers.hht.engines import make_engine
+from solvers.hht.error import make_tolerances
+from solvers.hht.events import Occurrence, make_events
+from solvers.hht.legal_state import check, check_factor
+from solvers.hht.options import make_options
+from solvers.hht.run import Run, check_accuracy, check_request, controlled_course, end_times
+from solvers.hht.state import State
+from solvers.hht.stepping import Constant, Standing, begun, make_goal, take
+from solvers.hht.watch import Course
 
 
-class HHT(ByHand):
+class HHT:
     """The extended HHT-alpha method (Jay and Negrut, ETNA 26, 2007) for one system; THEORY.md states the formulas.
 
     Forces are seen at the ends of steps only: a step may pass over a shorter interval in which they jump or are not
-    finite.
+    finite.  :meth:`solve` integrates over an interval; :meth:`init_step` and :meth:`step` go step by step, as SUNDIALS
+    does.
 
     Parameters
     ----------
     system
         A :class:`~hhtbench.protocol.System` or :class:`~hhtbench.protocol.NumpySystem`.
-    alpha
-        Damping parameter in [-1/3, 0]; 0 keeps the energy of fast vibrations, -1/3 damps them most.  Default -0.05.
-    rho_inf
-        Instead of alpha: what a step leaves of the fastest vibrations, (1 + alpha)/(1 - alpha) in [1/2, 1].
-    b
-        Weight of the end reaction in the position, not 1/2.
-    reaction
-        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).
-    rescale_a
-        Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
-    start
-        Auxiliary acceleration of the first step: "f0", "shifted" or "trapezoidal"; None takes "f0" for prescribed steps
-        and "trapezoidal" under error control, whose first step would be short otherwise.
-    first_step, min_step, max_step
-        Bounds of the step under error control [s], positive also where time runs backward.
-    control
-        "error", or "chrono": double after five easy steps, halve where Newton has failed, whatever the error.
-    linsolver
-        "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
-        (SuperLU).
-    engine
-        "native" makes the steps in compiled loops with machine code of the system's functions, "host" in Python, whatever
-        the system; "auto" takes native where it can.  Same formulas, same statuses, values equal to roundoff.
-    calc_initcond
-        Project an inconsistent start onto both constraint levels instead of refusing it.
     events
         :class:`~solvers.hht.events.Event` or plain callables ``(t, q, v)``, one or a list; without them nothing is looked
         for.  Times and states are in ``Solution.t_events``, ``q_events`` and ``v_events``, one entry per event.  Where an
         event changes the state the solution has two rows with one time, before and after; dense output gives the state
         after the change there, ``q_events`` and ``v_events`` the one before.
+    **options
+        ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``rescale_a``, ``start`` (the method's variant),
+        ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``engine`` and ``calc_initcond``:
+        ``help(HHTOptions)`` describes each with its default.
 
     Raises
     ------
@@ -76,47 +58,13 @@ class HHT(ByHand):
         An option is out of range or unknown; the text says what was expected.
     """
 
-    def __init__(
-        self,
-        system: System | NumpySystem,
-        *,
-        alpha: float | None = None,
-        rho_inf: float | None = None,
-        b: float = 0.0,
-        reaction: str = "implicit",
-        rescale_a: bool = True,
-        start: str | None = None,
-        first_step: float | None = None,
-        min_step: float | None = None,
-        max_step: float | None = None,
-        control: str = "error",
-        linsolver: str = "auto",
-        engine: str = "auto",
-        calc_initcond: bool = False,
-        events: Any = None,
-    ) -> None:
+    def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
         if not isinstance(system, (System, NumpySystem)):
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
-        self.method = make_method(
-            alpha=alpha, rho_inf=rho_inf, b=b, reaction=reaction, rescale_a=rescale_a, start="f0" if start is None else start
-        )
-        self._default_start = start is None
-        self.control = make_control(first_step=first_step, min_step=min_step, max_step=max_step)
-        if control not in RULES:
-            raise ProblemError(f"control must be one of {', '.join(RULES)}; got {control!r}.")
-        self.rule = control
-        if linsolver not in KINDS:
-            raise ProblemError(f"linsolver must be one of {', '.join(KINDS)}; got {linsolver!r}.")
-        self.linsolver = linsolver
-        if engine not in ENGINES:
-            raise ProblemError(f"engine must be one of {', '.join(ENGINES)}; got {engine!r}.")
-        self.engine = engine
-        self.engine_used = ""  #: by the last run: "native", or "host" and why
-        if not isinstance(calc_initcond, bool):
-            raise TypeError(f"calc_initcond must be True or False; got {calc_initcond!r}.")
-        self.calc_initcond = calc_initcond
+        self.options = make_options(**options)
         self.events = make_events(events)
+        self.engine_used = ""  #: by the last run: "native", or "host" and why
         self._standing: Standing | None = None  # of stepping by hand
         self._engine: HostEngine | None = None
         self._message = ""
@@ -139,36 +87,206 @@ class HHT(ByHand):
         """
         began = time.perf_counter()
         asked = make_request(**request)
-        if asked.options:
-            raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={asked.options}.")
-        tspan = real_vector("tspan", tspan) if isinstance(tspan, jax.Array) else tspan
-        if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
-            raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
-        t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
-        place, guesses = self._start_values(t0, q0, v0, lam_guess, mu_guess)
-        check_accuracy(asked, place.q.size)
-        if asked.t_eval is not None:
-            check_output_times(asked.t_eval, t0, t1)
-        check_interval("tspan", t0, t1)
-        if asked.fixed:
-            plan_steps(asked, t0, t1)
-        with self._alone(asked.max_seconds, began) as clock:
+        t0, t1 = end_times(tspan)
+        place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
+        check_request(asked, place.q.size, t0, t1)
+        with _Alone(self._busy, asked.max_seconds, began) as clock:
             return Run(self, asked, t1, place, guesses, clock).solution()
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
-        method = self.first_method(controlled=controlled)
-        options = {"calc_initcond": self.calc_initcond, "linsolver": self.linsolver, "engine": self.engine}
-        started = begin(self.system, method, place, guesses, h, work, **options)  # type: ignore[arg-type]
+        started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled)
         self.engine_used = "" if started.engine is None else started.engine.why
         return started
 
-    def first_method(self, *, controlled: bool) -> Method:
-        """The method with the auxiliary acceleration of its first step: under error control the default differs."""
-        return replace(self.method, start="trapezoidal") if controlled and self._default_start else self.method
+    def init_step(
+        self,
+        t0: float,
+        q0: Any,
+        v0: Any,
+        *,
+        step: float | None = None,
+        rtol: Any = None,
+        atol: Any = None,
+        lam_guess: Any = None,
+        mu_guess: Any = None,
+    ) -> Status:
+        """Prepare stepping by hand with a constant signed ``step`` [s], or with tolerances as in :meth:`solve`.
+
+        Returns the status of the start; :attr:`message` says more.
+        """
+        place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
+        h = None if step is None else real_number("step", step, unit=" [s]")
+        if h == 0.0:
+            raise ProblemError("step must not be zero.")
+        asked = make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol)
+        check_accuracy(asked, place.q.size)
+        with _Alone(self._busy):
+            started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
+            self._engine, self._standing = started.engine, None
+            self._message = started.failure.message if started.failure else started.note
+            if started.engine is not None and started.state is not None:
+                tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
+                standing = begun(place, started.state, h, tolerances, len(self.events))
+                self._standing = replace(standing, tally=Counter(started.engine.work.tally))
+        return started.failure.status if started.failure else Status.success
+
+    def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:
+        """Step on from :attr:`state` as CVODE and IDA do; on a failure the state stays and the status says why.
+
+        Parameters
+        ----------
+        t
+            [s].  With ``method="normal"`` steps are taken until it is reached or passed, and :meth:`interpolate` then
+            gives the state there.  With "onestep" the first call takes the direction of time from it.
+        method
+            "onestep" takes one step.
+        tstop
+            No step goes past this time [s]; one ends there exactly.
+
+        Returns
+        -------
+        Status
+            ``event`` after a terminal event, with the state at it; a further call goes on from there.
+        """
+        with _Alone(self._busy):
+            standing = self._stands()
+            goal = make_goal(t, method, tstop, standing)
+            self._engine = self._engine or self._rebuild(standing)
+            standing, status = take(self._course(self._engine, standing), standing, goal)
+            tally = Counter(self._engine.work.tally)
+            self._standing = replace(standing, distrusts=self._engine.distrusts, tally=tally)
+            self._message = standing.message
+        return status
+
+    def interpolate(self, t: Any) -> DenseOutput:
+        """q and v at ``t`` [s] (scalar or (k,)) within the last step; at an event that changed the state: after it."""
+        return self._stands().last(t)
+
+    @property
+    def state(self) -> State:
+        """The frozen state after the last step taken by hand."""
+        return self._stands().state
+
+    @property
+    def occurrences(self) -> tuple[Occurrence, ...]:
+        """The events of the last :meth:`step` call, in order of time."""
+        return self._stands().occurrences
+
+    @property
+    def message(self) -> str:
+        """What the last :meth:`init_step` or :meth:`step` had to say: a projection, an event, or the cause of a failure."""
+        return self._message
+
+    @property
+    def counters(self) -> Counters:
+        """Work done by stepping by hand since :meth:`init_step`, that before a checkpoint included."""
+        if self._engine is not None:
+            return self._engine.work.counters()
+        counted: dict[str, Any] = {} if self._standing is None else dict(self._standing.tally)
+        return Counters(**counted)
+
+    def checkpoint(self) -> bytes:
+        """Where stepping by hand stands, for :meth:`resume` in another process.
+
+        Neither system nor options are in it, only a fingerprint of the system with its parameter values, and the options'
+        text.  A NumpySystem has none, as its functions hide their numbers, nor has a System with a function in a field:
+        that it is the same is up to you.
+        """
+        return pack(replace(self._stands(), message=self._message), self._setup())
+
+    def resume(self, data: bytes) -> None:
+        """Step on from a :meth:`checkpoint` of a solver with the same system, options and events, to the same bits.
+
+        Raises
+        ------
+        ProblemError, TypeError
+            The bytes are no checkpoint, damaged, of another version, of another system or solver, or no legal state.
+        """
+        setup = self._setup()
+        standing = unpack(data, setup)
+        if setup["fingerprint"] is None:
+            text = f"the system {self._named()[1]}, which has no fingerprint: that it is the checkpoint's system, with the"
+            warnings.warn(f"{text} same numbers, is not checked.", UserWarning, stacklevel=2)
+        with _Alone(self._busy):
+            try:
+                engine = self._rebuild(standing)
+            except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+                raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
+            check(standing, engine, len(self.events))
+            if standing.state.factor is not None:
+                check_factor(standing.state, self._rebuild(standing))  # an engine of its own: the trial leaves no trace
+            self._standing, self._engine, self._message = standing, engine, standing.message
+
+    def restart(self, state: State, *, step: float | None = None) -> None:
+        """Step on from ``state``, an earlier one or one that was saved, with ``step`` [s] or the step control in use."""
+        if not isinstance(state, State):
+            raise TypeError(f"restart takes a State (HHT.state); got {type(state).__name__}.")
+        old = self._standing
+        if old is not None and state.q.shape != old.state.q.shape:
+            raise ProblemError(f"restart takes a State with q of shape {old.state.q.shape}; got {state.q.shape}.")
+        h = (old.step if old else None) if step is None else real_number("step", step, unit=" [s]")
+        if h == 0.0 or (h is None and (old is None or old.tolerances is None)):
+            raise ProblemError("restart needs a step [s] other than zero; give step=h.")
+        with _Alone(self._busy):
+            place = Place(state.t, state.q, state.v) if old is None else old.place
+            standing = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
+            self._standing = standing if old is None else replace(standing, distrusts=old.distrusts, tally=old.tally)
+
+    def _rebuild(self, standing: Standing) -> HostEngine:
+        """The engine of the first step again, for a state that was saved; no start is computed again."""
+        work, controlled = Work(tally=Counter(standing.tally)), standing.tolerances is not None
+        engine = make_engine(self.system, self.options, standing.place, work, controlled=controlled)
+        if standing.distrusts:
+            engine.distrust()
+        return engine
+
+    def _course(self, engine: HostEngine, standing: Standing) -> Course:
+        if standing.step is not None:
+            return Course(engine=engine, advance=Constant(engine, standing.step), events=self.events)
+        if standing.tolerances is None:
+            raise ValueError("neither a step nor tolerances.")
+        return controlled_course(engine, standing.tolerances, self.options.control, self.events)
+
+    def _setup(self) -> dict[str, Any]:
+        """What a checkpoint and the solver that resumes it must share, as texts."""
+        o, events = self.options, ", ".join(event.name for event in self.events)
+        system = {"system": type(self.system).__name__, "fingerprint": self._named()[0]}
+        chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
+        return {**system, **chosen, "events": events}
+
+    def _named(self) -> tuple[str | None, str]:
+        """The system's fingerprint; None where it has none, and then why."""
+        try:
+            return fingerprint(self.system), ""
+        except NoFingerprint as error:
+            return None, str(error)
+
+    def _stands(self) -> Standing:
+        if self._standing is None:
+            raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
+        return self._standing
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k not in ("_busy", "_engine")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved, _busy=threading.Lock(), _engine=None)
+
+
+class _Alone(timed):
+    """Holds the lock of one HHT object, with the clock of what it does."""
+
+    def __init__(self, busy: Any, max_seconds: float | None = None, began: float | None = None) -> None:
+        super().__init__(max_seconds, began)
+        self.busy = busy
+
+    def __enter__(self) -> Clock:
+        if not self.busy.acquire(blocking=False):
+            where = "in another thread, or a call from its own callback"
+            raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
+        return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        self.busy.release()

@@ -180,8 +180,6 @@ def test_bounds_of_the_step_are_kept():
 def test_bad_bounds_are_refused_by_name(bad):
     with pytest.raises((ProblemError, TypeError), match=next(iter(bad))):
         HHT(JAX_PENDULUM, **bad)
-    with pytest.raises(ProblemError, match=r"control must be one of error, chrono"):
-        HHT(JAX_PENDULUM, control="newton")
 
 
 def test_free_fall_is_not_stepped_over_without_limit():

@@ -37,7 +37,7 @@ def wrong(name, factor):
 
 @pytest.mark.parametrize(("rho", "alpha"), [(1.0, 0.0), (0.8, -1 / 9), (0.5, -1 / 3), (0.4999999999999, -1 / 3)])
 def test_rho_inf_names_the_method_of_one_alpha(rho, alpha):
-    coefficients = HHT(pendulum(), rho_inf=rho).method.coefficients
+    coefficients = HHT(pendulum(), rho_inf=rho).options.method().coefficients
     assert coefficients.alpha == pytest.approx(alpha, abs=1e-15)
     assert coefficients.rho_inf == pytest.approx(rho, abs=1e-12)
     assert -1 / 3 <= coefficients.alpha <= 0
@@ -51,8 +51,8 @@ def test_rho_inf_makes_the_same_steps_as_its_alpha():
 
 
 def test_without_either_alpha_is_its_default():
-    assert HHT(pendulum()).method.coefficients.alpha == -0.05
-    assert HHT(pendulum(), alpha=None, rho_inf=None).method.coefficients.alpha == -0.05
+    assert HHT(pendulum()).options.method().coefficients.alpha == -0.05
+    assert HHT(pendulum(), alpha=None, rho_inf=None).options.method().coefficients.alpha == -0.05
 
 
 @pytest.mark.parametrize(

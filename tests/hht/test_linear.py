@@ -15,14 +15,14 @@ from problems import planar_chain
 from solvers._start import Place, dynamics_for
 from solvers.hht.blocks import find_order
 from solvers.hht.choose import analyse, choose
-from solvers.hht.coefficients import make_method
 from solvers.hht.engine import HostEngine, layout_of
+from solvers.hht.options import HHTOptions
 from solvers.hht.sparse import Band, Splu
 from solvers.hht.start import first_state
 from solvers.hht.state import Step
 
 SAME = 1e-11
-METHOD = make_method(alpha=-0.1, b=0.0, reaction="implicit", rescale_a=True, start="f0")
+METHOD = HHTOptions(alpha=-0.1).method()
 PROBLEMS = {
     "planar_chain(n_links=6)": 1e-3,  # constant diagonal mass: coloured derivatives
     "bead_chain(n_beads=3)": 1e-3,

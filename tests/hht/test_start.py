@@ -33,7 +33,7 @@ def test_alpha_that_is_no_number_is_refused(alpha):
 
 @pytest.mark.parametrize("alpha", [0.0, -1.0 / 3.0, -0.3333333333333, np.float64(-0.1), 0])
 def test_both_ends_of_the_range_of_alpha_are_accepted(alpha):
-    assert HHT(pendulum(), alpha=alpha).method.coefficients.alpha == pytest.approx(float(alpha), abs=1e-12)
+    assert HHT(pendulum(), alpha=alpha).options.method().coefficients.alpha == pytest.approx(float(alpha), abs=1e-12)
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)

@@ -1,9 +1,15 @@
 """``hhtbench verify control``: its judgement, from runs made by hand, and one real run."""
 
+import numpy as np
 import pytest
 
+from hhtbench.protocol import NumpySystem
+from hhtbench.result import Status
+from solvers.hht import HHT
 from solvers.hht.verify import control
+from solvers.hht.verify.chrono import chrono_steps
 from solvers.hht.verify.control import TOLERANCES, Run
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at
 
 
 def made(spec, factors, status="success", rejected=0):
@@ -64,3 +70,39 @@ def test_a_run_measures_error_steps_and_rejections():
 def test_stiff_springs_must_keep_the_error_near_the_tolerance(error, passed):
     own = [Run("s", 1e-3, error, "deadline" if error is None else "success", 80, 5, 400, 0.1)]
     assert [row.passed for row in control.stiff_rows("s", own)] == [passed]
+
+
+def test_chronos_rule_doubles_after_five_easy_steps_and_looks_at_no_error():
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, step=1e-4)
+    h = np.array([hht.state.h for _ in chrono_steps(hht, 1e-4, 1.0)])
+    assert hht.state.t == 1.0
+    assert h[:12] == pytest.approx([1e-4] * 5 + [2e-4] * 5 + [4e-4] * 2)
+    assert h.max() > 0.02
+    q, v = pendulum_at(1.0)
+    assert max(np.abs(hht.state.q - q).max(), np.abs(hht.state.v - v).max()) > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("h", "alone", "first"), [(0.4, Status.success, 0.2), (0.6, Status.newton_failed, 0.15)], ids=["hard", "failed"]
+)
+def test_chronos_rule_halves_where_newton_needs_many_iterations_or_fails(h, alone, first):
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, step=h)
+    begun = hht.state
+    assert hht.step(tstop=10.0) is alone
+    assert hht.counters.newton_iterations > 6
+    hht.restart(begun, step=h)
+    assert next(chrono_steps(hht, h, 10.0)) is Status.success
+    assert hht.state.h == pytest.approx(first)
+
+
+def test_chronos_rule_halves_until_times_end_where_no_step_is_left():
+    """The force has a value up to 0.5 s only: steps shrink towards it, and the last says why there is none."""
+    ends = NumpySystem(force=lambda t, q, v: np.array([1.0 if t < 0.5 else np.nan]))
+    hht = HHT(ends)
+    hht.init_step(0.0, [0.0], [0.0], step=0.1)
+    *taken, last = [(status, hht.state.t) for status in chrono_steps(hht, 0.1, 1.0)]
+    assert {status for status, _ in taken} == {Status.success}
+    assert last[0] is Status.time_resolution
+    assert 0.5 - 1e-12 < last[1] < 0.5

@@ -23,7 +23,7 @@ from hhtbench.counting import Work
 from problems import planar_chain
 from solvers._start import Place
 from solvers.hht.begin import begin
-from solvers.hht.coefficients import make_method
+from solvers.hht.options import HHTOptions
 
 try:
     import exudyn
@@ -68,9 +68,8 @@ class Ours:
 
     def __init__(self, links: int, h: float) -> None:
         problem = planar_chain.problem(n_links=links)
-        method = make_method(alpha=(RHO - 1.0) / (RHO + 1.0), b=0.0, reaction="implicit", rescale_a=True, start="f0")
         place = Place(0.0, problem.q0, problem.v0)
-        started = begin(problem.system, method, place, (None, None), h, Work(), calc_initcond=False, engine="host")
+        started = begin(problem.system, HHTOptions(rho_inf=RHO, engine="host"), place, (None, None), h, Work())
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
         self.engine.step(self.state, h, h)  # compiles

@@ -1,15 +1,14 @@
-"""How long the steps are: prescribed, controlled by the local error, or by Newton counts as in Chrono."""
+"""How long the steps are: prescribed, or controlled by the local error."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_number
-from hhtbench.errors import ProblemError
+from hhtbench.arguments import Vector
 from hhtbench.request import StepPlan
 from hhtbench.result import Status
 from solvers._start import Failure
@@ -189,76 +188,6 @@ class ErrorControlled:
             last = memory.last + (after.h or 0.0)
             memory = replace(memory, h_next=h_next, last=last, acceleration=after.vdot, error=None)
         return replace(step, state=replace(after, memory=memory))
-
-
-@dataclass(frozen=True)
-class ChronoRule:
-    """Chrono's step control, for comparison: doubled after a row of easy steps, halved where Newton has failed.
-
-    It looks at no error.  A step is easy when Newton's iteration, with the matrix it is given, needs no more
-    iterations than ``most``; one that needs more counts as a failure.
-    """
-
-    engine: HostEngine
-    options: ControlOptions
-    row: int = 5  #: easy steps before the step is doubled
-    most: int = 6  #: iterations of an easy step
-
-    def __call__(self, state: State, stop: float) -> Step | Failure:
-        """The next step that Newton's iteration makes easily."""
-        h, easy = proposal(state, self.options), 0 if state.memory is None else state.memory.easy
-        smallest = shortest(self.options, state.t, stop)
-        while True:
-            h = representable(state.t, math.copysign(h, stop - state.t))
-            h, t1 = fit(state.t, h, stop, self.options.min_step)
-            if state.t + h == state.t or t1 == state.t:
-                return no_advance(state.t, h)
-            self.engine.work.check_time()
-            before = self.engine.work.tally["newton_iterations"]
-            taken = self.engine.step(state, h, t1)
-            hard = self.engine.work.tally["newton_iterations"] - before > self.most
-            if isinstance(taken, Step) and (not hard or abs(h) <= smallest):
-                easy = easy + 1
-                doubled = easy >= self.row
-                memory = Memory(
-                    h_next=2 * abs(h) if doubled else abs(h),
-                    last=h,
-                    earlier=state.f,
-                    acceleration=taken.state.f,
-                    easy=0 if doubled else easy,
-                )
-                return replace(taken, state=replace(taken.state, memory=memory))
-            if isinstance(taken, Failure) and abs(h) <= smallest:
-                return taken
-            h, easy = max(abs(h) / 2, smallest), 0
-
-
-RULES = ("error", "chrono")
-
-
-def make_control(*, first_step: Any = None, min_step: Any = None, max_step: Any = None) -> ControlOptions:
-    """The user's bounds [s], checked.
-
-    Raises
-    ------
-    ProblemError
-        One is not positive, or they contradict one another.
-    """
-    given = {"first_step": first_step, "min_step": min_step, "max_step": max_step}
-    values = {name: real_number(name, value, unit=" [s]") for name, value in given.items() if value is not None}
-    for name, value in values.items():
-        if value <= 0:
-            raise ProblemError(f"{name} must be positive [s]; got {value:g}.")
-    options = ControlOptions(
-        first_step=values.get("first_step", 0.0),
-        min_step=values.get("min_step", 0.0),
-        max_step=values.get("max_step", math.inf),
-    )
-    if not options.min_step <= (options.first_step or options.min_step or 0.0) <= options.max_step:
-        raise ProblemError(
-            f"min_step <= first_step <= max_step must hold; got {', '.join(f'{k}={v:g}' for k, v in values.items())}."
-        )
-    return options
 
 
 def proposal(state: State, options: ControlOptions) -> float:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 
+from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
-from hhtbench.request import ADDS_UP, Request, plan_steps
+from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
 from hhtbench.result import Solution, Status
 from solvers._start import Failure, Guesses, Place, empty_solution
 from solvers.hht.begin import Started
-from solvers.hht.control import Advance, ChronoRule, ControlOptions, ErrorControlled, Prescribed
+from solvers.hht.control import ControlOptions, ErrorControlled, Prescribed
 from solvers.hht.engine import HostEngine
 from solvers.hht.error import Tolerances, components, make_tolerances
 from solvers.hht.estimate import Estimator
@@ -56,7 +58,7 @@ class Run:
         self.engine, self.history = engine, History(engine.structure, state, len(events))
         if plan is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
-            course = controlled_course(engine, tolerances, self.solver.control, self.solver.rule, events)
+            course = controlled_course(engine, tolerances, self.solver.options.control, events)
             most = most or MAX_STEPS
         else:
             course = Course(engine=engine, advance=Prescribed(engine, plan), events=events)
@@ -79,6 +81,27 @@ class Run:
         return unrecovered(self.engine, self.history, self.request.t_eval, message, status)
 
 
+def end_times(tspan: Any) -> tuple[float, float]:
+    """The two times [s] of ``tspan``."""
+    tspan = real_vector("tspan", tspan) if isinstance(tspan, jax.Array) else tspan
+    if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
+        raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
+    t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
+    return t0, t1
+
+
+def check_request(request: Request, n: int, t0: float, t1: float) -> None:
+    """Raise unless ``request`` fits HHT, ``n`` coordinates and the interval from ``t0`` to ``t1`` [s]."""
+    if request.options:
+        raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={request.options}.")
+    check_accuracy(request, n)
+    if request.t_eval is not None:
+        check_output_times(request.t_eval, t0, t1)
+    check_interval("tspan", t0, t1)
+    if request.fixed:
+        plan_steps(request, t0, t1)
+
+
 def check_accuracy(request: Request, n: int) -> None:
     """Raise unless ``request`` says how the steps of a system with ``n`` coordinates are found.
 
@@ -96,22 +119,12 @@ def check_accuracy(request: Request, n: int) -> None:
 
 
 def controlled_course(
-    engine: HostEngine, tolerances: Tolerances, options: ControlOptions, rule: str, events: tuple[Event, ...] = ()
+    engine: HostEngine, tolerances: Tolerances, control: ControlOptions, events: tuple[Event, ...] = ()
 ) -> Course:
-    """Steps chosen by ``rule``."""
+    """Steps whose local error stays within ``tolerances``."""
 
     def prepare(state: State, stop: float) -> State:
-        return prepared(engine, state, tolerances, options, stop)
+        return prepared(engine, state, tolerances, control, stop)
 
-    by_error = ErrorControlled(engine, Estimator(engine, tolerances), options)
-    advance: Advance = ChronoRule(engine, options) if rule == "chrono" else by_error
+    advance = ErrorControlled(engine, Estimator(engine, tolerances), control)
     return Course(engine=engine, advance=advance, events=events, prepare=prepare)
-
-
-def controlled(
-    engine: HostEngine, state: State, request: Request, options: ControlOptions, rule: str, stop: float
-) -> tuple[Advance, State]:
-    """Step control by ``rule`` towards ``stop`` [s], and ``state`` prepared for it."""
-    tolerances = make_tolerances(request.rtol, request.atol, state)
-    course = controlled_course(engine, tolerances, options, rule)
-    return course.advance, prepared(engine, state, tolerances, options, stop)

@@ -16,6 +16,7 @@ from hhtbench.protocol import Problem
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.request import Request
 from solvers.hht.adapter import solver
+from solvers.hht.verify.chrono import solve_as_chrono
 from solvers.hht.verify.effectivity import effectivities
 from solvers.hht.verify.measure import Progress, slope
 
@@ -52,7 +53,8 @@ def run(spec: str, tolerance: float, alpha: float, rule: str = "error") -> Run:
     times, known = known_motion(problem)
     began = time.perf_counter()
     request = Request(rtol=tolerance, t_eval=times, max_seconds=MAX_SECONDS)
-    solution = solver(alpha=alpha, control=rule).solve(problem, request)
+    chrono = rule == "chrono"
+    solution = solve_as_chrono(problem, request, alpha) if chrono else solver(alpha=alpha).solve(problem, request)
     c = solution.counters
     error = weighted_error(problem, np.hstack([solution.q, solution.v]), known) if solution.success else None
     return Run(

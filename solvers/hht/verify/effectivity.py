@@ -16,8 +16,9 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._start import Place
 from solvers.collocation import solver as collocation
-from solvers.hht.control import ControlOptions
-from solvers.hht.run import controlled
+from solvers.hht.error import make_tolerances
+from solvers.hht.first_step import prepared
+from solvers.hht.run import controlled_course
 from solvers.hht.solver import HHT
 from solvers.hht.state import State, Step
 from solvers.projected import solver as projected
@@ -73,12 +74,13 @@ def ratios(spec: str, method: dict[str, Any], steps: int = STEPS) -> Ratios:
     started = hht.begin(place, (problem.lam_guess, problem.mu_guess), 1.0, Work(), controlled=True)
     if started.engine is None or started.state is None:
         raise RuntimeError(f"{spec}: {started.failure}")
-    request = Request(rtol=TOLERANCE)
-    advance, state = controlled(started.engine, started.state, request, ControlOptions(), "error", problem.t_span[1])
+    tolerances, t1 = make_tolerances(TOLERANCE, None, started.state), problem.t_span[1]
+    advance = controlled_course(started.engine, tolerances, hht.options.control).advance
+    state = prepared(started.engine, started.state, tolerances, hht.options.control, t1)
     values: list[float] = []
     for index in range(steps):
-        step = advance(state, problem.t_span[1])
-        if not isinstance(step, Step) or step.state.t == problem.t_span[1]:
+        step = advance(state, t1)
+        if not isinstance(step, Step) or step.state.t == t1:
             break
         if index % 3 == 2:
             values.append(_ratio(problem, advance, state, step))

@@ -1,0 +1,119 @@
+"""``HHTOptions``: every option of the integrator, stated and checked once."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+from hhtbench.arguments import real_number
+from hhtbench.errors import ProblemError
+from solvers.hht.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
+from solvers.hht.control import ControlOptions
+from solvers.hht.linear import KINDS
+
+ENGINES = ("auto", "host", "native")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HHTOptions:
+    """The options of :class:`~solvers.hht.solver.HHT`, of its adapter and of the engines.
+
+    Parameters
+    ----------
+    alpha
+        Damping parameter in [-1/3, 0]; 0 keeps the energy of fast vibrations, -1/3 damps them most.  Default -0.05.
+    rho_inf
+        Instead of alpha: what a step leaves of the fastest vibrations, (1 + alpha)/(1 - alpha) in [1/2, 1].
+    b
+        Weight of the end reaction in the position, not 1/2.
+    reaction
+        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).
+    rescale_a
+        Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
+    start
+        Auxiliary acceleration of the first step: "f0", "shifted" or "trapezoidal"; None takes "f0" for prescribed steps
+        and "trapezoidal" under error control, whose first step would be short otherwise.
+    first_step, min_step, max_step
+        Bounds of the step under error control [s], positive also where time runs backward.
+    linsolver
+        "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
+        (SuperLU).
+    engine
+        "native" makes the steps in compiled loops with machine code of the system's functions, "host" in Python, whatever
+        the system; "auto" takes native where it can.  Same formulas, same statuses, values equal to roundoff.
+    calc_initcond
+        Project an inconsistent start onto both constraint levels instead of refusing it.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        An option is out of range; the text says what was expected.
+    """
+
+    alpha: float | None = None
+    rho_inf: float | None = None
+    b: float = 0.0
+    reaction: str = "implicit"
+    rescale_a: bool = True
+    start: str | None = None
+    first_step: float | None = None
+    min_step: float | None = None
+    max_step: float | None = None
+    linsolver: str = "auto"
+    engine: str = "auto"
+    calc_initcond: bool = False
+
+    def __post_init__(self) -> None:
+        b, _ = self.method().coefficients.b, self.control  # numbers are checked where they are used
+        choices = {"reaction": REACTIONS, "start": (None, *STARTS), "linsolver": KINDS, "engine": ENGINES}
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                raise ProblemError(f"{name} must be one of {', '.join(filter(None, known))}; got {getattr(self, name)!r}.")
+        for name in ("rescale_a", "calc_initcond"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be True or False; got {getattr(self, name)!r}.")
+        if self.reaction.startswith("midpoint") and b != 0.0:
+            raise ProblemError(f"the midpoint reactions are defined for b = 0; got b = {b:g}.")
+        if abs(b - 0.5) < NEAR_HALF:
+            text = f"b = {b:g} is close to the singular value 1/2; errors grow like 1/(1 - 2b). Take b = 0."
+            warnings.warn(text, UserWarning, stacklevel=5)  # at the call of HHT
+
+    def method(self, *, controlled: bool = False) -> Method:
+        """The member of the family; under error control the default auxiliary acceleration of the first step differs."""
+        b = real_number("b", self.b)
+        if b == 0.5:
+            raise ProblemError(
+                "b must not be 1/2: there the position and the velocity constraint act on the same combination of the two "
+                "stage reactions and the step's equations are singular (Theorem 4.1). Take b = 0."
+            )
+        coefficients = Coefficients(alpha=alpha_of(self.alpha, self.rho_inf), b=b)
+        start = ("trapezoidal" if controlled else "f0") if self.start is None else self.start
+        return Method(coefficients=coefficients, reaction=self.reaction, rescale_a=self.rescale_a, start=start)
+
+    @cached_property
+    def control(self) -> ControlOptions:
+        """The bounds of the step [s] with the constants of its control."""
+        names = ("first_step", "min_step", "max_step")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        bounds: dict[str, Any] = {name: real_number(name, value, unit=" [s]") for name, value in given.items()}
+        for name, value in bounds.items():
+            if value <= 0:
+                raise ProblemError(f"{name} must be positive [s]; got {value:g}.")
+        control = ControlOptions(**bounds)
+        if not control.min_step <= (control.first_step or control.min_step) <= control.max_step:
+            found = ", ".join(f"{name}={value:g}" for name, value in bounds.items())
+            raise ProblemError(f"min_step <= first_step <= max_step must hold; got {found}.")
+        return control
+
+
+KNOWN = tuple(f.name for f in fields(HHTOptions))
+
+
+def make_options(**given: Any) -> HHTOptions:
+    """:class:`HHTOptions` from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
+    unknown = sorted(set(given) - set(KNOWN))
+    if unknown:
+        raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
+    return HHTOptions(**given)

@@ -1,0 +1,72 @@
+"""The options of the integrator: stated once, checked where they are made, the same for HHT and for its specs."""
+
+import warnings
+
+import pytest
+
+from hhtbench import load_problem, load_solver
+from hhtbench.errors import ProblemError
+from hhtbench.request import Request
+from solvers.hht import HHT, HHTOptions
+from solvers.hht.options import KNOWN
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0
+
+MAKERS = {"HHT": lambda **o: HHT(JAX_PENDULUM, **o), "spec": lambda **o: load_solver("hht", **o)}
+
+
+@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+@pytest.mark.parametrize("name", ["alfa", "control", "event"])
+def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
+    with pytest.raises(TypeError, match=rf"does not know {name}; known: alpha, rho_inf, .*, calc_initcond"):
+        make(**{name: 1})
+
+
+@pytest.mark.parametrize("make", [*MAKERS.values(), HHTOptions], ids=[*MAKERS, "HHTOptions"])
+@pytest.mark.parametrize(
+    ("options", "error", "text"),
+    [
+        ({"alpha": 0.1}, ProblemError, r"alpha must lie in \[-1/3, 0\]; got 0.1"),
+        ({"b": 0.5}, ProblemError, "b must not be 1/2"),
+        ({"b": "0"}, TypeError, "b must be a real number"),
+        ({"b": 0.1, "reaction": "midpoint"}, ProblemError, "defined for b = 0; got b = 0.1"),
+        ({"reaction": "explicit"}, ProblemError, "reaction must be one of implicit, predictor, midpoint"),
+        ({"start": ""}, ProblemError, "start must be one of f0, shifted, trapezoidal; got ''"),
+        ({"rescale_a": 1}, TypeError, "rescale_a must be True or False; got 1"),
+        ({"calc_initcond": "yes"}, TypeError, "calc_initcond must be True or False; got 'yes'"),
+        ({"first_step": 1, "max_step": 0.5}, ProblemError, "must hold; got first_step=1, max_step=0.5"),
+        ({"linsolver": "lu"}, ProblemError, "linsolver must be one of auto, dense, band, sparse; got 'lu'"),
+        ({"engine": None}, ProblemError, "engine must be one of auto, host, native; got None"),
+    ],
+)
+def test_a_wrong_value_is_refused_when_the_solver_is_made(make, options, error, text):
+    with pytest.raises(error, match=text):
+        make(**options)
+
+
+def test_a_warning_about_b_points_at_the_line_that_gave_it():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        HHT(JAX_PENDULUM, b=0.45)
+    assert [(w.filename, "close to the singular value" in str(w.message)) for w in caught] == [(__file__, True)]
+
+
+def test_a_request_with_an_unknown_option_is_declined_with_the_known_ones():
+    problem = load_problem("jay_negrut_pendulum")
+    reason = load_solver("hht").accepts(problem, Request(step=0.1, options={"control": "chrono"}))
+    assert reason == f"unknown option control; known: {', '.join(KNOWN)}"
+
+
+def test_only_under_error_control_the_default_start_is_trapezoidal():
+    assert [HHTOptions().method(controlled=c).start for c in (False, True)] == ["f0", "trapezoidal"]
+    assert [HHTOptions(start="shifted").method(controlled=c).start for c in (False, True)] == ["shifted"] * 2
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, step=0.1)
+    assert hht._engine.method.start == "f0"
+    hht.init_step(0.0, Q0, V0, rtol=1e-3)
+    assert hht._engine.method.start == "trapezoidal"
+
+
+def test_help_of_the_solver_names_every_option_and_where_each_is_described():
+    assert [name for name in KNOWN if f"``{name}``" not in HHT.__doc__] == []
+    assert "HHTOptions" in HHT.__doc__
+    assert [name for name in KNOWN if name not in HHTOptions.__doc__] == []
