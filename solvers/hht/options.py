@@ -9,11 +9,11 @@ from typing import Any
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
-from solvers.hht.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
-from solvers.hht.control import ControlOptions
-from solvers.hht.linear import KINDS
+from solvers.hht.control.options import ControlOptions
+from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
+from solvers.hht.linear.analysis import KINDS
 
-ENGINES = ("auto", "host", "native")
+ENGINES = ("compiled", "python")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +41,7 @@ class HHTOptions:
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
     engine
-        "native" makes the steps in compiled loops with machine code of the system's functions, "host" in Python, whatever
-        the system; "auto" takes native where it can.  Same formulas, same statuses, values equal to roundoff.
+        "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
     calc_initcond
         Project an inconsistent start onto both constraint levels instead of refusing it.
 
@@ -62,7 +61,7 @@ class HHTOptions:
     min_step: float | None = None
     max_step: float | None = None
     linsolver: str = "auto"
-    engine: str = "auto"
+    engine: str = "compiled"
     calc_initcond: bool = False
 
     def __post_init__(self) -> None:

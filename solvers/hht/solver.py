@@ -17,18 +17,19 @@ from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._start import Guesses, Place
-from solvers.hht.begin import Started, begin, start_values
-from solvers.hht.checkpoint import pack, unpack
-from solvers.hht.engine import HostEngine
-from solvers.hht.engines import make_engine
-from solvers.hht.error import make_tolerances
-from solvers.hht.events import Occurrence, make_events
-from solvers.hht.legal_state import check, check_factor
+from solvers.hht.control.plan import ByError, Constant
+from solvers.hht.control.tolerances import make_tolerances
+from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import make_options
-from solvers.hht.run import Run, check_accuracy, check_request, controlled_course, end_times
-from solvers.hht.state import State
-from solvers.hht.stepping import Constant, Standing, begun, make_goal, take
-from solvers.hht.watch import Course
+from solvers.hht.run.begin import Started, begin, start_values
+from solvers.hht.run.checkpoint import pack, unpack
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.legal_state import check
+from solvers.hht.run.make_engine import make_engine
+from solvers.hht.run.solve import Run, check_accuracy, check_request, end_times
+from solvers.hht.run.stepper import Stepper
+from solvers.hht.run.stepping import Standing, begun, make_goal, take
+from solvers.hht.step.state import State
 
 
 class HHT:
@@ -64,9 +65,9 @@ class HHT:
         self.system = system
         self.options = make_options(**options)
         self.events = make_events(events)
-        self.engine_used = ""  #: by the last run: "native", or "host" and why
+        self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._standing: Standing | None = None  # of stepping by hand
-        self._engine: HostEngine | None = None
+        self._engine: Engine | None = None
         self._message = ""
         self._busy = threading.Lock()
 
@@ -153,7 +154,7 @@ class HHT:
             standing = self._stands()
             goal = make_goal(t, method, tstop, standing)
             self._engine = self._engine or self._rebuild(standing)
-            standing, status = take(self._course(self._engine, standing), standing, goal)
+            standing, status = take(self._stepper(self._engine, standing), standing, goal)
             tally = Counter(self._engine.work.tally)
             self._standing = replace(standing, distrusts=self._engine.distrusts, tally=tally)
             self._message = standing.message
@@ -214,8 +215,6 @@ class HHT:
             except (ArithmeticError, LookupError, TypeError, ValueError) as error:
                 raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
             check(standing, engine, len(self.events))
-            if standing.state.factor is not None:
-                check_factor(standing.state, self._rebuild(standing))  # an engine of its own: the trial leaves no trace
             self._standing, self._engine, self._message = standing, engine, standing.message
 
     def restart(self, state: State, *, step: float | None = None) -> None:
@@ -233,7 +232,7 @@ class HHT:
             standing = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
             self._standing = standing if old is None else replace(standing, distrusts=old.distrusts, tally=old.tally)
 
-    def _rebuild(self, standing: Standing) -> HostEngine:
+    def _rebuild(self, standing: Standing) -> Engine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
         work, controlled = Work(tally=Counter(standing.tally)), standing.tolerances is not None
         engine = make_engine(self.system, self.options, standing.place, work, controlled=controlled)
@@ -241,12 +240,12 @@ class HHT:
             engine.distrust()
         return engine
 
-    def _course(self, engine: HostEngine, standing: Standing) -> Course:
+    def _stepper(self, engine: Engine, standing: Standing) -> Stepper:
         if standing.step is not None:
-            return Course(engine=engine, advance=Constant(engine, standing.step), events=self.events)
+            return Stepper(engine=engine, plan=Constant(standing.step), events=self.events)
         if standing.tolerances is None:
             raise ValueError("neither a step nor tolerances.")
-        return controlled_course(engine, standing.tolerances, self.options.control, self.events)
+        return Stepper(engine=engine, plan=ByError(standing.tolerances, self.options.control), events=self.events)
 
     def _setup(self) -> dict[str, Any]:
         """What a checkpoint and the solver that resumes it must share, as texts."""

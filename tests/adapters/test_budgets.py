@@ -14,7 +14,7 @@ from hhtbench.protocol import NumpySystem
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers.hht import integrate
-from solvers.hht.dense import HermiteOutput
+from solvers.hht.equations.interpolant import HermiteOutput
 
 SOLVERS = ["hht", "hht(engine=host)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]
 

@@ -1,4 +1,4 @@
-"""Who is fastest at equal error, with and without a bound on drift, on rows that follow known laws."""
+"""Who is fastest at equal error, with and without a bound on drift, on rows that follow known formulas."""
 
 import pytest
 

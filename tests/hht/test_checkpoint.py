@@ -14,7 +14,7 @@ from hhtbench.lowering.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
-from solvers.hht.checkpoint import MAGIC, VERSION
+from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall
 from tests.hht.scenes import PENDULUM, Q0, SYSTEMS, V0
 from tests.hht.test_reproducible import STEPPED, bits

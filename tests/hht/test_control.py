@@ -13,9 +13,9 @@ from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT
 from solvers.hht.control import ControlOptions, growth_factor
-from solvers.hht.laws import fit
-from solvers.hht.local_error import parabola
-from solvers.hht.state import Memory
+from solvers.hht.equations.formulas import fit
+from solvers.hht.equations.local_error import parabola
+from solvers.hht.step.state import Memory
 from solvers.hht.verify.effectivity import ratios
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at
 

@@ -5,7 +5,7 @@ import pytest
 
 import hhtbench as hb
 from solvers.hht import HHT
-from solvers.hht.corrections import (
+from solvers.hht.equations.corrections import (
     SMALL,
     fresh_correction,
     kept_correction_and_end,
@@ -13,7 +13,7 @@ from solvers.hht.corrections import (
     residual_and_matrix,
     state_size,
 )
-from solvers.hht.discretise import step_end, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.discretise import step_end, step_residual_and_matrix, unpack_matrix
 from solvers.hht.linear import InverseFactor
 from solvers.hht.native.engine import NativeEngine
 from solvers.hht.sparse import BandFactor

@@ -10,7 +10,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.registry import load_verification
 from hhtbench.report.figures import MOST_MARKS
 from solvers.hht import engines
-from solvers.hht.coefficients import Coefficients
+from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify import damping, damping_plots, guided, vibration
 from solvers.hht.verify.closed import radius, roots, series, spectrum, swing_of

@@ -9,7 +9,7 @@ import pytest
 
 import hhtbench as hb
 from solvers.hht import HHT
-from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.discretise import step_end, step_residual, step_residual_and_matrix, unpack_matrix
 
 METHODS = (
     {},

@@ -18,8 +18,8 @@ from solvers.hht.choose import analyse, choose
 from solvers.hht.engine import HostEngine, layout_of
 from solvers.hht.options import HHTOptions
 from solvers.hht.sparse import Band, Splu
-from solvers.hht.start import first_state
-from solvers.hht.state import Step
+from solvers.hht.run.start import first_state
+from solvers.hht.step.state import Step
 
 SAME = 1e-11
 METHOD = HHTOptions(alpha=-0.1).method()

@@ -10,7 +10,7 @@ import hhtbench as hb
 from hhtbench.lowering import Structure
 from problems.stiff_spring_pendulum import problem
 from solvers.hht import HHT
-from solvers.hht.layout import Layout
+from solvers.hht.equations.layout import Layout
 
 ENGINES = ["native", "host"]
 TURNING = [(1e10, 100), (1e12, 200), (1e12, 20), (1e12, 10), (1e13, 27)]  # stiffness [N/m], steps in a second

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import solvers.hht.weights
+import solvers.hht.equations.known
 from hhtbench import load_problem
 from hhtbench.errors import ProblemError
 from solvers.hht.verify import constraints, figures, local, orders

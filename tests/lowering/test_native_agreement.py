@@ -24,9 +24,9 @@ from solvers.forms.form import refusal
 from solvers.forms.layout import Layout as FormLayout
 from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
-from solvers.hht.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.equations.discretise import step_end, step_residual, step_residual_and_matrix
 from solvers.hht.engine import force_and_inverse_mass
-from solvers.hht.layout import Layout
+from solvers.hht.equations.layout import Layout
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order

@@ -15,7 +15,7 @@ from hhtbench.lowering.diagonal import Diagonal
 from hhtbench.lowering.matrix_free import large, matrix_free
 from problems import planar_chain
 from solvers._start import Place, inconsistency
-from solvers.hht.start import project
+from solvers.hht.run.start import project
 
 T, N = 0.3, 6
 Q, V = np.sin(np.arange(1.0, N + 1)), np.cos(np.arange(1.0, N + 1))

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from solvers.hht.control.estimate import estimate, roundoff
+from solvers.hht.equations.formulas import CERTAIN, CRUMB, NOISE
 from solvers.hht.events.scan import keep_values, scan
-from solvers.hht.laws import CERTAIN, CRUMB, NOISE
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
 from solvers.hht.step.calls import spacing
 from solvers.hht.step.compiled import compiled, fit, growth, representable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.laws import EPS, GAUSS, NOTHING, ROUNDOFF
+from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.step.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
 from solvers.hht.step.memory import (
@@ -161,7 +161,7 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
 @compiled
 def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``, :func:`solvers.hht.laws.rms`; infinity where it is not finite."""
+    """Root mean square of x over ``weights``, :func:`solvers.hht.formulas.rms`; infinity where it is not finite."""
     total = 0.0
     for i in range(x.size):
         total += (x[i] / weights[i]) ** 2

@@ -1,20 +1,22 @@
-"""Event functions in machine code, so that the compiled loops see in which step something happens."""
+"""Event functions as the loops take them: machine code where JAX can trace them, else callbacks."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import equinox as eqx
 import jax
 
-from hhtbench.arguments import Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Native, native
-from solvers.hht.events import Event
+from hhtbench.lowering.foreign import Callbacks
+from solvers.hht.events.event import Event, number_of
+from solvers.hht.events.scan import EXTRA
+from solvers.hht.step.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 
 def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
@@ -22,30 +24,39 @@ def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, 
     return dynamics.xp.asarray(function(t, q, v), dtype=float).reshape(1)
 
 
-class CompiledEvents:
-    """Machine code of event functions, as long as what they refer to stays."""
+class EventFunctions:
+    """Addresses of event functions; of machine code as long as what they refer to stays."""
 
-    def __init__(self, dynamics: Any, events: Sequence[Event], n: int) -> None:
-        self._functions = [event.function for event in events]
-        self._seen = [seen_by(function) for function in self._functions]
-        self._codes: list[Native] | None = None
-        if None in self._seen:
-            return
-        shapes = (), (n,), (n,)
+    def __init__(self, events: Sequence[Event], functions: Any, callbacks: Callbacks) -> None:
+        self.events = tuple(events)
+        self.samples = sum(event.samples + EXTRA for event in self.events)
+        n = functions.layout.structure.n
+        self._seen = [seen_by(event.function) for event in self.events]
+        self._code = [self._compiled(functions, event, seen, n) for event, seen in zip(self.events, self._seen, strict=True)]
+        self._called = [callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,))) for event in self.events]
+
+    def _compiled(self, functions: Any, event: Event, seen: Any, n: int) -> Native | None:
+        if seen is None or functions.calls_python:
+            return None
         try:
-            self._codes = [
-                native(event_value, dynamics, function, seen, shapes=shapes)
-                for function, seen in zip(self._functions, self._seen, strict=True)
-            ]
+            return native(event_value, functions.dynamics, event.function, seen, shapes=((), (n,), (n,)))
         except BudgetSpent:
             raise
         except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
-            return
+            return None
 
-    @property
-    def codes(self) -> list[Native] | None:
-        """Of every event; None where one cannot be compiled, or refers to another number than before."""
-        return self._codes if self._seen == [seen_by(function) for function in self._functions] else None
+    def codes(self) -> list[int]:
+        """Addresses of every function and of its parameters."""
+        pairs = []
+        for event, seen, code, called in zip(self.events, self._seen, self._code, self._called, strict=True):
+            stays = code is not None and seen == seen_by(event.function)
+            pairs += [code.address, int(code.parameters.ctypes.data)] if code is not None and stays else [called, 0]
+        return pairs
+
+    def fill(self, z: Memory) -> None:
+        """Put what does not change into the loops' memory."""
+        integer_view(z, DIRECTIONS)[:] = [event.direction for event in self.events]
+        integer_view(z, SAMPLES)[:] = [event.samples for event in self.events]
 
 
 NUMBERS = (int, float, str, type(None))
@@ -87,20 +98,3 @@ def _seen(value: Any, depth: int) -> tuple[Any, ...] | None:
 
 def _of_a_library(module: str | None) -> bool:
     return (module or "").partition(".")[0] in LIBRARIES
-
-
-@dataclass
-class Watched:
-    """Event functions as the loops take them, and their values (k,) where the loops stand."""
-
-    events: Sequence[Event]
-    codes: Sequence[Native]
-    values: Vector
-
-    def sections(self) -> dict[str, Any]:
-        """Sections of integers."""
-        return {
-            "event_code": [number for code in self.codes for number in (code.address, code.parameters.ctypes.data)],
-            "event_directions": [event.direction for event in self.events],
-            "event_samples": [event.samples for event in self.events],
-        }

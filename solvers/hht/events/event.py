@@ -1,24 +1,16 @@
-"""Events: what a user declares, and the sign changes of its function along one step's dense output."""
+"""Events: what a user declares."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
-from hhtbench.arguments import Matrix, Vector, positive_integer, real_values
+from hhtbench.arguments import Vector, positive_integer, real_values
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from solvers.hht.dense import HermiteOutput
-
-EPS = float(np.finfo(np.float64).eps)
-TINY = float(np.finfo(np.float64).tiny)
-CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
-ZERO = 1e-12  # of the largest value in the step: what a start on the zero of an event function may be off
-LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up
 
 
 @dataclass(frozen=True)
@@ -37,8 +29,8 @@ class Event:
     Parameters
     ----------
     function
-        ``(t, q, v)`` with q, v (n,) to a number.  The native engine compiles one that JAX can trace and that refers to
-        nothing that changes; any other keeps the steps in the host engine.
+        ``(t, q, v)`` with q, v (n,) to a number.  One that JAX can trace and that refers to nothing that changes becomes
+        machine code; any other is called back, at some ten microseconds a sample.
     direction
         1: only zeros with a rising function, along the integration, so also where time runs backward; -1: falling; 0: both.
     terminal
@@ -92,24 +84,6 @@ class Occurrence:
     v: Vector  #: (n,) before a change
 
 
-@dataclass(frozen=True)
-class Crossing:
-    """A change of sign along the dense output of a step."""
-
-    index: int  #: of the event
-    t: float  #: [s]
-    side: int  #: sign of the function before it
-    bracket: tuple[float, float]  #: [s], samples around it
-
-
-@dataclass(frozen=True)
-class Scan:
-    """What one step's dense output tells of the events."""
-
-    crossings: tuple[Crossing, ...]  #: in order of time, those at one time in the order of the events
-    values: Vector  #: (k,) event functions at the end of the step
-
-
 def make_events(given: Any) -> tuple[Event, ...]:
     """Events from what the user gave: None, one, or several; each an :class:`Event` or a plain callable.
 
@@ -138,7 +112,7 @@ def _named(event: Event, place: str) -> Event:
     return event if event.name else replace(event, name=place if own == "<lambda>" else own)
 
 
-def value_of(event: Event, t: float, q: Vector, v: Vector, work: Work) -> float:
+def number_of(event: Event, t: float, q: Vector, v: Vector) -> float:
     """The event function at one point.
 
     Raises
@@ -148,7 +122,6 @@ def value_of(event: Event, t: float, q: Vector, v: Vector, work: Work) -> float:
     TypeError
         It is no number.
     """
-    work.add("event_evaluations")
     got = event.function(t, _read_only(q), _read_only(v))
     array = np.asarray(got)
     if array.ndim != 0 or array.dtype.kind not in "fiu":
@@ -158,6 +131,12 @@ def value_of(event: Event, t: float, q: Vector, v: Vector, work: Work) -> float:
     if not np.isfinite(value):
         raise NonFiniteValue(f"event {event.name!r}", (), value, t)
     return value
+
+
+def value_of(event: Event, t: float, q: Vector, v: Vector, work: Work) -> float:
+    """:func:`number_of`, counted."""
+    work.add("event_evaluations")
+    return number_of(event, t, q, v)
 
 
 def changed_by(event: Event, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
@@ -182,75 +161,6 @@ def changed_by(event: Event, t: float, q: Vector, v: Vector) -> tuple[Vector, Ve
             i = int(np.argmin(np.isfinite(new)))
             raise NonFiniteValue(f"{name} from {whose}", (i,), float(new[i]), t)
     return pair
-
-
-def scan(events: Sequence[Event], start: Vector | None, output: HermiteOutput, work: Work) -> Scan:
-    """The changes of sign along ``output``, which is one step.
-
-    ``start`` (k,) are the values at its beginning; None after a start or a change: there a value near zero counts as
-    zero, and the motion leaves it without an event.
-    """
-    found: list[Crossing] = []
-    ends = np.zeros(len(events))
-    for index, event in enumerate(events):
-        times, values = _sampled(event, None if start is None else float(start[index]), output, work)
-        found += _crossings(index, event, times, values, output, work)
-        ends[index] = values[-1]
-    direction = 1.0 if output.t[-1] > output.t[0] else -1.0
-    return Scan(tuple(sorted(found, key=lambda crossing: direction * crossing.t)), ends)
-
-
-def _sampled(event: Event, start: float | None, output: HermiteOutput, work: Work) -> tuple[Vector, Vector]:
-    """Times along the step and values there; the first, at its beginning, is zero where the motion begins on a zero."""
-    t0, t1 = output.t
-    shares = np.arange(1, event.samples + 1) / (event.samples + 1)
-    times = t0 + np.concatenate([[0.0], [LEAVING] if start is None else [], shares, [1.0]]) * (t1 - t0)
-    times[-1] = t1
-    states: tuple[Matrix, Matrix] = output(times)
-    first = 0 if start is None else 1
-    values = [value_of(event, float(times[i]), states[0][i], states[1][i], work) for i in range(first, times.size)]
-    if start is not None:
-        return times, np.array([start, *values])
-    if abs(values[0]) <= ZERO * max(abs(x) for x in values):
-        values[0] = 0.0
-    return times, np.array(values)
-
-
-def _crossings(index: int, event: Event, times: Vector, values: Vector, output: HermiteOutput, work: Work) -> list[Crossing]:
-    """Where the sign changes, or zero is reached, in the direction asked for."""
-    found = []
-    side = int(np.sign(values[0]))
-    for i in range(1, times.size):
-        now = int(np.sign(values[i]))
-        if side != 0 and now != side and event.direction in (0, -side):
-            bracket = float(times[i - 1]), float(times[i])
-            t = bracket[1] if now == 0 else _zero(event, bracket, (values[i - 1], values[i]), output, work)
-            t = float(output.t[-1]) if near(t, float(output.t[-1])) else t
-            found.append(Crossing(index, t, side, bracket))
-        side = now
-    return found
-
-
-def _zero(event: Event, bracket: tuple[float, float], ends: tuple[float, float], output: HermiteOutput, work: Work) -> float:
-    """The zero of the event function along ``output``, to the last bits of time."""
-    known = dict(zip(bracket, ends, strict=True))
-
-    def value(t: float) -> float:
-        return known[t] if t in known else value_of(event, t, *output(t), work)
-
-    return zero(value, *bracket)
-
-
-def zero(value: Callable[[float], float], low: float, high: float) -> float:
-    """A time between ``low`` and ``high`` at which ``value`` changes its sign, to the last bits."""
-    return float(
-        brentq(value, low, high, xtol=max(float(np.spacing(abs(high))), TINY), rtol=4 * EPS, maxiter=200, disp=False)
-    )
-
-
-def near(t: float, end: float) -> bool:
-    """Whether the two times are one but for roundoff."""
-    return abs(t - end) <= CLOSE * float(np.spacing(abs(end)))
 
 
 def _read_only(x: Vector) -> Vector:

@@ -65,7 +65,7 @@ class Analysis:
     @property
     def inverse(self) -> int:
         """Numbers of one inverse, where it is kept."""
-        return self.size**2 if self.kind == "inverse" or (self.kind == "band" and self.size <= PRODUCT) else 0
+        return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= PRODUCT) else 0
 
     def sections(self) -> dict[str, Any]:
         """Integer sections of the loops' memory."""

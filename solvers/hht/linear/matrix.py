@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.laws import EPS
+from solvers.hht.equations.formulas import EPS
 from solvers.hht.linear.band import factor_blocks, solve_blocks
 from solvers.hht.step.calls import invoke, view
 from solvers.hht.step.compiled import compiled, inlined
@@ -39,6 +39,7 @@ from solvers.hht.step.memory import (
     JACOBIANS,
     KIND,
     KIND_BAND,
+    KIND_CALLBACK,
     KIND_DENSE,
     KIND_INVERSE,
     LAPACK,
@@ -253,7 +254,7 @@ def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
     """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
     record, size = half(z, RECORD, slot), z.i[SIZE]
     record[USES] += 1.0
-    if z.i[KIND] != KIND_BAND or size > PRODUCT or record[USES] <= OFTEN * size:
+    if size > PRODUCT or z.i[KIND] == KIND_CALLBACK or record[USES] <= OFTEN * size:
         solve(z, slot, right, out)
         return
     if record[INVERTED] == 0.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -20,14 +19,13 @@ from hhtbench.lowering.foreign import Callbacks
 from hhtbench.protocol import DERIVATIVES, declared
 from solvers._finite import explain_nonfinite, inverse_mass_at
 from solvers._start import points_of
-from solvers.hht.coefficients import Method
+from solvers.hht.equations.coefficients import Method
 from solvers.hht.events.compiled import EventFunctions
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.march import Control, look, march, remake, take, try_step
 from solvers.hht.run.recover import Recovery
 from solvers.hht.run.shortest import Shortest
 from solvers.hht.run.transfer import load, store
-from solvers.hht.state import State
 from solvers.hht.step.memory import (
     ATOL,
     ATTEMPT,
@@ -45,8 +43,8 @@ from solvers.hht.step.memory import (
     FALLBACK,
     FUNCTIONS,
     H_TRIED,
-    KIND_CALLBACK,
     KIND,
+    KIND_CALLBACK,
     MAX_DAMPED,
     MAX_HALVINGS,
     MAX_ITERATIONS,
@@ -61,6 +59,7 @@ from solvers.hht.step.memory import (
     integer_view,
     view,
 )
+from solvers.hht.step.state import State
 
 UNLIMITED = 2**62
 ATTEMPTED = (ATTEMPT, X, END, END_INVERSE_MASS)  # sections that hold an attempt
@@ -98,6 +97,7 @@ class Engine:
         self.events = EventFunctions((), functions, self.callbacks)
         self._fallback, self._plain = fallback, plain
         self.distrusts = False  #: whether the declared derivatives were given up
+        self.tried = False  #: whether the attempt in the memory may be another than the last call of :meth:`march` left
         self._z: Memory | None = None
         self._held: State | None = None  #: the state that is in the memory
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
@@ -152,18 +152,20 @@ class Engine:
         ``values``: of the event functions at ``state``; None where the motion begins there.
         """
         z = self._prepared(state, values, controlled=control.controlled)
-        made = self._call(march, z, control, lengths, ends, rows, before_raising=lambda made: made == 0)
+        before, self.tried = np.zeros(len(COUNTS), dtype=np.int64), False
+        made = self._call(march, z, control, lengths, ends, rows, before, before_raising=lambda made: made == 0)
         self.work.add("steps_accepted", made)
-        ended = int(z.i[ENDED])
-        if made:
+        if made:  # what ended them begins the next call
             state = self._held = store(z, controlled=state.memory is not None)
-        if ended == SPENT and not made:
+            return state, made, CONVERGED
+        if z.i[ENDED] == SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
-        return state, made, ended
+        return state, made, int(z.i[ENDED])
 
     def try_step(self, h: float, t1: float) -> int:
         """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
         self.work.check_time()
+        self.tried = True
         return self._call(try_step, self._memory(), float(h), float(t1))
 
     def look(self) -> int:

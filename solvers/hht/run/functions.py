@@ -15,9 +15,9 @@ from hhtbench.lowering.coloured import Coloured
 from hhtbench.lowering.foreign import Callbacks, foreign
 from hhtbench.lowering.matrix_free import SMALL, matrix_free
 from solvers._finite import inverse_mass_at
-from solvers.hht.coefficients import Method
-from solvers.hht.corrections import SMALL as SMALLEST
-from solvers.hht.corrections import (
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.corrections import SMALL as SMALLEST
+from solvers.hht.equations.corrections import (
     fresh_correction,
     kept_correction_and_end,
     residual_and_end,
@@ -27,9 +27,9 @@ from solvers.hht.corrections import (
     state_after,
     state_size,
 )
-from solvers.hht.layout import Layout
+from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.local_error import SCALARS, inputs, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
-from solvers.hht.local_error import SCALARS, inputs, levels, raw_errors
 from solvers.hht.step.memory import BASE, CALLS_PYTHON, INTEGER_BASE, NOISY, O_R1, Memory, Sizes, allocate
 from solvers.hht.step.newton import NewtonOptions
 

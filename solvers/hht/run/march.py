@@ -11,8 +11,22 @@ from solvers.hht.events.scan import scan
 from solvers.hht.linear.matrix import early, renew
 from solvers.hht.step.attempt import attempt
 from solvers.hht.step.compiled import called
-from solvers.hht.step.memory import ATTEMPT, CONVERGED, ENDED, ERROR_SIZE, FACTOR, NUMBER, SLOT, STEP, Memory, T, X
-from solvers.hht.step.sections import part, put, view
+from solvers.hht.step.memory import (
+    ATTEMPT,
+    CONVERGED,
+    ENDED,
+    ERROR_SIZE,
+    FACTOR,
+    NUMBER,
+    RECORD,
+    SLOT,
+    STEP,
+    USES,
+    Memory,
+    T,
+    X,
+)
+from solvers.hht.step.sections import half, part, put, view
 
 
 class Control(NamedTuple):
@@ -36,19 +50,30 @@ class Control(NamedTuple):
 
 
 @called
-def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray) -> Any:
+def march(
+    z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, before: IntArray, counts: IntArray
+) -> Any:
     """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.
+    The work for a step that ends them after others is not counted: it begins the next call, which tells the same again.
     """
     z.i[ENDED] = CONVERGED
     for i in range(rows.shape[0]):
         if c.controlled and part(z, NUMBER)[T] == c.stop:
             return i
-        k = 0 if c.controlled else i
+        slot, k = int(part(z, NUMBER)[FACTOR]), 0 if c.controlled else i
+        uses = half(z, RECORD, max(slot, 0))[USES]
+        for j in range(counts.size):
+            before[j] = counts[j]
         z.i[ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
-        if z.i[ENDED] != CONVERGED:
-            return i
+        if z.i[ENDED] == CONVERGED:
+            continue
+        if i > 0:
+            half(z, RECORD, max(slot, 0))[USES] = uses
+            for j in range(counts.size):
+                counts[j] = before[j]
+        return i
     return rows.shape[0]
 
 

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
-from solvers.hht.kernels import called
-from solvers.hht.native.calls import invoke
-from solvers.hht.native.compiled import compiled
-from solvers.hht.native.step import put, top
+import numpy as np
 
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Work
+from hhtbench.lowering import Dynamics, native
+from hhtbench.lowering.foreign import Callbacks
+from hhtbench.lowering.kkt import kkt_terms
 from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
+from solvers.hht.step.calls import invoke
+from solvers.hht.step.compiled import called, compiled
+from solvers.hht.step.sections import largest as top
+from solvers.hht.step.sections import put
 
+FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
+FIRST = 512  # rows of the first call, and FEW of a NumPy system
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 MAX_ITERATIONS = 25
 CONVERGED = 1e-13
 WELL_POSED = 1e-8  # smallest over largest pivot of the scaled matrix; below it the host engine looks closer
@@ -110,3 +120,34 @@ def scaled_solve(matrix: Any, right: Any, scale: Any) -> Any:
         right[j] /= scale[j]
         total += right[j] * 0.0  # NaN where it is not finite
     return least > WELL_POSED * most and total == 0.0
+
+
+class Recovery:
+    """The loop above for one system."""
+
+    def __init__(self, dynamics: Dynamics, callbacks: Callbacks, work: Work, points: int) -> None:
+        self.dynamics, self.callbacks, self.work, self.points = dynamics, callbacks, work, points
+
+    def __call__(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+        """Which rows (k,) have their multipliers in ``lam`` and ``mu`` now."""
+        s, done = self.dynamics.structure, np.zeros(times.size, dtype=bool)
+        if times.size < FEW:
+            return done
+        size = s.n + s.m + s.p
+        kkt = native(kkt_terms, self.dynamics, shapes=((), (s.n,), (s.n,), (size,)))
+        place, x, terms = np.zeros(1 + 2 * s.n), np.zeros(size), np.zeros(kkt.size)
+        rows = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+        at = tuple(int(array.ctypes.data) for array in (place, x, terms))
+        code = kkt.address, int(kkt.parameters.ctypes.data)
+        work = np.empty((size, size)), np.empty(size), np.empty(size)
+        first, block = 0, FIRST if self.points else FEW
+        while first < times.size and self.work.clock.left() >= 0.0:
+            part, began = slice(first, first + block), time.perf_counter()
+            with self.callbacks:
+                recover(code, at, s.linear_reaction, place, x, terms, work, rows[part], done[part])
+            if self.callbacks.cause is not None:
+                break
+            first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
+        lam[done], mu[done] = np.split(rows[done, 1 + 2 * s.n :], [s.m], axis=1)
+        self.work.add("residual_evaluations", self.points * int(done.sum()))
+        return done

@@ -9,7 +9,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.lowering import ConstraintLevels
 from hhtbench.lowering.foreign import Callbacks
-from solvers.hht.laws import EPS
+from solvers.hht.equations.formulas import EPS
 
 
 class Shortest:

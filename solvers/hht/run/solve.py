@@ -14,19 +14,14 @@ from hhtbench.errors import ProblemError
 from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
 from hhtbench.result import Solution, Status
 from solvers._start import Failure, Guesses, Place, empty_solution
-from solvers.hht.begin import Started
-from solvers.hht.control import ControlOptions, ErrorControlled, Prescribed
-from solvers.hht.engine import HostEngine
-from solvers.hht.error import Tolerances, components, make_tolerances
-from solvers.hht.estimate import Estimator
-from solvers.hht.events import Event
-from solvers.hht.first_step import prepared
-from solvers.hht.history import History
-from solvers.hht.integrate import assemble, checked, integrate, unrecovered
-from solvers.hht.state import State
-from solvers.hht.watch import Course
-
-MAX_STEPS = 1_000_000  # with error control, unless max_num_steps says otherwise: every loop ends
+from solvers.hht.control.plan import ByError, Prescribed
+from solvers.hht.control.tolerances import components, make_tolerances
+from solvers.hht.run.begin import Started
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.history import History
+from solvers.hht.run.integrate import assemble, checked, integrate, unrecovered
+from solvers.hht.run.stepper import Stepper
+from solvers.hht.run.stepping import MAX_STEPS
 
 
 class Run:
@@ -36,7 +31,7 @@ class Run:
         self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
         self.history: History | None = None
-        self.engine: HostEngine | None = None
+        self.engine: Engine | None = None
 
     def solution(self) -> Solution:
         """Integrate; what is raised carries ``.partial_solution``."""
@@ -58,11 +53,11 @@ class Run:
         self.engine, self.history = engine, History(engine.structure, state, len(events))
         if plan is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
-            course = controlled_course(engine, tolerances, self.solver.options.control, events)
+            stepper = Stepper(engine=engine, plan=ByError(tolerances, self.solver.options.control), events=events)
             most = most or MAX_STEPS
         else:
-            course = Course(engine=engine, advance=Prescribed(engine, plan), events=events)
-        end = integrate(course, state, self.t1, self.history, most)
+            stepper = Stepper(engine=engine, plan=Prescribed(plan), events=events)
+        end = integrate(stepper, state, self.t1, self.history, most)
         rtol = ADDS_UP if request.rtol is None else float(np.min(request.rtol))
         end = checked(end, self.history, rtol)
         return assemble(engine, self.history, request.t_eval, end, started.note)
@@ -116,15 +111,3 @@ def check_accuracy(request: Request, n: int) -> None:
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
     for name, value in (("rtol", request.rtol), ("atol", request.atol)):
         components(name, 0.0 if value is None else value, n)
-
-
-def controlled_course(
-    engine: HostEngine, tolerances: Tolerances, control: ControlOptions, events: tuple[Event, ...] = ()
-) -> Course:
-    """Steps whose local error stays within ``tolerances``."""
-
-    def prepare(state: State, stop: float) -> State:
-        return prepared(engine, state, tolerances, control, stop)
-
-    advance = ErrorControlled(engine, Estimator(engine, tolerances), control)
-    return Course(engine=engine, advance=advance, events=events, prepare=prepare)

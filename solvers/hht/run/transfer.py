@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.hht.laws import HIGHEST
-from solvers.hht.state import Factorised, Memory, State
+from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.step.memory import (
     ACCELERATION,
     BEFORE,
@@ -34,6 +33,7 @@ from solvers.hht.step.memory import (
     view,
 )
 from solvers.hht.step.memory import Memory as Arrays
+from solvers.hht.step.state import Factorised, Memory, State
 
 
 def load(z: Arrays, state: State) -> None:
@@ -45,7 +45,15 @@ def load(z: Arrays, state: State) -> None:
     if made is not None:
         record = view(z, RECORD)
         record[RATE], record[USES] = made.rate, made.uses
-    vectors: dict[int, Any] = {Q: state.q, V: state.v, A: state.a, F: state.f, LAM: state.lam, MU: state.mu, VDOT: state.vdot}
+    vectors: dict[int, Any] = {
+        Q: state.q,
+        V: state.v,
+        A: state.a,
+        F: state.f,
+        LAM: state.lam,
+        MU: state.mu,
+        VDOT: state.vdot,
+    }
     vectors |= {X_LAST: x, X_EARLIER: earlier, INVERSE_MASS: state.inverse_mass}
     if memory is not None:
         error, reaction = -1.0 if memory.error is None else memory.error, memory.velocity_reaction

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.hht.laws import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
+from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.step.calls import view
 from solvers.hht.step.compiled import compiled, moves_nothing, rescaled, trapezoidal_start

@@ -5,29 +5,29 @@ from __future__ import annotations
 from pathlib import Path
 
 from hhtbench.lowering.loops import entries, inner
-from solvers.hht import laws
+from solvers.hht.equations import formulas
 
 HERE = Path(__file__).parents[1]
 SOURCES = (
     HERE / "step",
     *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "control/estimate", "control/controller")),
     *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/recover")),
-    Path(laws.__file__),
+    Path(formulas.__file__),
 )
 called = entries(HERE / "compiled", *SOURCES)  #: what Python calls
 compiled = inner()
 inlined = inner(inline="always")
 
-allowed = compiled(laws.allowed)
-crosses = compiled(laws.crosses)
-cubic = compiled(laws.cubic)
-digits = compiled(laws.digits)
-fit = compiled(laws.fit)
-growth = compiled(laws.growth)
-has_digit = compiled(laws.has_digit)
-moves_nothing = compiled(laws.moves_nothing)
-relative_part = compiled(laws.relative_part)
-relative_tolerance = compiled(laws.relative_tolerance)
-representable = compiled(laws.representable)
-rescaled = compiled(laws.rescaled)
-trapezoidal_start = compiled(laws.trapezoidal_start)
+allowed = compiled(formulas.allowed)
+crosses = compiled(formulas.crosses)
+cubic = compiled(formulas.cubic)
+digits = compiled(formulas.digits)
+fit = compiled(formulas.fit)
+growth = compiled(formulas.growth)
+has_digit = compiled(formulas.has_digit)
+moves_nothing = compiled(formulas.moves_nothing)
+relative_part = compiled(formulas.relative_part)
+relative_tolerance = compiled(formulas.relative_tolerance)
+representable = compiled(formulas.representable)
+rescaled = compiled(formulas.rescaled)
+trapezoidal_start = compiled(formulas.trapezoidal_start)

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.lowering.loops import FloatArray, IntArray
-from solvers.hht.laws import HIGHEST
-from solvers.hht.weights import GIVEN, HEAD
+from solvers.hht.equations.formulas import HIGHEST
+from solvers.hht.equations.known import GIVEN, HEAD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ def given_integers(name: str) -> int:
     return integers(lambda s: len(s.sections.get(name, ())))
 
 
-# The step (GIVEN of solvers.hht.weights), and the state: these follow one another, `packed_known` takes them as one vector.
+# The step (GIVEN of solvers.hht.equations.known), then the state: `packed_known` takes them as one vector.
 STEP = floats(lambda s: len(GIVEN))
 NUMBER = floats(lambda s: len(HEAD))
 Q = floats(lambda s: s.n)

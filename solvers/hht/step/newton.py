@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from solvers.hht.laws import EPS, NOTHING
+from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.step.calls import view
 from solvers.hht.step.compiled import compiled, digits, has_digit

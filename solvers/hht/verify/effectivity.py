@@ -16,11 +16,11 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._start import Place
 from solvers.collocation import solver as collocation
-from solvers.hht.error import make_tolerances
-from solvers.hht.first_step import prepared
+from solvers.hht.control.first_step import prepared
+from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.run import controlled_course
 from solvers.hht.solver import HHT
-from solvers.hht.state import State, Step
+from solvers.hht.step.state import State, Step
 from solvers.projected import solver as projected
 
 SPECS = ("jay_negrut_test1", "jay_negrut_pendulum", "andrews", "knife_edge", "rolling_disk3d_steady", "flyball_governor")

@@ -15,7 +15,7 @@ from hhtbench.evidence import Row
 from hhtbench.protocol import System, parameter
 from solvers.hht.engine import largest
 from solvers.hht.solver import HHT
-from solvers.hht.state import State
+from solvers.hht.step.state import State
 from solvers.hht.verify.closed import invariants_error, roots, swing_of
 from solvers.hht.verify.orders import ALPHAS, NAMES
 from solvers.hht.verify.vibration import (

@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.arguments import Matrix
 from hhtbench.evidence import Row
 from hhtbench.protocol import System, parameter
-from solvers.hht.coefficients import Coefficients
+from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import Case, Progress, below_row, slope
 from solvers.hht.verify.orders import ALPHAS, NAMES

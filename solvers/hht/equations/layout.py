@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Structure
-from solvers.hht.laws import EPS, digits, has_digit
+from solvers.hht.equations.formulas import EPS, digits, has_digit
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,17 @@ from typing import Any
 
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.inverse import inverse
-from solvers.hht.coefficients import Method
-from solvers.hht.discretise import stages, step_residual, step_residual_and_ends, step_residual_and_matrix, unpack_matrix
-from solvers.hht.laws import force_at_end
-from solvers.hht.layout import Layout
-from solvers.hht.weights import packed_known, start_of
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.discretise import (
+    stages,
+    step_residual,
+    step_residual_and_ends,
+    step_residual_and_matrix,
+    unpack_matrix,
+)
+from solvers.hht.equations.formulas import force_at_end
+from solvers.hht.equations.known import packed_known, start_of
+from solvers.hht.equations.layout import Layout
 
 SMALL = 12  #: unknowns up to which that is so
 

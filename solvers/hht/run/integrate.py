@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -14,13 +15,16 @@ from hhtbench.lowering import padded
 from hhtbench.result import DenseOutput, Solution, Status
 from hhtbench.trust import unresolved
 from solvers._rows import Recovered, late_note
-from solvers._start import Failure, acceleration_at, all_multipliers, budget_failure
-from solvers.hht.dense import HermiteOutput
-from solvers.hht.engine import HostEngine
-from solvers.hht.history import History
-from solvers.hht.state import State
-from solvers.hht.watch import Course, Watch
+from solvers._start import Failure, acceleration_at, all_multipliers
+from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.history import History
+from solvers.hht.run.stepper import Stepper, Watch
+from solvers.hht.step.state import State
 
+FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+FEW = 20  # the same with a time budget
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 
 
@@ -33,37 +37,33 @@ class End:
     state: State
 
 
-def integrate(course: Course, state: State, stop: float, history: History, max_num_steps: int | None) -> End:
+def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> End:
     """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``."""
-    watch, taken = Watch(counts=(0,) * len(course.events)), 0
+    watch, taken, work = Watch(counts=(0,) * len(stepper.events)), 0, stepper.engine.work
+    count = FIRST if work.clock.limit is None else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return End(Status.max_steps, message, state)
-        room = None if max_num_steps is None else max_num_steps - taken
-        try:
-            state, watch, made = course.march(state, watch, stop, history, room)
-        except BudgetSpent as spent:
-            failure = budget_failure(spent, state.t)
-            return End(failure.status, failure.message, state)
-        if made:
-            taken += made
-            continue
-        passage = course.next(state, watch, stop)
-        if isinstance(passage, Failure):
-            return End(passage.status, passage.message, state)
-        history.add(passage.step)
-        course.engine.work.add("steps_accepted")
-        state, watch, taken = passage.step.state, passage.watch, taken + 1
+        room = count if max_num_steps is None else min(count, max_num_steps - taken)
+        began = time.perf_counter()
+        passage = stepper.advance(state, watch, stop, history.room(room))
+        state, watch, taken = passage.state, passage.watch, taken + passage.made
+        history.commit(passage.made)
+        work.clock.kept_back = history.handing_over()
+        each = (time.perf_counter() - began) / max(passage.made, 1)
+        count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
+        if passage.failure is not None:
+            return End(passage.failure.status, passage.failure.message, state)
         if passage.occurrences:
             history.note(passage.occurrences)
-            changed = course.changed(passage)
+            changed = stepper.changed(passage)
             if isinstance(changed, Failure):
                 return End(changed.status, changed.message, state)
             if changed is not state:
                 history.restart(changed)
-                state, watch = changed, course.watch_after(passage, changed)
-            last_words = course.terminal(passage)
+                state, watch = changed, stepper.watch_after(passage, changed)
+            last_words = stepper.terminal(passage)
             if last_words is not None:
                 return End(Status.event, last_words, state)
     return End(Status.success, Status.success.text, state)
@@ -95,7 +95,7 @@ def rows_within(output: HermiteOutput, times: Vector, work: Work) -> DenseOutput
     return DenseOutput(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
+def assemble(engine: Engine, history: History, t_eval: Vector | None, end: End, note: str) -> Solution:
     """The Solution: rows at ``t_eval`` (None: at every step) that were reached, multipliers by (H16)."""
     engine.work.only_output_is_left()
     output = history.dense_output()
@@ -132,7 +132,7 @@ def assemble(engine: HostEngine, history: History, t_eval: Vector | None, end: E
     )
 
 
-def stage_values(engine: HostEngine, history: History, count: int) -> Mapping[str, Matrix] | None:
+def stage_values(engine: Engine, history: History, count: int) -> Mapping[str, Matrix] | None:
     """Lam1 (k, m) and mu of the midpoint (k, p) at the first ``count`` rows; None without constraints."""
     if not engine.structure.constrained:
         return None
@@ -141,7 +141,7 @@ def stage_values(engine: HostEngine, history: History, count: int) -> Mapping[st
     )
 
 
-def recover_multipliers(engine: HostEngine, guess: tuple[Matrix, Matrix], times: Vector, q: Matrix, v: Matrix) -> Recovered:
+def recover_multipliers(engine: Engine, guess: tuple[Matrix, Matrix], times: Vector, q: Matrix, v: Matrix) -> Recovered:
     """The multipliers from the acceleration level, (H16), looked for near ``guess``: (k, m) and (k, p).
 
     Where that level is singular, or the time budget has ended, the stage values stay, with a note; rows end before a time
@@ -178,7 +178,7 @@ def recover_multipliers(engine: HostEngine, guess: tuple[Matrix, Matrix], times:
     return Recovered(lam, mu, note)
 
 
-def unrecovered(engine: HostEngine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:
+def unrecovered(engine: Engine, history: History, t_eval: Vector | None, message: str, status: Status) -> Solution:
     """What was accepted before an exception; multipliers are the stage values, since no callback may be called any more."""
     output = history.dense_output()
     times = reached(output, t_eval)

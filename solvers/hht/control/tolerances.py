@@ -11,8 +11,8 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.laws import EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
-from solvers.hht.state import State
+from solvers.hht.equations.formulas import EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
+from solvers.hht.step.state import State
 
 
 @dataclass(frozen=True)

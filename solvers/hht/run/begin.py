@@ -20,18 +20,18 @@ from solvers._start import (
     inconsistency,
     undetermined,
 )
-from solvers.hht.engine import HostEngine
-from solvers.hht.engines import make_engine
 from solvers.hht.options import HHTOptions
-from solvers.hht.start import first_state, project
-from solvers.hht.state import State
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.make_engine import make_engine
+from solvers.hht.run.start import first_state, project
+from solvers.hht.step.state import State
 
 
 @dataclass(frozen=True)
 class Started:
     """The engine with its first state, or why there is none."""
 
-    engine: HostEngine | None
+    engine: Engine | None
     state: State | None
     failure: Failure | None
     note: str = ""
@@ -81,7 +81,7 @@ def begin(
     return Started(None, None, failure)
 
 
-def _begin(made: HostEngine, place: Place, guesses: Guesses, h: float, *, project_start: bool) -> Started:
+def _begin(made: Engine, place: Place, guesses: Guesses, h: float, *, project_start: bool) -> Started:
     dynamics, s = made.dynamics, made.structure
     note = "The mass matrix is singular at the start; M + rho C^T C is used (H19)." if hasattr(dynamics, "rho") else ""
     whole, failure = unreduced(dynamics), undetermined(dynamics, place)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics
-from solvers.hht.layout import Layout
+from solvers.hht.equations.layout import Layout
 
 
 class Stages(NamedTuple):

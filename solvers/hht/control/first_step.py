@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
-from solvers.hht.control import STILL, ControlOptions
-from solvers.hht.engine import HostEngine
-from solvers.hht.error import Tolerances
-from solvers.hht.state import Memory, State
+from solvers.hht.control.options import ControlOptions
+from solvers.hht.control.plan import STILL
+from solvers.hht.control.tolerances import Tolerances
+from solvers.hht.step.state import Memory, State
+
+if TYPE_CHECKING:
+    from solvers.hht.run.engine import Engine
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
 UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
 
 
-def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: ControlOptions, stop: float) -> State:
+def prepared(engine: Engine, state: State, tolerances: Tolerances, options: ControlOptions, stop: float) -> State:
     """``state`` with what step control needs to begin or to begin again there, (H27).
 
     A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
@@ -40,7 +44,7 @@ def prepared(engine: HostEngine, state: State, tolerances: Tolerances, options: 
     return replace(state, memory=Memory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
 
 
-def _suggested(engine: HostEngine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:
+def _suggested(engine: Engine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:
     """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v; 0: nothing is known.
 
     With ``start="f0"`` also |alpha| h^2 |v''| / 2 in v.
@@ -81,7 +85,7 @@ def _time_scale(state: State, tolerances: Tolerances) -> float:
     return min(times, default=math.inf)
 
 
-def _jerk(engine: HostEngine, state: State, h: float) -> Vector | None:
+def _jerk(engine: Engine, state: State, h: float) -> Vector | None:
     """v'' (n,) from v' at the end of a step along v and v'; None where it cannot be had there."""
     if not math.isfinite(h) or state.t + h == state.t:
         return None

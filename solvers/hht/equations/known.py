@@ -8,10 +8,10 @@ from typing import Any
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Dynamics
 from solvers._finite import inverse_mass_at
-from solvers.hht.coefficients import Method
-from solvers.hht.laws import rescaled, trapezoidal_start
-from solvers.hht.layout import Layout
-from solvers.hht.state import State
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.formulas import rescaled, trapezoidal_start
+from solvers.hht.equations.layout import Layout
+from solvers.hht.step.state import State
 
 
 def start_of_step(method: Method, state: State, h: float) -> tuple[Vector, float]:

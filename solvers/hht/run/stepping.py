@@ -9,22 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_number
-from hhtbench.errors import ProblemError
+from hhtbench.arguments import real_number
+from hhtbench.errors import BudgetSpent, ProblemError
 from hhtbench.result import Status
 from solvers._start import Failure, Place
-from solvers.hht.control import no_advance
-from solvers.hht.dense import HermiteOutput
-from solvers.hht.engine import HostEngine
-from solvers.hht.error import Tolerances
-from solvers.hht.laws import representable
-from solvers.hht.run import MAX_STEPS
-from solvers.hht.state import State, Step
-from solvers.hht.watch import Course, Occurrence, Passage, Watch, along
+from solvers.hht.control.first_step import prepared
+from solvers.hht.control.tolerances import Tolerances
+from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.events.event import Occurrence
+from solvers.hht.run.stepper import Passage, Stepper, Watch
+from solvers.hht.step.state import State
 
+MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
 METHODS = ("onestep", "normal")
 HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first step is no longer
-CRUMB = 1e-9  # of a constant step: less than that before tstop is no step of its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,37 +49,6 @@ class Goal:
     t: float | None
     normal: bool  #: step until ``t`` is reached or passed
     tstop: float | None
-
-
-@dataclass(frozen=True)
-class Constant:
-    """Steps of one length; the last before ``stop`` is cut to end there."""
-
-    engine: HostEngine
-    h: float  #: signed [s]
-
-    def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
-        """Length and end [s] of the next step, (1,) each."""
-        h, t1 = self._next(state, stop)
-        return np.array([h]), np.array([t1])
-
-    def made(self, count: int) -> None:
-        """Nothing is kept of them."""
-
-    def _next(self, state: State, stop: float) -> tuple[float, float]:
-        h = representable(state.t, self.h)
-        t1 = state.t + h
-        if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -CRUMB * abs(h):
-            return stop - state.t, stop
-        return h, t1
-
-    def __call__(self, state: State, stop: float) -> Step | Failure:
-        """The next step."""
-        h, t1 = self._next(state, stop)
-        if state.t + h == state.t:
-            return no_advance(state.t, h)
-        self.engine.work.check_time()
-        return self.engine.step(state, h, t1)
 
 
 def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> Standing:
@@ -133,36 +100,38 @@ def direction_to(goal: Goal, standing: Standing) -> float:
     return standing.direction or (-1.0 if target < standing.state.t else 1.0)
 
 
-def take(course: Course, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
+def take(stepper: Stepper, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
     """One step, or steps until ``goal.t`` is reached; on a failure the steps before it count."""
     ahead = direction_to(goal, standing)
     standing = replace(standing, direction=ahead, message="", occurrences=())
     for _ in range(MAX_STEPS):
         if goal.normal and (goal.t - standing.state.t) * ahead <= 0:  # type: ignore[operator]
             return standing, Status.success
-        standing, status = _one(course, standing, goal)
+        standing, status = _one(stepper, standing, goal)
         if status is not Status.success or not goal.normal or standing.state.t == goal.tstop:
             return standing, status
     return replace(standing, message=Status.max_steps.text), Status.max_steps
 
 
-def _one(course: Course, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
-    state = standing.state
-    if course.prepare is not None and state.memory is None:
-        state = course.prepare(state, _horizon(standing, goal))
+def _one(stepper: Stepper, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
+    state, engine, by_error = standing.state, stepper.engine, stepper.plan.by_error
+    if by_error is not None and state.memory is None:
+        try:
+            state = prepared(engine, state, by_error.tolerances, by_error.options, _horizon(standing, goal))
+        except BudgetSpent as spent:
+            return replace(standing, message=str(spent)), Status.deadline
     stop = standing.direction * math.inf if goal.tstop is None else goal.tstop
-    passage = course.next(state, standing.watch, stop)
-    if isinstance(passage, Failure):
-        return replace(standing, message=passage.message), passage.status
-    changed = course.changed(passage)
+    passage = stepper.advance(state, standing.watch, stop, np.zeros((1, engine.columns)))
+    if passage.failure is not None:
+        return replace(standing, message=passage.failure.message), passage.failure.status
+    changed = stepper.changed(passage)
     if isinstance(changed, Failure):
         return replace(standing, message=changed.message), changed.status
-    course.engine.work.add("steps_accepted")
-    last_words = course.terminal(passage)
+    last_words = stepper.terminal(passage)
     moved = replace(
         standing,
         state=changed,
-        watch=course.watch_after(passage, changed),
+        watch=stepper.watch_after(passage, changed),
         last=_output(state, passage, changed),
         occurrences=standing.occurrences + passage.occurrences,
         message=last_words or "",
@@ -181,7 +150,8 @@ def _horizon(standing: Standing, goal: Goal) -> float:
 
 def _output(before: State, passage: Passage, after: State) -> HermiteOutput:
     """Dense output of one step, with the state after a change as its last row."""
-    step = along(before, passage.step)
-    if after is passage.step.state:
+    end = passage.state
+    step = HermiteOutput(np.array([before.t, end.t]), np.stack([before.q, end.q]), np.stack([before.v, end.v]))
+    if after is end:
         return step
     return HermiteOutput(np.append(step.t, after.t), np.vstack([step.q, after.q]), np.vstack([step.v, after.v]))

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from hhtbench.lowering import Dynamics
-from solvers.hht.coefficients import Method
-from solvers.hht.layout import Layout
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.layout import Layout
 
 SCALARS = ("h", "last", "share", "rolling")
 

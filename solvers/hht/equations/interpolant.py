@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.result import DenseOutput
-from solvers.hht.laws import cubic
+from solvers.hht.equations.formulas import cubic
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The scalar and vector formulas between the steps' equations: plain numbers and arrays in, plain ones out.
 
-One source for every engine: the host engine calls these functions as they are, the native engine compiles the same ones.
+One source: Python calls these functions as they are, the loops compile the same ones.
 Hence no keyword arguments, and operations that take an array (n,) as well as one of its entries.
 """
 
@@ -16,6 +16,8 @@ GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs 
 ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
 NOTHING = 1e-300  # a size up to it is none
 CRUMB = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
+NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
+CERTAIN = 5.0  # times what is allowed: roundoff that no step can be below; with 2.5 times many steps still pass
 EPS = float(np.finfo(np.float64).eps)
 NEGLIGIBLE = 1e-10  # of a step: what the rounding of times may change its length by, many of one length all alike
 SHORT = 1e-8  # of the time in which the fastest motion seen crosses the size of q: g over h^2 keeps half its digits
@@ -67,6 +69,16 @@ def digits(n: int) -> int:
 def has_digit(number: Any, digit: int, value: int) -> Any:
     """Whether the binary ``digit`` of a coordinate's ``number`` is ``value``: for some of both any two differ, (H30)."""
     return (number >> digit) % 2 == value
+
+
+def crosses(before: float, now: float, direction: int) -> bool:
+    """Whether a function that goes from ``before`` to ``now`` has an event: a change of sign, or a zero that is reached.
+
+    ``direction`` as in :class:`~solvers.hht.events.event.Event`.  It leaves a zero without one.
+    """
+    if before == 0.0 or (now != 0.0 and (now > 0.0) == (before > 0.0)):
+        return False
+    return direction == 0 or (direction < 0) == (before > 0.0)
 
 
 def cubic(s: Any, h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:

@@ -2,58 +2,68 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solvers._start import Failure
-from solvers.hht.dense import HermiteOutput
-from solvers.hht.engine import HostEngine
-from solvers.hht.events import Crossing, Event, value_of, zero
-from solvers.hht.state import State, Step
+from hhtbench.arguments import Vector
+from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.events.crossings import Crossing, zero
+from solvers.hht.events.event import Event, value_of
+from solvers.hht.step.memory import CONVERGED, T_END
+from solvers.hht.step.state import State
+
+if TYPE_CHECKING:
+    from solvers.hht.run.engine import Engine
 
 NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
 WIDER = 8.0  # factor between two looks for the other side of an event
 
 
-def along(before: State, step: Step) -> HermiteOutput:
+Attempt = tuple[Vector, ...]  # what the loops' memory holds of an attempt at a step
+
+
+def along(before: State, attempt: Attempt) -> HermiteOutput:
     """Dense output of one step."""
-    after = step.state
-    return HermiteOutput(np.array([before.t, after.t]), np.stack([before.q, after.q]), np.stack([before.v, after.v]))
+    numbers, end, n = attempt[0], attempt[2], before.q.size
+    q1, v1 = end[:n], end[n : 2 * n]
+    return HermiteOutput(np.array([before.t, numbers[T_END]]), np.stack([before.q, q1]), np.stack([before.v, v1]))
 
 
-def land(engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> Step | Failure | None:
-    """The step from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is a step.
+def step_to(engine: Engine, event: Event, crossing: Crossing, before: State, whole: Attempt) -> Attempt | None:
+    """The attempt from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is an attempt.
 
     None where the steps' ends show no such change of sign: the interpolant alone had it.
+
+    Raises
+    ------
+    NotMade
+        A trial failed.
     """
-    try:
-        return _Landing(engine, event, crossing, before, whole).step()
-    except _NotMade as error:
-        return error.failure
+    return _EndsAt(engine, event, crossing, before, whole).attempt()
 
 
-class _NotMade(Exception):
-    """A trial step failed."""
+class NotMade(Exception):
+    """A trial step failed; ``ended`` as the loops say."""
 
-    def __init__(self, failure: Failure) -> None:
-        self.failure = failure
-        super().__init__(failure.message)
+    def __init__(self, ended: int) -> None:
+        self.ended = ended
+        super().__init__(f"a trial step ended with {ended}")
 
 
-class _Landing:
+class _EndsAt:
     """The event function at the end of steps from ``before``, as a function of where they end."""
 
-    def __init__(self, engine: HostEngine, event: Event, crossing: Crossing, before: State, whole: Step) -> None:
+    def __init__(self, engine: Engine, event: Event, crossing: Crossing, before: State, whole: Attempt) -> None:
         self.engine, self.event, self.crossing, self.whole = engine, event, crossing, whole
         self.before = before
-        self.start, self.end = before.t, whole.state.t
+        self.start, self.end = before.t, float(whole[0][T_END])
         self.first = float(np.nextafter(self.start, self.end))  # the shortest step there is
         self.ahead = 1.0 if self.end > self.start else -1.0
-        self.made: dict[float, tuple[Step, float]] = {}
+        self.made: dict[float, tuple[Attempt, float]] = {}
 
-    def step(self) -> Step | None:
-        """The landing step."""
+    def attempt(self) -> Attempt | None:
+        """The one that ends at the event."""
         bracket = self._bracket()
         if bracket is None:
             return None
@@ -67,12 +77,15 @@ class _Landing:
     def value(self, t: float) -> float:
         """The event function at the end of the step that ends at ``t``."""
         if t not in self.made:
-            self.engine.work.check_time()
-            taken = self.whole if t == self.end else self.engine.step(self.before, t - self.start, t)
-            if isinstance(taken, Failure):
-                raise _NotMade(taken)
-            self.before = replace(self.before, factor=taken.state.factor)  # the next trial is about as long
-            self.made[t] = taken, value_of(self.event, t, taken.state.q, taken.state.v, self.engine.work)
+            if t == self.end:
+                attempt = self.whole
+            else:
+                ended = self.engine.try_step(t - self.start, t)
+                if ended != CONVERGED:
+                    raise NotMade(ended)
+                attempt = self.engine.attempted()
+            n, end = self.before.q.size, attempt[2]
+            self.made[t] = attempt, value_of(self.event, t, end[:n], end[n : 2 * n], self.engine.work)
         return self.made[t][1]
 
     def crossed(self, t: float) -> bool:

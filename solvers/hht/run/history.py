@@ -10,9 +10,9 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
 from hhtbench.result import DenseOutput, StepsData
-from solvers.hht.dense import HermiteOutput
-from solvers.hht.events import Occurrence
-from solvers.hht.state import State, Step
+from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.events.event import Occurrence
+from solvers.hht.step.state import State
 
 GROWTH = 4  # times the rows there are
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
@@ -35,11 +35,8 @@ class History:
     def restart(self, state: State) -> None:
         """Append a state that no step has led to: the start, or what an event made of the last."""
         self._changes += 1
-        self._append(state, 0.0, state.lam, state.lam, state.mu)
-
-    def add(self, step: Step) -> None:
-        """Append an accepted step."""
-        self._append(step.state, step.state.h or 0.0, step.lam_start, step.lam_end, step.mu_half)
+        self.room(1)[0] = np.concatenate([[state.t, 0.0], state.q, state.v, state.a, state.lam, state.lam, state.mu])
+        self.commit(1)
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
@@ -58,11 +55,6 @@ class History:
         """Append events."""
         for occurrence in occurrences:
             self._occurrences[occurrence.index].append(occurrence)
-
-    def _append(self, state: State, h: float, lam_start: Vector, lam_end: Vector, mu_half: Vector) -> None:
-        self._grow(1)
-        self._rows[self._count] = np.concatenate([[state.t, h], state.q, state.v, state.a, lam_start, lam_end, mu_half])
-        self._count += 1
 
     def _grow(self, count: int) -> None:
         """Room for ``count`` more rows; untouched memory costs nothing, so several times what is there is asked for."""

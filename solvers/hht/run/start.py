@@ -24,14 +24,14 @@ from solvers._start import (
     start_acceleration,
     violations,
 )
-from solvers.hht.engine import HostEngine
-from solvers.hht.state import State
+from solvers.hht.run.engine import Engine
+from solvers.hht.step.state import State
 
 PROJECTED = 1e-12  # scaled violation a projected start must reach
 PROJECTION_STEPS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
 
 
-def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
+def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
     """The state before the first step of signed length ``h`` [s]; the start must be consistent.
 
     Without constraints neither multipliers nor KKT matrix are touched.
@@ -64,7 +64,7 @@ def first_state(engine: HostEngine, place: Place, lam: Vector | None, mu: Vector
         inverse_mass=inverse,
         unknowns=None,
         earlier=None,
-        factor=None,
+        factorised=None,
         size_q=float(np.max(np.abs(q))),
         size_v=float(np.max(np.abs(v))),
     )
