@@ -12,7 +12,8 @@ from scipy.linalg import cython_lapack
 @lru_cache
 def address_of(name: str) -> int:
     """Of the routine ``name``; integers are of 32 bits, every argument goes by its address."""
-    capsule: Any = cython_lapack.__pyx_capi__[name]
+    routines: Any = cython_lapack.__pyx_capi__
+    capsule = routines[name]
     get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
     get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
     get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]

@@ -144,9 +144,9 @@ class MachineCode(Functions):
             layout = replace(layout, inverse_places=tuple(sorted({*self._inverse_mass.varying.tolist(), *known})))
         super().__init__(dynamics, method, layout)
         static = self.method, layout
-        x, options = (layout.size,), {"shapes": ((layout.size,), self.given)}
-        early_matrix = native(residual_and_matrix, dynamics, *static, stage="early", **options)  # type: ignore[arg-type]
-        matrix = native(residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)  # type: ignore[arg-type]
+        x, options = (layout.size,), dict[str, Any](shapes=((layout.size,), self.given))
+        early_matrix = native(residual_and_matrix, dynamics, *static, stage="early", **options)
+        matrix = native(residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
         self.analysis = of_code(matrix, layout.size, s.n, linsolver, SMALLEST)
         function: Any = residual_and_end
         head, more = layout.size, tuple[Any, ...]()
@@ -155,8 +155,7 @@ class MachineCode(Functions):
             flat = self.analysis.rows[own:] * layout.size + self.analysis.columns[own:] - layout.size**2
             more = (tuple(flat.tolist()),)
             early_matrix, matrix = (
-                native(fresh_correction, dynamics, *static, *more, stage=stage, **options)  # type: ignore[arg-type]
-                for stage in ("early", "late")
+                native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             function, head = kept_correction_and_end, layout.size + 2
             options = {"shapes": (x, (layout.size**2,), (flat.size,), self.given)}

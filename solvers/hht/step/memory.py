@@ -70,6 +70,11 @@ def given_integers(name: str) -> int:
     return integers(lambda s: len(s.sections.get(name, ())))
 
 
+NEWTON_CONSTANTS = (
+    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
+    "stalled", "second", "noise_margin", "matrix_cost",
+)  # fmt: skip
+
 # The step (GIVEN of solvers.hht.equations.known), then the state: `packed_known` takes them as one vector.
 STEP = floats(lambda s: len(GIVEN))
 NUMBER = floats(lambda s: len(HEAD))
@@ -145,10 +150,6 @@ FACTOR_TOLD = floats(lambda s: 3)
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
-NEWTON_CONSTANTS = (
-    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost",
-)  # fmt: skip
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
 STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)

@@ -9,18 +9,14 @@ from typing import Any
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.counting import Work
 from hhtbench.evidence import Row
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._start import Place
 from solvers.collocation import solver as collocation
-from solvers.hht.control.first_step import prepared
-from solvers.hht.control.tolerances import make_tolerances
-from solvers.hht.run import controlled_course
+from solvers.hht.control.tolerances import Tolerances, make_tolerances
 from solvers.hht.solver import HHT
-from solvers.hht.step.state import State, Step
+from solvers.hht.step.state import State
 from solvers.projected import solver as projected
 
 SPECS = ("jay_negrut_test1", "jay_negrut_pendulum", "andrews", "knife_edge", "rolling_disk3d_steady", "flyball_governor")
@@ -68,32 +64,28 @@ def effectivities() -> list[Row]:
 
 def ratios(spec: str, method: dict[str, Any], steps: int = STEPS) -> Ratios:
     """Estimated over true local error of every third step of a controlled run of ``spec``."""
-    problem = load_problem(spec)
-    hht = HHT(problem.system, **method)
-    place = Place(problem.t_span[0], problem.q0, problem.v0)
-    started = hht.begin(place, (problem.lam_guess, problem.mu_guess), 1.0, Work(), controlled=True)
-    if started.engine is None or started.state is None:
-        raise RuntimeError(f"{spec}: {started.failure}")
-    tolerances, t1 = make_tolerances(TOLERANCE, None, started.state), problem.t_span[1]
-    advance = controlled_course(started.engine, tolerances, hht.options.control).advance
-    state = prepared(started.engine, started.state, tolerances, hht.options.control, t1)
-    values: list[float] = []
+    problem, values = load_problem(spec), list[float]()
+    hht, (t0, t1) = HHT(problem.system, **method), problem.t_span
+    guesses: Any = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+    if hht.init_step(t0, problem.q0, problem.v0, rtol=TOLERANCE, **guesses) is not Status.success:
+        raise RuntimeError(f"{spec}: {hht.message}")
+    tolerances = make_tolerances(TOLERANCE, None, hht.state)
     for index in range(steps):
-        step = advance(state, t1)
-        if not isinstance(step, Step) or step.state.t == t1:
+        before, status = hht.state, hht.step(tstop=t1)
+        if status is not Status.success or hht.state.t == t1:
             break
         if index % 3 == 2:
-            values.append(_ratio(problem, advance, state, step))
-        state = step.state
+            values.append(_ratio(problem, tolerances, before, hht.state))
     return Ratios(spec, method, tuple(values))
 
 
-def _ratio(problem: Problem, advance: Any, before: State, step: Step) -> float:
-    estimator, after = advance.estimator, step.state
+def _ratio(problem: Problem, tolerances: Tolerances, before: State, after: State) -> float:
+    if after.memory is None or after.memory.error is None:
+        raise RuntimeError(f"{problem.name}: the step to {after.t:g} has no estimate")
     true = np.concatenate([after.q, after.v]) - local_solution(problem, before, after.t)
-    size = true / estimator.tolerances.weights(before, after)
-    allowed = math.sqrt(estimator.tolerances.relative(after))
-    return estimator(before, step).size / (math.sqrt(float(size @ size) / size.size) / allowed)
+    size = true / tolerances.weights(before, after)
+    allowed = math.sqrt(tolerances.relative(after))
+    return after.memory.error / (math.sqrt(float(size @ size) / size.size) / allowed)
 
 
 def local_solution(problem: Problem, state: State, t1: float) -> Any:
