@@ -94,8 +94,8 @@ def look(z: Memory, counts: IntArray) -> Any:
 
 @called
 def take(z: Memory, c: Control, row: FloatMatrix, estimates: bool, counts: IntArray) -> None:
-    """Accept the attempt, and where ``estimates`` tell its error first."""
-    if estimates:
+    """Accept the attempt, and where ``estimates`` and the error matters tell that first."""
+    if estimates and c.controlled:
         part(z, ATTEMPT)[ERROR_SIZE] = estimate(z)
     conclude(z, c, row[0], counts)
 
