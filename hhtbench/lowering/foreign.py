@@ -63,7 +63,7 @@ class Callbacks:
     def __init__(self, system: Any = None) -> None:
         self.system = system
         self.cause: BaseException | None = None  #: nothing is computed any more
-        self.nonfinite: NonFiniteValue | None = None  #: the last value that was not finite; the loops go on with NaN
+        self.nonfinite: list[NonFiniteValue] = []  #: values that were not finite; the loops go on with NaN
         self._kept: list[Any] = []
         self._before: Any = None
 
@@ -91,9 +91,9 @@ class Callbacks:
         cause, self.cause = self.cause, None
         return cause
 
-    def take_nonfinite(self) -> NonFiniteValue | None:
-        """The last value that was not finite since the last call, where a callback told of it."""
-        found, self.nonfinite = self.nonfinite, None
+    def take_nonfinite(self) -> list[NonFiniteValue]:
+        """The values that were not finite since the last call, where callbacks told of them."""
+        found, self.nonfinite = self.nonfinite, []
         return found
 
     def row(self, function: Callable[..., Any], size: int, sizes: tuple[int, ...]) -> int:
@@ -138,7 +138,7 @@ class Callbacks:
                 out: Any = result.from_address(to)
                 np.frombuffer(out)[:] = compute(*places)
             except NonFiniteValue as error:
-                self.nonfinite = error
+                self.nonfinite.append(error)
             except BaseException as error:  # noqa: BLE001 - ctypes would print and forget it
                 self.cause = error
 

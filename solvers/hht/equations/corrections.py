@@ -75,14 +75,15 @@ def fresh_correction(
 
     Returns
     -------
-    array (size + 2 + size*size + entries,)
-        :func:`_sized`; the inverse matrix, column by column; the entries.
+    array (size + 2 + size*size + entries + 1,)
+        :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
     residual, blocks = unpack_matrix(layout, residual_and_matrix(dynamics, method, layout, x, given))
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     kept = maps.ravel()[xp.asarray(entries)]
-    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), kept])
+    largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
+    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), kept, largest])
 
 
 def kept_correction_and_end(

@@ -36,7 +36,7 @@ class EventFunctions:
         self._called = [callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,))) for event in self.events]
 
     def _compiled(self, functions: Any, event: Event, seen: Any, n: int) -> Native | None:
-        if seen is None or functions.calls_python:
+        if seen is None or functions.in_python:
             return None
         try:
             return native(event_value, functions.dynamics, event.function, seen, shapes=((), (n,), (n,)))

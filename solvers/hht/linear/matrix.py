@@ -6,6 +6,7 @@ matrix, and what Python keeps (SuperLU).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from solvers.hht.equations.formulas import EPS
@@ -118,7 +119,7 @@ def inverse_at(z: Any, slot: Any) -> Any:
     call(z, C_EARLY_MATRIX, EARLY_MATRIX, (x, given))
     call(z, C_MATRIX, FRESH, (x, given, address(z, EARLY_MATRIX)))
     if not finite(fresh):
-        return SINGULAR
+        return SINGULAR if fresh[fresh.size - 1] < math.inf else NONFINITE
     increment, inverse, maps = part(z, INCREMENT), half(z, INVERSE, slot), half(z, MAPS, slot)
     put(increment, 0, fresh[: size + 2])
     put(inverse, 0, fresh[size + 2 : size + 2 + inverse.size])

@@ -102,7 +102,9 @@ class Engine:
         self._held: State | None = None  #: the state that is in the memory
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
         self._outside = self.functions.analysis.outside()
-        self.nonfinite: NonFiniteValue | None = None  #: the value that was not finite in the last call, where it is known
+        self.nonfinite: NonFiniteValue | None = (
+            None  #: the last value that was not finite in the last call, where it is known
+        )
 
     @property
     def why(self) -> str:
@@ -327,10 +329,14 @@ class Engine:
         z.i[EVALUATIONS] = UNLIMITED if limit is None or not self.points else limit - self.work.tally["residual_evaluations"]
         with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
             result = int((entry.function if self._plain else entry)(z, *arguments, tally) or 0)
-        for name, amount in zip(COUNTS, tally.tolist(), strict=True):
-            if counted and amount and (self.points or name != "residual_evaluations"):  # callbacks count themselves
+        told = self.callbacks.take_nonfinite()
+        self.nonfinite = told[-1] if told else None
+        tallied = dict(zip(COUNTS, tally.tolist(), strict=True))
+        if not self.points:  # a NumPy system's callbacks count themselves
+            tallied |= {"residual_evaluations": 0, "nonfinite_evaluations": len(told)}
+        for name, amount in tallied.items():
+            if counted and amount:
                 self.work.add(name, amount)
-        self.nonfinite = self.callbacks.take_nonfinite()
         if before_raising(result):
             self._raise_cause()
         return result

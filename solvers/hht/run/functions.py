@@ -49,7 +49,7 @@ class Functions:
 
     analysis: Analysis
     newton: NewtonOptions
-    calls_python = False  #: whether a result is to be erased before a call
+    in_python = False  #: whether all of them are functions in Python
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         self.dynamics, self.layout = dynamics, layout
@@ -118,7 +118,8 @@ class Functions:
         for name, length in layout.unknowns.items():
             offsets[name], at = at, at + length
         z.i[O_R1 : O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
-        z.i[CALLS_PYTHON], z.i[NOISY] = self.calls_python, self.newton.matrix_cost > 0.0
+        z.i[CALLS_PYTHON] = self.in_python or self.callbacks is not None
+        z.i[NOISY] = self.newton.matrix_cost > 0.0
         return z
 
     def extra_sizes(self) -> dict[str, int]:
@@ -195,7 +196,7 @@ class MachineCode(Functions):
 class PythonFunctions(Functions):
     """All of them are functions in Python: compiled by XLA, or a NumPy system's own."""
 
-    calls_python = True
+    in_python = True
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         super().__init__(dynamics, method, layout)

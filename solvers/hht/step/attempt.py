@@ -193,10 +193,12 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     ended = finished(z, ended, t1, counts)
     if ended not in (CONVERGED, SPENT):
         counts[RESTARTS] += 1
+        early(z)  # it may have held the one value that was not finite
         restart_guess(z, h, counts)
         ended, slot, rate = whole(z, kept, h, typical_q, typical_v, counts)
         ended = finished(z, ended, t1, counts)
     if ended not in (CONVERGED, SPENT):
+        early(z)
         plain_guess(z, part(z, X))
         ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
         ended = finished(z, ended, t1, counts)

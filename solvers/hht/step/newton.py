@@ -36,6 +36,7 @@ from solvers.hht.step.memory import (
     NOISE_V,
     NOISY,
     NONFINITE,
+    NONFINITES,
     OTHER_STEP,
     RATE,
     RECORD,
@@ -113,6 +114,7 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
         if not (finite and math.isfinite(moved)):
             if fresh:
                 return NONFINITE, -1, 0.0
+            counts[NONFINITES] += 1
             slot, typical = -1, False
             continue
         last, before = min(last, before), math.inf
