@@ -104,7 +104,7 @@ class Callbacks:
 
         def compute(at: int) -> Any:
             values = np.array(given.from_address(at))
-            return function(float(values[0]), *[values[part] for part in parts])
+            return None if self._is_nan(values) else function(float(values[0]), *[values[part] for part in parts])
 
         call = self._noting(compute, size)
         return self._kept_address(ctypes.CFUNCTYPE(None, _POINTER, _POINTER), lambda at, to: call(to, at))
@@ -121,11 +121,17 @@ class Callbacks:
             for place, kind, shape in zip(places[1:], kinds, shapes, strict=True):
                 if kind is not None and shape is not None:
                     values = np.array(kind.from_address(place))
+                    if self._is_nan(values):
+                        return None
                     arguments.append(values.reshape(shape) if shape else float(values[0]))
             return function(*arguments)
 
         kind = ctypes.CFUNCTYPE(None, *[_POINTER] * (2 + len(shapes)))
         return self._kept_address(kind, self._noting(compute, size))
+
+    def _is_nan(self, values: Any) -> bool:
+        """Whether what a function is asked for comes from a value that was not finite: then it is not asked."""
+        return bool(self.nonfinite) and not np.isfinite(values).all()
 
     def _noting(self, compute: Callable[..., Any], size: int) -> Callable[..., None]:
         """``call(to, *places)`` that writes what is computed, last of all, and notes what is raised."""
@@ -135,8 +141,10 @@ class Callbacks:
             try:
                 if self.cause is not None:
                     return
-                out: Any = result.from_address(to)
-                np.frombuffer(out)[:] = compute(*places)
+                value = compute(*places)
+                if value is not None:
+                    out: Any = result.from_address(to)
+                    np.frombuffer(out)[:] = value
             except NonFiniteValue as error:
                 self.nonfinite.append(error)
             except BaseException as error:  # noqa: BLE001 - ctypes would print and forget it

@@ -21,7 +21,10 @@ from solvers.hht.step.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
     """The value of an event function, (1,); ``seen`` tells functions apart that refer to other numbers by now."""
-    return dynamics.xp.asarray(function(t, q, v), dtype=float).reshape(1)
+    value = dynamics.xp.asarray(function(t, q, v))
+    if value.ndim or value.dtype.kind not in "fiu":
+        raise TypeError("no real number")  # the callback says it to the user
+    return value.astype(float).reshape(1)
 
 
 class EventFunctions:

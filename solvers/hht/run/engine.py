@@ -100,6 +100,7 @@ class Engine:
         self.tried = False  #: whether the attempt in the memory may be another than the last call of :meth:`march` left
         self._z: Memory | None = None
         self._held: State | None = None  #: the state that is in the memory
+        self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
         self._outside = self.functions.analysis.outside()
         self.nonfinite: NonFiniteValue | None = (
@@ -153,22 +154,31 @@ class Engine:
 
         ``values``: of the event functions at ``state``; None where the motion begins there.
         """
-        z = self._prepared(state, values, controlled=control.controlled)
-        before, self.tried = np.zeros(len(COUNTS), dtype=np.int64), False
-        made = self._call(march, z, control, lengths, ends, rows, before, before_raising=lambda made: made == 0)
-        self.work.add("steps_accepted", made)
-        if made:  # what ended them begins the next call
+        self._raise_cause()
+        if self._stopped is not None and self._stopped[0] is state:  # after the steps of the last call
+            made, ended = 0, self._stopped[1]
+        else:
+            z, self.tried = self._prepared(state, values, controlled=control.controlled), False
+            made = self._call(march, z, control, lengths, ends, rows, before_raising=lambda made: made == 0)
+            ended = int(z.i[ENDED])
+            self.work.add("steps_accepted", made)
+        self._stopped = None
+        if made:
             state = self._held = store(z, controlled=state.memory is not None)
+            self._stopped = None if ended == CONVERGED else (state, ended)
             return state, made, CONVERGED
-        if z.i[ENDED] == SPENT:
+        if ended == SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
-        return state, made, int(z.i[ENDED])
+        return state, made, ended
 
     def try_step(self, h: float, t1: float) -> int:
         """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
         self.work.check_time()
         self.tried = True
-        return self._call(try_step, self._memory(), float(h), float(t1))
+        ended = self._call(try_step, self._memory(), float(h), float(t1))
+        if ended == SPENT:
+            raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
+        return ended
 
     def look(self) -> int:
         """What the event functions do along the attempt."""
@@ -255,13 +265,11 @@ class Engine:
         return done
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
-        """The value that was not finite, looked for at the end of the step from ``state`` where machine code has met it."""
+        """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""
         if self.nonfinite is not None:
             return self.nonfinite
-        n, end = self.structure.n, self.section(END)
-        q1, v1 = (end[:n], end[n : 2 * n]) if np.isfinite(end[: 2 * n]).all() and end.any() else (state.q, state.v)
         try:
-            explain_nonfinite(self.dynamics, t1, q1, v1)
+            explain_nonfinite(self.dynamics, t1, state.q + (t1 - state.t) * state.v, state.v)
         except NonFiniteValue as error:
             return error
         return None
@@ -298,7 +306,10 @@ class Engine:
             self._put(z, self.functions.error_codes(self.callbacks))
         if self._held is not state:
             if state.factorised is not None:
-                ended = self._call(remake, z, state.factorised.at, float(state.factorised.h), counted=False)
+                before = self.work.tally.copy()
+                ended = self._call(remake, z, state.factorised.at, float(state.factorised.h))
+                self.work.tally.clear()  # that work was counted before
+                self.work.tally.update(before)
                 state_in = state if ended == CONVERGED else replace(state, factorised=None)
             else:
                 state_in = state
@@ -321,7 +332,6 @@ class Engine:
         entry: Any,
         z: Memory,
         *arguments: Any,
-        counted: bool = True,
         before_raising: Callable[[int], bool] = lambda made: True,
     ) -> int:
         """Call one of the loops; what a function in Python has raised in it is raised again."""
@@ -335,7 +345,7 @@ class Engine:
         if not self.points:  # a NumPy system's callbacks count themselves
             tallied |= {"residual_evaluations": 0, "nonfinite_evaluations": len(told)}
         for name, amount in tallied.items():
-            if counted and amount:
+            if amount:
                 self.work.add(name, amount)
         if before_raising(result):
             self._raise_cause()

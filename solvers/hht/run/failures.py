@@ -24,6 +24,8 @@ from solvers.hht.step.memory import (
 )
 from solvers.hht.step.state import State
 
+RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
+
 
 def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     """Of the step from ``state`` that the loops tried last and left with ``ended``."""
@@ -35,8 +37,9 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (TOO_LARGE, ROUNDOFF_REACHED):
         return _too_large(by_error, state, numbers, roundoff=ended == ROUNDOFF_REACHED)
-    if ended == NONFINITE:
-        return Failure(Status.nonfinite_callback, f"{engine.explain(state, float(numbers[T_END]))}, {where}")
+    cause = engine.explain(state, float(numbers[T_END])) if ended in (NONFINITE, SINGULAR) else None
+    if ended == NONFINITE or (cause is not None and cause.function != RESIDUAL):
+        return Failure(Status.nonfinite_callback, f"{cause}, {where}")
     if ended == SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
     near = abs(engine.method.coefficients.b - 0.5) < NEAR_HALF

@@ -18,15 +18,13 @@ from solvers.hht.step.memory import (
     ERROR_SIZE,
     FACTOR,
     NUMBER,
-    RECORD,
     SLOT,
     STEP,
-    USES,
     Memory,
     T,
     X,
 )
-from solvers.hht.step.sections import half, part, put, view
+from solvers.hht.step.sections import part, put, view
 
 
 class Control(NamedTuple):
@@ -50,30 +48,19 @@ class Control(NamedTuple):
 
 
 @called
-def march(
-    z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, before: IntArray, counts: IntArray
-) -> Any:
+def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray) -> Any:
     """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.
-    The work for a step that ends them after others is not counted: it begins the next call, which tells the same again.
     """
     z.i[ENDED] = CONVERGED
     for i in range(rows.shape[0]):
         if c.controlled and part(z, NUMBER)[T] == c.stop:
             return i
-        slot, k = int(part(z, NUMBER)[FACTOR]), 0 if c.controlled else i
-        uses = half(z, RECORD, max(slot, 0))[USES]
-        for j in range(counts.size):
-            before[j] = counts[j]
+        k = 0 if c.controlled else i
         z.i[ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
-        if z.i[ENDED] == CONVERGED:
-            continue
-        if i > 0:
-            half(z, RECORD, max(slot, 0))[USES] = uses
-            for j in range(counts.size):
-                counts[j] = before[j]
-        return i
+        if z.i[ENDED] != CONVERGED:
+            return i
     return rows.shape[0]
 
 
