@@ -29,11 +29,11 @@ from hhtbench.lowering import (
     smallest,
     unreduced,
 )
-from hhtbench.lowering.augmented import AugmentedDynamics
-from hhtbench.lowering.kkt import Acceleration
-from hhtbench.lowering.matrix_free import large
-from hhtbench.lowering.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.reduced import ReducedDynamics
+from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
+from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.dynamics.reduced import ReducedDynamics
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import expect_finite, explain_nonfinite

@@ -12,7 +12,6 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics import Dynamics
 from hhtbench.lowering.jax_internals import compiled_variants
 
 _jitted = Cache(4096)
@@ -34,7 +33,7 @@ class Flat(NamedTuple):
     key: Any  #: equal for functions that differ in parameter values only
 
 
-def flat_function(function: Callable[..., Any], dynamics: Dynamics, *static: Any) -> Flat:
+def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
     """``function(dynamics, *static, *arrays)`` taken apart."""
     parts = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
     return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
@@ -50,7 +49,7 @@ def xla_pieces() -> int:
     return sum(map(compiled_variants, _jitted.values()))
 
 
-def _flatten(dynamics: Dynamics) -> _Flattened:
+def _flatten(dynamics: Any) -> _Flattened:
     arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
     flat, unravel = _ravel(arrays)
     return _Flattened(flat, unravel, rest, (_signature(arrays), _signature(rest)))

@@ -10,9 +10,9 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.coloured import Coloured
-from hhtbench.lowering.matrix_free import SMALL, MatrixFree, matrix_free
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.patterns import Pattern
+from hhtbench.lowering.dynamics.matrix_free import SMALL, MatrixFree, matrix_free
 from solvers.hht.blocks import find_order
 from solvers.hht.discretise import step_residual_and_ends
 from solvers.hht.layout import Layout

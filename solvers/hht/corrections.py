@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.inverse import inverse
+from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.coefficients import Method
 from solvers.hht.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
 from solvers.hht.laws import force_at_end

@@ -13,7 +13,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, compile_function
-from hhtbench.lowering.diagonal import Diagonal
+from hhtbench.lowering.dynamics.diagonal import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from hhtbench.result import Status
 from solvers._finite import explain_nonfinite, inverse_mass_at

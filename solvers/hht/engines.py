@@ -7,7 +7,7 @@ from typing import Any
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, NotNative, derive, route_of
-from hhtbench.lowering.foreign import foreign
+from hhtbench.lowering.dynamics.foreign import foreign
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from solvers._start import Place, counted_dynamics, dynamics_for, independent, regular
 from solvers.hht.choose import choose

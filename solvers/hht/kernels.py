@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hhtbench.lowering.loops import FloatArray, IntArray, ShortArray, entries, inner
+from hhtbench.lowering.compile.loops import FloatArray, IntArray, ShortArray, entries, inner
 from solvers.hht import laws
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.patterns import Indices, Pattern
+from hhtbench.lowering.compile.patterns import Indices, Pattern
 from solvers.hht.blocks import Order
 from solvers.hht.kernels import factor_blocks, largest_change, solve_blocks
 from solvers.hht.linear import Factor

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.lowering.compiling import compiled_pieces
+from hhtbench.lowering.compile.compiling import compiled_pieces
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import diffrax_ode, ida, scipy_ivp

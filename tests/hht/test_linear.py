@@ -10,7 +10,7 @@ from scipy import sparse
 from hhtbench import load_problem
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.compile.patterns import Pattern
 from problems import planar_chain
 from solvers._start import Place, dynamics_for
 from solvers.hht.blocks import find_order

@@ -8,7 +8,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import ProblemError, Status
-from hhtbench.lowering.native import compiler
+from hhtbench.lowering.scalar_compiler import compiler
 from solvers.hht import HHT, Event, engines
 from solvers.hht.events import scan
 from solvers.hht.native.engine import NativeEngine

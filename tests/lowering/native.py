@@ -5,7 +5,7 @@ import jax
 import numpy as np
 
 from hhtbench.lowering import native
-from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering.scalar_compiler.calling import native_call
 
 
 class Nothing(eqx.Module):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import derive, native
-from hhtbench.lowering.foreign import FUNCTIONS, foreign
-from hhtbench.lowering.native.calling import native_call
-from hhtbench.lowering.native.compiler import native_pieces
+from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
+from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler.compiler import native_pieces
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum

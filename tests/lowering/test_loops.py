@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from hhtbench.lowering import compiled_loops
-from hhtbench.lowering import loops as module
-from hhtbench.lowering.loops import (
+from hhtbench.lowering.compile import compiled_loops
+from hhtbench.lowering.compile import loops as module
+from hhtbench.lowering.compile.loops import (
     BITCODE,
     MANIFEST,
     BoolArray,

@@ -14,10 +14,10 @@ import pytest
 
 import hhtbench
 from hhtbench.lowering import NotNative, derive, native, route_of
+from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.kkt import kkt_terms
-from hhtbench.lowering.levels import level_terms
-from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering.scalar_compiler.calling import native_call
 from solvers._finite import inverse_mass_at
 from solvers.forms import FORMS
 from solvers.forms.form import refusal

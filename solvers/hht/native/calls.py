@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hhtbench.lowering.loops import Later
+from hhtbench.lowering.compile.loops import Later
 
 _INTRINSICS = "solvers.hht.native.intrinsics"
 invoke: Any = Later(_INTRINSICS, "invoke")  #: (address, pointers) -> None

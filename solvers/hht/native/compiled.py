@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hhtbench.lowering.loops import inner
+from hhtbench.lowering.compile.loops import inner
 from solvers.hht import laws
 from solvers.hht.kernels import compiled
 

@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering.foreign import Callbacks
+from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.choose import Choice
 from solvers.hht.coefficients import Method
 from solvers.hht.control import Advance, ControlOptions, ErrorControlled, Planned

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.compile.patterns import Pattern
 from solvers.hht.blocks import Order, find_order
 from solvers.hht.layout import Layout
 from solvers.hht.linear import Factor, InverseFactor

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.lowering import Native, native
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt import kkt_terms
 from solvers._finite import inverse_mass_at
 from solvers.hht.coefficients import Method
 from solvers.hht.corrections import SMALL as SMALLEST
@@ -217,7 +217,7 @@ class Kernel:
         return z
 
     def kkt(self) -> Native:
-        """Residual and matrix of the acceleration level, :func:`hhtbench.lowering.kkt.kkt_terms`."""
+        """Residual and matrix of the acceleration level, :func:`hhtbench.lowering.dynamics.kkt.kkt_terms`."""
         s = self.layout.structure
         return native(kkt_terms, self.dynamics, shapes=((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
 

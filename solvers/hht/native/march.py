@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hhtbench.lowering.loops import FloatArray, FloatMatrix, IntArray
+from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray
 from solvers.hht.kernels import called
 from solvers.hht.laws import CRUMB
 from solvers.hht.native.calls import spacing

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
+from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
 from solvers.hht.kernels import called
 from solvers.hht.native.calls import invoke
 from solvers.hht.native.compiled import compiled

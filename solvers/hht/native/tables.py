@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering.loops import FloatArray, IntArray
+from hhtbench.lowering.compile.loops import FloatArray, IntArray
 
 CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, ELSEWHERE = range(6)  # how an attempt at a step ended
 COUNTS = (

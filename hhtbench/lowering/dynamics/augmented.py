@@ -1,0 +1,121 @@
+"""A regular mass matrix for systems whose own is singular but whose KKT matrix is regular.
+
+On the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so adding ``rho C^T (C vdot + c)`` to the equations changes
+nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The new mass is positive definite exactly where M is positive
+definite on the null space of C.  Solving with the KKT matrix inside every f instead would put the reaction into f and
+leave nothing for the two stage multipliers of the extended HHT method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.dynamics.differences import derivative
+from hhtbench.lowering.dynamics.dynamics import Dynamics, EquationsOfMotion
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.dynamics.reduced import ReducedDynamics
+from hhtbench.lowering.dynamics.structure import Structure
+
+LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
+
+
+class AugmentedDynamics(eqx.Module, EquationsOfMotion):
+    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``; the rest is passed through.
+
+    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
+    """
+
+    inner: Dynamics
+    rho: Any  #: scalar weight, float64 array
+
+    @property
+    def structure(self) -> Structure:
+        """Sizes and dependencies: the augmented mass is variable, the force uses q and v."""
+        return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("inner", "rho") or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def _rows(self, t: Any, q: Any) -> Any:
+        """C (rows, n) as a function of (t, q)."""
+        blocks = []
+        if self.inner.structure.m:
+            blocks.append(self.inner.constraint_jacobian(t, q))
+        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
+            blocks.append(self.inner.velocity_constraint_jacobian(t, q, 0.0 * q))
+        return self.inner.xp.concatenate(blocks, axis=0)
+
+    def _acceleration_terms(self, t: Any, q: Any, v: Any) -> Any:
+        """c (rows,): the part of the constraints' second time derivative without C vdot."""
+        parts = []
+        if self.inner.structure.m:
+            parts.append(self.inner.constraint_acceleration(t, q, v))
+        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
+            parts.append(self.inner.velocity_constraint_acceleration(t, q, v))
+        return self.inner.xp.concatenate(parts)
+
+    def mass(self, t: Any, q: Any) -> Any:
+        """M + rho C^T C (n, n)."""
+        rows = self._rows(t, q)
+        return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """F - rho C^T c (n,)."""
+        return self.inner.force(t, q, v) - self.rho * (self._rows(t, q).T @ self._acceleration_terms(t, q, v))
+
+    def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
+        """Derivative of ``mass(t, q) x`` by q, (n, n)."""
+        product = lambda y: self.mass(t, y) @ x  # noqa: E731 - one expression, used once in either branch
+        return jax.jacfwd(product)(q) if self.inner.xp is jnp else derivative(product, q, 4)
+
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        """(F_q, F_v) of the augmented force, each (n, n)."""
+        if self.inner.xp is jnp:
+            return jax.jacfwd(self.force, 1)(t, q, v), jax.jacfwd(self.force, 2)(t, q, v)
+        by_q = derivative(lambda x: self.force(t, x, v), q, 4)  # c holds 1e-9 of difference error
+        return by_q, derivative(lambda x: self.force(t, q, x), v, 4)
+
+
+def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
+    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
+
+    Raises
+    ------
+    ProblemError
+        No constraint can take part: there are only velocity constraints, and they are nonlinear in v.
+    """
+    dynamics = _with_known_velocity_rows(dynamics, t, q)
+    if not dynamics.structure.m and dynamics.structure.velocity_jacobian_uses_v:
+        raise ProblemError(
+            "the mass matrix is singular and the velocity constraints are nonlinear in v, so they cannot make it regular; "
+            "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
+        )
+    plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
+    rows = np.asarray(plain._rows(t, q))
+    mass = np.asarray(dynamics.mass(t, q))
+    size = np.abs(mass).max() or 1.0
+    rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
+    return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+
+
+def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:
+    """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
+    if isinstance(dynamics, ReducedDynamics) and dynamics.xp is np:
+        return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
+    if not isinstance(dynamics, NumpyDynamics) or not dynamics.structure.p:
+        return dynamics
+    at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
+    places = np.arange(1.0, q.size + 1)
+    moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]
+    uses_v = any(np.abs(rows - at_rest).max() > LINEAR * np.abs(at_rest).max() for rows in moving)
+    return replace(dynamics, structure=replace(dynamics.structure, velocity_jacobian_uses_v=bool(uses_v)))

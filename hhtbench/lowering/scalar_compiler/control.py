@@ -1,0 +1,76 @@
+"""Rules of loops and branches: short loops are written out, both branches are computed and one is chosen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering.scalar_compiler.elementwise import choose
+from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, is_known, lift, settled
+from hhtbench.lowering.scalar_compiler.walk import Walk, rule
+
+LONGEST = 2000  # turns of a scan that are written out; the number of operations usually ends it before
+
+
+@rule("scan")
+def _scan(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    p = equation.params
+    length, constants, carried = p["length"], p["num_consts"], p["num_carry"]
+    if length > LONGEST:
+        raise NotNative(f"a loop of {length} turns")
+    fixed, carry, rows = (
+        list(inputs[:constants]),
+        list(inputs[constants : constants + carried]),
+        inputs[constants + carried :],
+    )
+    variables = equation.outvars[carried:]
+    kept: list[list[Value]] = [[] for _ in variables]
+    order = range(length - 1, -1, -1) if p["reverse"] else range(length)
+    for i in order:
+        results = walk.closed(p["jaxpr"], [*fixed, *carry, *(_row(value, i) for value in rows)])
+        carry = results[:carried]
+        for place, value in zip(kept, results[carried:], strict=True):
+            place.append(value)
+    columns = [values[::-1] if p["reverse"] else values for values in kept]
+    stacked = [_stacked(walk, values, variable) for values, variable in zip(columns, variables, strict=True)]
+    return [*carry, *stacked]
+
+
+def _row(value: Value, i: int) -> Value:
+    if isinstance(value, Nodes):
+        return Nodes(value.ids[i], value.kind)
+    return value if isinstance(value, Unknown) else np.asarray(value[i])
+
+
+def _stacked(walk: Walk, values: list[Value], variable: Any) -> Value:
+    missing = next((value for value in values if isinstance(value, Unknown)), None)
+    if missing is not None:
+        return missing
+    if all(is_known(value) for value in values):
+        return np.array(values, dtype=variable.aval.dtype).reshape(variable.aval.shape)
+    lifted = [lift(walk.graph, value) for value in values]
+    if len({value.kind for value in lifted}) != 1:
+        raise NotNative("values of two kinds in one array")
+    return Nodes(np.stack([value.ids for value in lifted]), lifted[0].kind)
+
+
+@rule("cond")
+def _cond(walk: Walk, equation: Any, index: Value, *inputs: Value) -> list[Value]:
+    branches = equation.params["branches"]
+    index = settled(walk.graph, index)
+    if isinstance(index, Unknown):
+        raise NotNative(index.reason)
+    if isinstance(index, np.ndarray):
+        return walk.closed(branches[min(max(int(index), 0), len(branches) - 1)], inputs)
+    results = [walk.closed(branch, inputs) for branch in branches]
+    return [_chosen(walk, index, list(values)) for values in zip(*results, strict=True)]
+
+
+def _chosen(walk: Walk, which: Nodes, values: list[Value]) -> Value:
+    missing = next((value for value in values if isinstance(value, Unknown)), None)
+    if missing is not None:
+        return missing
+    lifted = [lift(walk.graph, value) for value in values]
+    return Nodes(choose(walk.graph, which, [value.ids for value in lifted]), lifted[0].kind)

@@ -1,0 +1,190 @@
+"""Rules of the primitives that act entry by entry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jax import lax
+
+from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids
+from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.scalars import ARITHMETIC, COMPARISONS, FOLDS, INTRINSICS, LIBM, NUMPY
+from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers, settled
+from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+
+ON_NUMBERS = (
+    *(*LIBM, *ARITHMETIC),
+    *("abs", "add_any", "atan2", "ceil", "clamp", "cos", "exp", "exp2", "floor", "log", "logistic", "max", "min", "neg"),
+    *("pow", "rsqrt", "sign", "sin", "sqrt", "square"),
+)
+
+
+WHOLE = ("abs", "add", "add_any", "clamp", "max", "min", "mul", "neg", "rem", "sign", "sub")  # the same for whole numbers
+
+
+@rule(*ON_NUMBERS)
+def _on_numbers(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    name, graph = equation.primitive.name, walk.graph
+    lifted = [lift(graph, value) for value in inputs]
+    kinds, ids = {value.kind for value in lifted}, [value.ids for value in lifted]
+    if kinds == {"truth"} and name in ("max", "min"):
+        return [Nodes(graph.elementwise("or" if name == "max" else "and", *ids), "truth")]
+    if kinds == {"whole"} and name == "div":
+        return [Nodes(graph.elementwise("trunc", graph.elementwise("div", *ids)), "whole")]
+    if kinds == {"number"} or (kinds == {"whole"} and name in WHOLE):
+        return [Nodes(graph.elementwise(name, *ids), lifted[0].kind)]
+    raise NotNative(f"{name} of {' and '.join(sorted(kinds))} values that depend on the arguments")
+
+
+@rule("integer_pow")
+def _integer_pow(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    ids, exponent = numbers(walk.graph, x), int(equation.params["y"])
+    flat = [power(walk.graph, node, exponent) for node in ids.ravel().tolist()]
+    return [Nodes(np.array(flat, dtype=np.int64).reshape(ids.shape), "number")]
+
+
+def power(graph: Graph, x: int, exponent: int) -> int:
+    """x to a whole power by squaring, in XLA's order."""
+    if exponent < 0:
+        return graph.div(ONE, power(graph, x, -exponent))
+    result = ONE
+    while exponent:
+        if exponent & 1:
+            result = graph.mul(result, x)
+        exponent >>= 1
+        if exponent:
+            x = graph.mul(x, x)
+    return result
+
+
+@rule("round")
+def _round(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    away = equation.params["rounding_method"] == lax.RoundingMethod.AWAY_FROM_ZERO
+    return [Nodes(walk.graph.elementwise("round_away" if away else "round_even", numbers(walk.graph, x)), "number")]
+
+
+@rule("is_finite")
+def _is_finite(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    return [Nodes(walk.graph.elementwise("is_finite", numbers(walk.graph, x)), "truth")]
+
+
+@rule(*COMPARISONS)
+def _compare(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    name, graph = equation.primitive.name, walk.graph
+    x, y = (lift(graph, value) for value in inputs)
+    if x.kind != "truth":
+        return [Nodes(graph.elementwise(name, x.ids, y.ids), "truth")]
+    if name not in ("eq", "ne"):
+        raise NotNative(f"{name} of truth values")
+    differs = graph.elementwise("xor", x.ids, y.ids)
+    return [Nodes(differs if name == "ne" else graph.elementwise("not", differs), "truth")]
+
+
+@rule("lt_to", "le_to")
+def _compare_in_total_order(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    """NaN comes last; the two zeros, which the order tells apart, are equal here: their makers treat them so."""
+    graph = walk.graph
+    x, y = (numbers(graph, value) for value in inputs)
+    below = graph.elementwise("lt" if equation.primitive.name == "lt_to" else "le", x, y)
+    x_is_nan, y_is_nan = graph.elementwise("ne", x, x), graph.elementwise("ne", y, y)
+    first = graph.elementwise("not", x_is_nan) if equation.primitive.name == "lt_to" else y_is_nan
+    return [Nodes(graph.elementwise("or", below, graph.elementwise("and", y_is_nan, first)), "truth")]
+
+
+@rule("and", "or", "xor", "not")
+def _logic(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    lifted = [lift(walk.graph, value) for value in inputs]
+    if any(value.kind != "truth" for value in lifted):
+        raise NotNative(f"{equation.primitive.name} on bits of whole numbers")
+    return [Nodes(walk.graph.elementwise(equation.primitive.name, *(value.ids for value in lifted)), "truth")]
+
+
+@rule("select_n")
+def _select(walk: Walk, equation: Any, which: Value, *cases: Value) -> list[Value]:
+    graph, shape = walk.graph, equation.outvars[0].aval.shape
+    lifted = [lift(graph, case) for case in cases]
+    ids = [np.broadcast_to(case.ids, shape) for case in lifted]
+    which = settled(graph, which)
+    if isinstance(which, np.ndarray):
+        chosen = np.choose(np.broadcast_to(which, shape).astype(np.int64), ids)
+    else:
+        chosen = choose(graph, lift(graph, which), ids)
+    return [Nodes(chosen, lifted[0].kind)]
+
+
+def choose(graph: Graph, which: Nodes, cases: list[Ids]) -> Ids:
+    """Entry by entry the case of that number; a truth value chooses between two."""
+    if which.kind == "truth":
+        return graph.elementwise("select", which.ids, cases[1], cases[0])
+    result = cases[-1]
+    for i in range(len(cases) - 2, -1, -1):
+        here = graph.elementwise("le", which.ids, np.int64(graph.constant(float(i))))
+        result = graph.elementwise("select", here, cases[i], result)
+    return result
+
+
+@rule("convert_element_type", "reduce_precision")
+def _convert(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    graph, wanted = walk.graph, np.dtype(equation.outvars[0].aval.dtype)
+    x = lift(graph, x)
+    if equation.primitive.name == "reduce_precision":
+        if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (11, 52):
+            raise NotNative("a precision below float64")
+        return [x]
+    if wanted.kind == "b":
+        return [x if x.kind == "truth" else Nodes(graph.elementwise("ne", x.ids, np.int64(ZERO)), "truth")]
+    if wanted.kind in "iu":
+        return [Nodes(_truncated(graph, x.ids) if x.kind == "number" else as_numbers(graph, x), "whole")]
+    if wanted == np.float64:
+        return [Nodes(as_numbers(graph, x), "number")]
+    raise NotNative(f"{wanted} values")
+
+
+def _truncated(graph: Graph, ids: Ids) -> Ids:
+    """Numbers cut to whole ones; NaN is 0, as XLA has it."""
+    return graph.elementwise("select", graph.elementwise("eq", ids, ids), graph.elementwise("trunc", ids), np.int64(ZERO))
+
+
+@rule("copy", "copy_p", "stop_gradient")
+def _same(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    return [x]
+
+
+@rule("device_put", "optimization_barrier")
+def _same_all(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+    return list(inputs)
+
+
+def _known_functions() -> None:
+    """NumPy functions for known inputs: an eager JAX operation costs a compilation of 20 ms for every new shape."""
+    for name in (*LIBM, *INTRINSICS, *COMPARISONS, "atan2"):
+        if not name.startswith("round"):
+            KNOWN[name] = _plain(NUMPY[name])
+    KNOWN["pow"] = _plain(np.vectorize(FOLDS["pow"], otypes=[float]))
+    simple = {
+        "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative, "square": np.square,
+        "max": np.maximum, "min": np.minimum, "not": np.logical_not, "sign": np.sign, "is_finite": np.isfinite,
+    }  # fmt: skip
+    for name, function in simple.items():
+        KNOWN[name] = _plain(function)
+    KNOWN["div"] = lambda equation, x, y: x / y if x.dtype.kind == "f" else np.trunc(x / y)
+    KNOWN["rem"] = lambda equation, x, y: np.fmod(x, y)
+    KNOWN["integer_pow"] = lambda equation, x: x ** np.asarray(equation.params["y"], dtype=x.dtype)
+    KNOWN["rsqrt"] = lambda equation, x: 1.0 / np.sqrt(x)
+    KNOWN["clamp"] = lambda equation, low, x, high: np.minimum(np.maximum(x, low), high)
+    KNOWN["and"] = lambda equation, x, y: x & y
+    KNOWN["or"] = lambda equation, x, y: x | y
+    KNOWN["xor"] = lambda equation, x, y: x ^ y
+    KNOWN["not"] = lambda equation, x: ~x
+    KNOWN["convert_element_type"] = lambda equation, x: x
+    KNOWN["select_n"] = lambda equation, which, *cases: np.choose(np.asarray(which, dtype=np.int64), cases)
+    for name in ("copy", "copy_p", "stop_gradient"):
+        KNOWN[name] = lambda equation, x: x
+
+
+def _plain(function: Any) -> Any:
+    return lambda equation, *arrays: function(*arrays)
+
+
+_known_functions()

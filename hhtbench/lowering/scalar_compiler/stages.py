@@ -1,0 +1,66 @@
+"""A function in two stages: what depends on its last argument only is computed once, for many values of the others.
+
+Newton's iteration evaluates a residual at several iterates of one step, whose known values stay: half of a small system's
+operations, sines and divisions among them, belong to those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hhtbench.lowering.scalar_compiler.emit import needs, ordered
+from hhtbench.lowering.scalar_compiler.graph import Graph
+from hhtbench.lowering.scalar_compiler.reading import Reading, Shapes
+from hhtbench.lowering.scalar_compiler.scalars import COMPARISONS, LOGIC
+
+STAGES = ("whole", "early", "late")
+LEAVES = ("constant", "parameter", "argument", "true", "false")
+
+
+def staged(reading: Reading, shapes: Shapes, stage: str, rows: tuple[int, int] | None = None) -> tuple[Reading, Shapes]:
+    """The part of a function with the arguments ``shapes`` that is its ``stage``, and the arguments of that.
+
+    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument,
+    and may give only its ``rows`` from the first to before the second.
+    """
+    if stage == "whole":
+        return reading, shapes
+    kept = _kept(reading, len(shapes) - 1)
+    if stage == "early":
+        return replace(reading, outputs=kept, shape=(len(kept),)), shapes
+    graph = _with_arguments(reading.graph, kept, len(shapes))
+    late = replace(reading, graph=graph)
+    if rows is not None:
+        late = replace(late, outputs=reading.outputs[slice(*rows)], shape=(rows[1] - rows[0],))
+    return late, (*shapes, (len(kept),))
+
+
+def _kept(reading: Reading, last: int) -> list[int]:
+    """Numbers that the late stage needs of the early one."""
+    graph, late, kept = reading.graph, set[int](), list[int]()
+    for node in ordered(graph, reading.outputs):
+        operation = graph.operation[node]
+        varies = operation == "argument" and graph.operands[node][0] != last
+        if varies or any(operand in late for operand in needs(graph, node)):
+            late.add(node)
+    wanted = dict.fromkeys(operand for node in sorted(late) for operand in needs(graph, node))
+    for node in (*wanted, *reading.outputs):
+        if node not in late and _is_worth_keeping(graph, node) and node not in kept:
+            kept.append(node)
+    return kept
+
+
+def _is_worth_keeping(graph: Graph, node: int) -> bool:
+    """A number that costs an operation: truth values have no place in an array of numbers."""
+    operation = graph.operation[node]
+    return operation not in (*LEAVES, *LOGIC, "select_truth", "solve", "foreign") and operation not in COMPARISONS
+
+
+def _with_arguments(graph: Graph, kept: list[int], argument: int) -> Graph:
+    """``graph`` with the nodes ``kept`` as entries of one more argument."""
+    changed = Graph.__new__(Graph)
+    changed.__dict__.update(graph.__dict__)
+    changed.operation, changed.operands = list(graph.operation), list(graph.operands)
+    for place, node in enumerate(kept):
+        changed.operation[node], changed.operands[node] = "argument", (argument, place)
+    return changed

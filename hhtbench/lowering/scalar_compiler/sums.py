@@ -1,0 +1,160 @@
+"""Rules of the primitives that combine many entries into one: products of matrices, reductions, running sums."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids
+from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers
+from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+
+REDUCTIONS = {
+    "reduce_sum": "add",
+    "reduce_prod": "mul",
+    "reduce_max": "max",
+    "reduce_min": "min",
+    "reduce_and": "and",
+    "reduce_or": "or",
+    "reduce_xor": "xor",
+}
+RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
+_FUNCTIONS: dict[str, Any] = {
+    "add": np.add,
+    "mul": np.multiply,
+    "max": np.maximum,
+    "min": np.minimum,
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "xor": np.bitwise_xor,
+}
+
+
+@rule("dot_general")
+def _dot(walk: Walk, equation: Any, x: Value, y: Value) -> list[Value]:
+    left, right, shape = _as_matrices(equation, numbers(walk.graph, x), numbers(walk.graph, y))
+    product = [_product(walk.graph, a, b) for a, b in zip(left, right, strict=True)]
+    return [Nodes(np.array(product, dtype=np.int64).reshape(shape), "number")]
+
+
+def _as_matrices(equation: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
+    """(batch, rows, k) and (batch, columns, k), and the shape of the result."""
+    (x_sum, y_sum), (x_batch, y_batch) = equation.params["dimension_numbers"]
+    parts = []
+    for array, summed, batch in ((x, x_sum, x_batch), (y, y_sum, y_batch)):
+        free = [axis for axis in range(array.ndim) if axis not in (*summed, *batch)]
+        moved = array.transpose([*batch, *free, *summed])
+        sizes = [int(np.prod([array.shape[axis] for axis in axes])) for axes in (batch, free, summed)]
+        parts.append(moved.reshape(sizes))
+    return parts[0], parts[1], tuple(equation.outvars[0].aval.shape)
+
+
+def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
+    """Rows of x times rows of y, summed in order; structural zeros cost nothing."""
+    add, mul = graph.add, graph.mul
+    result = [[ZERO] * len(y) for _ in range(len(x))]
+    for left, right in zip(x.T, y.T, strict=True):
+        columns = np.flatnonzero(right != ZERO).tolist()
+        factors = right.tolist()
+        for i in np.flatnonzero(left != ZERO).tolist():
+            row, factor = result[i], int(left[i])
+            for j in columns:
+                row[j] = add(row[j], mul(factor, factors[j]))
+    return result
+
+
+def _known_dot(equation: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    left, right, shape = _as_matrices(equation, x, y)
+    return np.einsum("bik,bjk->bij", left, right).reshape(shape)
+
+
+@rule(*REDUCTIONS)
+def _reduce(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    nodes, name = lift(walk.graph, x), REDUCTIONS[equation.primitive.name]
+    if nodes.kind == "truth":
+        name = {"max": "or", "min": "and"}.get(name, name)
+    elif name in ("and", "or", "xor"):
+        raise NotNative(f"{equation.primitive.name} on bits of whole numbers")
+    rows, shape = _rows(nodes.ids, equation.params["axes"])
+    return [Nodes(np.array([_fold(walk.graph, name, row) for row in rows], dtype=np.int64).reshape(shape), nodes.kind)]
+
+
+def _rows(x: np.ndarray, axes: Any) -> tuple[list[list[int]], tuple[int, ...]]:
+    kept = [axis for axis in range(x.ndim) if axis not in axes]
+    shape = tuple(x.shape[axis] for axis in kept)
+    count = int(np.prod(shape))
+    return x.transpose([*kept, *axes]).reshape(count, x.size // count if count else 0).tolist(), shape
+
+
+def _fold(graph: Graph, name: str, row: list[int]) -> int:
+    if not row:
+        if name in ("max", "min"):
+            return graph.constant(-np.inf if name == "max" else np.inf)
+        return {"add": graph.constant(0.0), "mul": graph.constant(1.0), "and": graph.node("true")}.get(
+            name, graph.node("false")
+        )
+    result = row[0]
+    for node in row[1:]:
+        result = graph.apply(name, result, node)
+    return result
+
+
+@rule(*RUNNING)
+def _running(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    nodes, name, p = lift(walk.graph, x), RUNNING[equation.primitive.name], equation.params
+    if nodes.kind == "truth":
+        raise NotNative(f"{equation.primitive.name} of truth values")
+    ids = nodes.ids
+    lines = np.moveaxis(np.flip(ids, p["axis"]) if p["reverse"] else ids, p["axis"], 0).copy()
+    for i in range(1, len(lines)):
+        lines[i] = walk.graph.elementwise(name, lines[i - 1], lines[i])
+    result = np.moveaxis(lines, 0, p["axis"])
+    return [Nodes(np.flip(result, p["axis"]) if p["reverse"] else result, nodes.kind)]
+
+
+@rule("argmax", "argmin")
+def _argmax(walk: Walk, equation: Any, x: Value) -> list[Value]:
+    """The first of the largest; a NaN is larger, and smaller, than any number."""
+    graph, (axis,) = walk.graph, equation.params["axes"]
+    ids = as_numbers(graph, lift(graph, x))
+    lines = np.moveaxis(ids, axis, 0)
+    best, place = lines[0], np.full(lines.shape[1:], ZERO, dtype=np.int64)
+    for i in range(1, len(lines)):
+        better = graph.elementwise("gt" if equation.primitive.name == "argmax" else "lt", lines[i], best)
+        first_nan = graph.elementwise("and", *(graph.elementwise(*test) for test in _nan_tests(lines[i], best)))
+        better = graph.elementwise("or", better, first_nan)
+        place = graph.elementwise("select", better, np.int64(graph.constant(float(i))), place)
+        best = graph.elementwise("select", better, lines[i], best)
+    return [Nodes(place, "whole")]
+
+
+def _nan_tests(new: Ids, best: Ids) -> list[tuple[str, Ids, Ids]]:
+    return [("ne", new, new), ("eq", best, best)]
+
+
+def _known_reduction(name: str) -> Any:
+    function = _FUNCTIONS[name]
+    starts = {"max": -np.inf, "min": np.inf}
+
+    def reduce(equation: Any, x: np.ndarray) -> Any:
+        start: dict[str, Any] = {"initial": starts[name]} if name in starts and x.dtype.kind == "f" else {}
+        return function.reduce(x, axis=tuple(equation.params["axes"]), **start)
+
+    return reduce
+
+
+def _known_running(name: str) -> Any:
+    def run(equation: Any, x: np.ndarray) -> Any:
+        axis = equation.params["axis"]
+        lines = np.flip(x, axis) if equation.params["reverse"] else x
+        result = _FUNCTIONS[name].accumulate(lines, axis=axis)
+        return np.flip(result, axis) if equation.params["reverse"] else result
+
+    return run
+
+
+KNOWN["dot_general"] = _known_dot
+KNOWN.update({primitive: _known_reduction(name) for primitive, name in REDUCTIONS.items()})
+KNOWN.update({primitive: _known_running(name) for primitive, name in RUNNING.items()})

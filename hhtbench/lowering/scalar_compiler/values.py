@@ -1,0 +1,74 @@
+"""What a variable of a computation holds while it is read: known numbers, nodes of the scalar graph, or a reason why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering.scalar_compiler.graph import FALSE, ONE, TRUE, ZERO, Graph, Ids
+from hhtbench.lowering.scalar_compiler.reasons import NotNative
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """An array of nodes that depend on the arguments."""
+
+    ids: Ids
+    kind: str  #: "number", "truth", or "whole": whole numbers, held as float64 and without overflow
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array."""
+        return self.ids.shape
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """A result nobody can compute here; it matters only if something needs it."""
+
+    reason: str
+
+
+Value = np.ndarray | Nodes | Unknown
+
+
+def is_known(value: Value) -> bool:
+    """Whether the value is there before any argument is."""
+    return isinstance(value, np.ndarray)
+
+
+def lift(graph: Graph, value: Any) -> Nodes:
+    """``value`` as nodes."""
+    if isinstance(value, Nodes):
+        return value
+    kind = {"b": "truth", "i": "whole", "u": "whole"}.get(value.dtype.kind, "number")
+    if kind == "number" and value.dtype != np.float64:
+        raise NotNative(f"{value.dtype} values")
+    return Nodes(graph.constants(value), kind)
+
+
+def numbers(graph: Graph, value: Any) -> Ids:
+    """Nodes of a value that must be float64 numbers."""
+    nodes = lift(graph, value)
+    if nodes.kind != "number":
+        raise NotNative("truth values or whole numbers where numbers are needed")
+    return nodes.ids
+
+
+def as_numbers(graph: Graph, value: Nodes) -> Ids:
+    """Truth values as 1 and 0, whole numbers as they are."""
+    return graph.elementwise("select", value.ids, np.int64(ONE), np.int64(ZERO)) if value.kind == "truth" else value.ids
+
+
+def settled(graph: Graph, value: Value) -> Value:
+    """Nodes that all turned out to be constants, as the values they are."""
+    if not isinstance(value, Nodes):
+        return value
+    flat = value.ids.ravel().tolist()
+    if any(node not in graph.number and node not in (TRUE, FALSE) for node in flat):
+        return value
+    plain = [node == TRUE if value.kind == "truth" else graph.number[node] for node in flat]
+    dtype = {"truth": bool, "whole": np.int64, "number": np.float64}[value.kind]
+    return np.array(plain, dtype=dtype).reshape(value.shape)
