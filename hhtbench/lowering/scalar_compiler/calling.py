@@ -10,9 +10,9 @@ import numpy as np
 
 from hhtbench.lowering.scalar_compiler.compiler import Native
 from hhtbench.lowering.scalar_compiler.machine import caller
+from hhtbench.lowering.scalar_compiler.reading import Shapes
 
 FLOAT = np.dtype(np.float64)
-Shapes = tuple[tuple[int, ...], ...]
 
 
 class _Buffers(NamedTuple):

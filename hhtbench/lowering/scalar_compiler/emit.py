@@ -62,7 +62,7 @@ def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
     for node in ordered(graph, [node for node in outputs if node not in graph.number]):
         writer.node(node)
         for place in places.get(node, ()):
-            writer.store(place, node)
+            writer.store("%out", place, node)
     read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
     body = [f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind {{", *writer.scratch, *writer.lines, "  ret void", "}"]
     text = "\n".join([table, *body, _wrapper(arguments), *sorted(writer.declarations)])
@@ -135,10 +135,10 @@ class _Writer:
         values = ", ".join(f"double {entry}" for entry in entries)
         return f"@constants = private unnamed_addr constant {table} [{values}], align 64"
 
-    def store(self, place: int, node: int) -> None:
-        """One number to the result."""
-        self.lines.append(f"  %o{place} = getelementptr double, ptr %out, i64 {place}")
-        self.lines.append(f"  store double {self.name(node)}, ptr %o{place}, align 8")
+    def store(self, base: str, place: int, node: int) -> None:
+        """One number to memory."""
+        self.lines.append(f"  {base}.{place} = getelementptr double, ptr {base}, i64 {place}")
+        self.lines.append(f"  store double {self.name(node)}, ptr {base}.{place}, align 8")
 
     def expression(self, operation: str, x: list[str]) -> str:
         """The right-hand side of an operation."""
@@ -173,10 +173,8 @@ class _Writer:
     def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
         """Arguments to the stack, then the call by the address in ``%p``; NaN is left where it does not write its result."""
         self.operations += len(entries) + 2 * size
-        self.room(f"%m{node}", len(entries))
-        self.room(f"%x{node}", size)
-        for place, entry in enumerate(entries):
-            self.put(f"%s{node}.{place}", f"%m{node}", place, entry)
+        self.scratch_with(f"%m{node}", entries)
+        self.scratch.append(f"  %x{node} = alloca [{size} x double], align 64")
         self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
         self.lines += [
             f"  call void @llvm.memset.p0.i64(ptr %x{node}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
@@ -185,23 +183,16 @@ class _Writer:
             f"  call void %c{node}(ptr %m{node}, ptr %x{node})",
         ]
 
-    def room(self, name: str, size: int) -> None:
-        """Numbers on the stack."""
-        self.scratch.append(f"  {name} = alloca [{size} x double], align 64")
-
-    def put(self, pointer: str, base: str, place: int, node: int) -> None:
-        """One number to memory."""
-        self.lines.append(f"  {pointer} = getelementptr double, ptr {base}, i64 {place}")
-        self.lines.append(f"  store double {self.name(node)}, ptr {pointer}, align 8")
+    def scratch_with(self, base: str, entries: tuple[int, ...]) -> None:
+        """Room ``base`` on the stack that holds the numbers ``entries``."""
+        self.scratch.append(f"  {base} = alloca [{len(entries)} x double], align 64")
+        for place, entry in enumerate(entries):
+            self.store(base, place, entry)
 
     def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
         """Matrix and right-hand sides to the stack, then the helper, which leaves the solution in place of the latter."""
-        self.operations += n * n + n * k
+        self.operations += len(entries)
         self.helpers[f"{n} {k}"] = helper(n, k)
-        self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr, ptr)")
-        self.room(f"%m{node}", n * n)
-        self.room(f"%x{node}", n * k)
-        for place, entry in enumerate(entries):
-            base, offset = ("%m", place) if place < n * n else ("%x", place - n * n)
-            self.put(f"%s{node}.{place}", f"{base}{node}", offset, entry)
-        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %m{node}, ptr %x{node})")
+        self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr)")
+        self.scratch_with(f"%x{node}", entries)
+        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %x{node})")

@@ -35,8 +35,8 @@ def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:
     n, k = right.shape
     if np.count_nonzero(matrix != np.where(np.eye(n, dtype=bool), matrix, ZERO)) == 0:  # diagonal
         return np.array([[graph.div(right[i, j], matrix[i, i]) for j in range(k)] for i in range(n)], dtype=np.int64)
-    call = graph.node("solve", n, k, *matrix.ravel().tolist(), *right.ravel().tolist())
-    return np.array([graph.node("entry", call, i) for i in range(n * k)], dtype=np.int64).reshape(n, k)
+    call, width = graph.node("solve", n, k, *np.hstack([matrix, right]).ravel().tolist()), n + k
+    return np.array([[graph.node("entry", call, i * width + j) for j in range(n, width)] for i in range(n)], dtype=np.int64)
 
 
 @rule("custom_linear_solve")

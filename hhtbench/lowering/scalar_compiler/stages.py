@@ -10,29 +10,28 @@ from dataclasses import replace
 
 from hhtbench.lowering.scalar_compiler.emit import needs, ordered
 from hhtbench.lowering.scalar_compiler.graph import Graph
-from hhtbench.lowering.scalar_compiler.reading import Reading, Shapes
+from hhtbench.lowering.scalar_compiler.reading import Reading
 from hhtbench.lowering.scalar_compiler.scalars import COMPARISONS, LOGIC
 
-STAGES = ("whole", "early", "late")
 LEAVES = ("constant", "parameter", "argument", "true", "false")
 
 
-def staged(reading: Reading, shapes: Shapes, stage: str, rows: tuple[int, int] | None = None) -> tuple[Reading, Shapes]:
-    """The part of a function with the arguments ``shapes`` that is its ``stage``, and the arguments of that.
+def staged(reading: Reading, stage: str, rows: tuple[int, int] | None = None) -> Reading:
+    """The part of a function that is its ``stage``.
 
     "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument,
     and may give only its ``rows`` from the first to before the second.
     """
     if stage == "whole":
-        return reading, shapes
-    kept = _kept(reading, len(shapes) - 1)
+        return reading
+    kept = _kept(reading, reading.arguments - 1)
     if stage == "early":
-        return replace(reading, outputs=kept, shape=(len(kept),)), shapes
-    graph = _with_arguments(reading.graph, kept, len(shapes))
-    late = replace(reading, graph=graph)
+        return replace(reading, outputs=kept, shape=(len(kept),))
+    graph = _with_arguments(reading.graph, kept, reading.arguments)
+    late = replace(reading, graph=graph, arguments=reading.arguments + 1)
     if rows is not None:
         late = replace(late, outputs=reading.outputs[slice(*rows)], shape=(rows[1] - rows[0],))
-    return late, (*shapes, (len(kept),))
+    return late
 
 
 def _kept(reading: Reading, last: int) -> list[int]:
