@@ -9,21 +9,15 @@ from jax import lax
 
 from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.scalars import ARITHMETIC, COMPARISONS, FOLDS, INTRINSICS, LIBM, NUMPY
+from hhtbench.lowering.scalar_compiler.scalars import ARITHMETIC, COMPARISONS, INTRINSICS, LIBM
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers, settled
-from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
-ON_NUMBERS = (
-    *(*LIBM, *ARITHMETIC),
-    *("abs", "add_any", "atan2", "ceil", "clamp", "cos", "exp", "exp2", "floor", "log", "logistic", "max", "min", "neg"),
-    *("pow", "rsqrt", "sign", "sin", "sqrt", "square"),
-)
+OTHERS = "add_any", "atan2", "clamp", "logistic", "max", "min", "neg", "pow", "rsqrt", "sign", "square"
+WHOLE = frozenset("abs add add_any clamp max min mul neg rem sign square sub".split())  # the same for whole numbers
 
 
-WHOLE = ("abs", "add", "add_any", "clamp", "max", "min", "mul", "neg", "rem", "sign", "sub")  # the same for whole numbers
-
-
-@rule(*ON_NUMBERS)
+@rule(*LIBM, *ARITHMETIC, *INTRINSICS, *OTHERS)
 def _on_numbers(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     name, graph = equation.primitive.name, walk.graph
     lifted = [lift(graph, value) for value in inputs]
@@ -39,9 +33,9 @@ def _on_numbers(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
 
 @rule("integer_pow")
 def _integer_pow(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    ids, exponent = numbers(walk.graph, x), int(equation.params["y"])
-    flat = [power(walk.graph, node, exponent) for node in ids.ravel().tolist()]
-    return [Nodes(np.array(flat, dtype=np.int64).reshape(ids.shape), "number")]
+    nodes, exponent = lift(walk.graph, x), int(equation.params["y"])
+    flat = [power(walk.graph, node, exponent) for node in nodes.ids.ravel().tolist()]
+    return [Nodes(np.array(flat, dtype=np.int64).reshape(nodes.shape), nodes.kind)]
 
 
 def power(graph: Graph, x: int, exponent: int) -> int:
@@ -146,45 +140,6 @@ def _truncated(graph: Graph, ids: Ids) -> Ids:
     return graph.elementwise("select", graph.elementwise("eq", ids, ids), graph.elementwise("trunc", ids), np.int64(ZERO))
 
 
-@rule("copy", "copy_p", "stop_gradient")
-def _same(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    return [x]
-
-
-@rule("device_put", "optimization_barrier")
-def _same_all(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+@rule("copy", "stop_gradient", "device_put", "optimization_barrier")
+def _same(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     return list(inputs)
-
-
-def _known_functions() -> None:
-    """NumPy functions for known inputs: an eager JAX operation costs a compilation of 20 ms for every new shape."""
-    for name in (*LIBM, *INTRINSICS, *COMPARISONS, "atan2"):
-        if not name.startswith("round"):
-            KNOWN[name] = _plain(NUMPY[name])
-    KNOWN["pow"] = _plain(np.vectorize(FOLDS["pow"], otypes=[float]))
-    simple = {
-        "add": np.add, "add_any": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative, "square": np.square,
-        "max": np.maximum, "min": np.minimum, "not": np.logical_not, "sign": np.sign, "is_finite": np.isfinite,
-    }  # fmt: skip
-    for name, function in simple.items():
-        KNOWN[name] = _plain(function)
-    KNOWN["div"] = lambda equation, x, y: x / y if x.dtype.kind == "f" else np.trunc(x / y)
-    KNOWN["rem"] = lambda equation, x, y: np.fmod(x, y)
-    KNOWN["integer_pow"] = lambda equation, x: x ** np.asarray(equation.params["y"], dtype=x.dtype)
-    KNOWN["rsqrt"] = lambda equation, x: 1.0 / np.sqrt(x)
-    KNOWN["clamp"] = lambda equation, low, x, high: np.minimum(np.maximum(x, low), high)
-    KNOWN["and"] = lambda equation, x, y: x & y
-    KNOWN["or"] = lambda equation, x, y: x | y
-    KNOWN["xor"] = lambda equation, x, y: x ^ y
-    KNOWN["not"] = lambda equation, x: ~x
-    KNOWN["convert_element_type"] = lambda equation, x: x
-    KNOWN["select_n"] = lambda equation, which, *cases: np.choose(np.asarray(which, dtype=np.int64), cases)
-    for name in ("copy", "copy_p", "stop_gradient"):
-        KNOWN[name] = lambda equation, x: x
-
-
-def _plain(function: Any) -> Any:
-    return lambda equation, *arrays: function(*arrays)
-
-
-_known_functions()

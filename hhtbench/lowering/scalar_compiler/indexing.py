@@ -13,14 +13,14 @@ from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.movement import known_indices, together
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, lift, settled
-from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 
 @rule("gather")
 def _gather(walk: Walk, equation: Any, x: Value, indices: Value) -> list[Value]:
     nodes = lift(walk.graph, x)
     given = equation.params["fill_value"]
-    fill = given if given is not None else np.nan if nodes.kind == "number" else nodes.kind == "truth"
+    fill = {"number": np.nan, "truth": True, "whole": np.iinfo(np.int64).min}[nodes.kind] if given is None else given
     outside = walk.graph.constants(np.asarray(fill, dtype=bool if nodes.kind == "truth" else float))
     where = settled(walk.graph, indices)
     if isinstance(where, np.ndarray):
@@ -50,13 +50,6 @@ def _place_of(equation: Any, batch: np.ndarray, shape: tuple[int, ...]) -> np.nd
     offset = [int(axis) for axis in equation.params["dimension_numbers"].offset_dims]
     spread = [1 if axis in offset else size for axis, size in enumerate(shape)]
     return np.broadcast_to(batch.reshape(spread), shape)
-
-
-def _known_gather(equation: Any, x: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    given = equation.params["fill_value"]
-    if given is None:
-        given = np.nan if x.dtype.kind == "f" else True if x.dtype == bool else np.iinfo(x.dtype).min
-    return _gathered(equation, x, indices, np.asarray(given, dtype=x.dtype))
 
 
 def _gathered(equation: Any, x: np.ndarray, indices: np.ndarray, outside: np.ndarray) -> np.ndarray:
@@ -96,12 +89,12 @@ def _starts(indices: np.ndarray, mapped: Any, rank: int, pairs: Any) -> Iterator
 COMBINE = {"scatter-add": "add", "scatter-sub": "sub", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
 
 
-@rule("scatter", *COMBINE, "scatter_add", "scatter_mul")
+@rule("scatter", *COMBINE)
 def _scatter(walk: Walk, equation: Any, x: Value, indices: Value, updates: Value) -> list[Value]:
     (ids, new), kind = together(walk, (x, updates))
     (where,) = known_indices(walk, (indices,))
-    name = COMBINE.get(equation.primitive.name.replace("_", "-"))
-    if name is not None and kind != "number":
+    name = COMBINE.get(equation.primitive.name)
+    if name is not None and kind == "truth":
         raise NotNative("a scatter of truth values")
     combine = (lambda a, b: b) if name is None else (lambda a, b: walk.graph.elementwise(name, a, b))
     return [Nodes(_scattered(equation, ids, where, new, combine), kind)]
@@ -126,14 +119,3 @@ def _scattered(equation: Any, x: np.ndarray, indices: np.ndarray, updates: np.nd
         corner = tuple(slice(i, i + size) for i, size in zip(start, sizes, strict=True))
         result[corner] = combine(result[corner], pieces[at].reshape(sizes))
     return result
-
-
-def _known_scatter(name: str | None) -> Any:
-    functions = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "min": np.minimum, "max": np.maximum}
-    combine = (lambda a, b: b) if name is None else functions[name]
-    return lambda equation, x, indices, updates: _scattered(equation, x, indices, updates, combine)
-
-
-KNOWN["gather"] = _known_gather
-KNOWN["scatter"] = _known_scatter(None)
-KNOWN.update({primitive: _known_scatter(name) for primitive, name in COMBINE.items()})

@@ -10,13 +10,13 @@ import numpy as np
 from hhtbench.lowering.scalar_compiler.elementwise import choose
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, lift, settled
-from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 Move = Callable[..., np.ndarray]
 
 
 def movement(*names: str) -> Callable[[Move], Move]:
-    """Registers ``move(equation, array)`` for known values and nodes alike."""
+    """Registers ``move(equation, array)`` of an array of nodes."""
 
     def register(move: Move) -> Move:
         @rule(*names)
@@ -24,7 +24,6 @@ def movement(*names: str) -> Callable[[Move], Move]:
             nodes = lift(walk.graph, x)
             return [Nodes(move(equation, nodes.ids), nodes.kind)]
 
-        KNOWN.update(dict.fromkeys(names, move))
         return move
 
     return register
@@ -43,7 +42,7 @@ def _broadcast(equation: Any, x: np.ndarray) -> np.ndarray:
     return np.broadcast_to(x.reshape(spread), shape)
 
 
-@movement("reshape", "squeeze", "expand_dims")
+@movement("reshape", "squeeze")
 def _reshape(equation: Any, x: np.ndarray) -> np.ndarray:
     order = equation.params.get("dimensions") if equation.primitive.name == "reshape" else None
     return (x if order is None else x.transpose(order)).reshape(_shape(equation))
@@ -82,13 +81,9 @@ def together(walk: Walk, inputs: Any) -> tuple[list[np.ndarray], str]:
 @rule("concatenate", "stack")
 def _join(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     ids, kind = together(walk, inputs)
-    return [Nodes(_joined(equation, *ids), kind)]
-
-
-def _joined(equation: Any, *arrays: np.ndarray) -> np.ndarray:
     if equation.primitive.name == "stack":
-        return np.stack(arrays, equation.params["axis"])
-    return np.concatenate(arrays, equation.params["dimension"])
+        return [Nodes(np.stack(ids, equation.params["axis"]), kind)]
+    return [Nodes(np.concatenate(ids, equation.params["dimension"]), kind)]
 
 
 @rule("split")
@@ -98,19 +93,16 @@ def _split(walk: Walk, equation: Any, x: Value) -> list[Value]:
 
 
 @rule("pad")
-def _pad(walk: Walk, equation: Any, x: Value, value: Value) -> list[Value]:
-    (ids, fill), kind = together(walk, (x, value))
-    return [Nodes(_padded(equation, ids, fill), kind)]
-
-
-def _padded(equation: Any, x: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _pad(walk: Walk, equation: Any, padded: Value, fill: Value) -> list[Value]:
     """Low and high edges, which may be negative, and gaps between entries."""
+    (x, value), kind = together(walk, (padded, fill))
     config = equation.params["padding_config"]
     spread = np.full([size + max(size - 1, 0) * gap for size, (_, _, gap) in zip(x.shape, config, strict=True)], value)
     spread[tuple(slice(None, None, gap + 1) for _, _, gap in config)] = x
     result = np.full([s + max(a, 0) + max(b, 0) for s, (a, b, _) in zip(spread.shape, config, strict=True)], value)
     result[tuple(slice(max(a, 0), max(a, 0) + s) for s, (a, _, _) in zip(spread.shape, config, strict=True))] = spread
-    return result[tuple(slice(max(-a, 0), s - max(-b, 0)) for s, (a, b, _) in zip(result.shape, config, strict=True))]
+    kept = tuple(slice(max(-a, 0), s - max(-b, 0)) for s, (a, b, _) in zip(result.shape, config, strict=True))
+    return [Nodes(result[kept], kind)]
 
 
 @rule("dynamic_slice")
@@ -140,34 +132,17 @@ def _corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:
     return tuple(slice(i, i + size) for i, size in zip(corner, sizes, strict=True))
 
 
-def _dynamic(equation: Any, x: np.ndarray, *start: np.ndarray) -> np.ndarray:
-    return x[_corner(start, equation.params["slice_sizes"], x.shape)]
-
-
 @rule("dynamic_update_slice")
 def _update_slice(walk: Walk, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
     (ids, new), kind = together(walk, (x, update))
-    return [Nodes(_updated(equation, ids, new, *known_indices(walk, start)), kind)]
+    result = ids.copy()
+    result[_corner(known_indices(walk, start), new.shape, ids.shape)] = new
+    return [Nodes(result, kind)]
 
 
-def _updated(equation: Any, x: np.ndarray, update: np.ndarray, *start: np.ndarray) -> np.ndarray:
-    result = x.copy()
-    result[_corner(start, update.shape, x.shape)] = update
-    return result
-
-
-def _iota(equation: Any) -> np.ndarray:
+@rule("iota")
+def _iota(walk: Walk, equation: Any) -> list[Value]:
     p = equation.params
     line = np.arange(p["shape"][p["dimension"]])
     spread = [-1 if axis == p["dimension"] else 1 for axis in range(len(p["shape"]))]
-    return np.broadcast_to(line.reshape(spread), p["shape"])
-
-
-KNOWN.update(
-    concatenate=_joined,
-    stack=_joined,
-    pad=_padded,
-    dynamic_slice=_dynamic,
-    dynamic_update_slice=_updated,
-    iota=_iota,
-)
+    return [np.broadcast_to(line.reshape(spread), p["shape"])]

@@ -53,10 +53,11 @@ def _power(x: Any, y: Any) -> Any:
         return np.power(x, y)
 
 
-NUMPY: dict[str, Callable[..., Any]] = {
+ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
     "abs": np.abs,
     "acos": np.arccos,
     "acosh": np.arccosh,
+    "add": np.add,
     "asin": np.arcsin,
     "asinh": np.arcsinh,
     "atan": np.arctan,
@@ -77,13 +78,17 @@ NUMPY: dict[str, Callable[..., Any]] = {
     "log1p": np.log1p,
     "max": np.maximum,
     "min": np.minimum,
-    "pow": _power,
+    "mul": np.multiply,
+    "neg": np.negative,
     "rem": np.fmod,
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
     "round_even": np.rint,
+    "sign": np.sign,
     "sin": np.sin,
     "sinh": np.sinh,
     "sqrt": np.sqrt,
+    "square": np.square,
+    "sub": np.subtract,
     "tan": np.tan,
     "tanh": np.tanh,
     "trunc": np.trunc,
@@ -94,4 +99,4 @@ NUMPY: dict[str, Callable[..., Any]] = {
     "gt": np.greater,
     "ge": np.greater_equal,
 }
-FOLDS = {name: _folded(function) for name, function in NUMPY.items()}
+FOLDS = {name: _folded(function) for name, function in (ELEMENTWISE | {"pow": _power}).items()}

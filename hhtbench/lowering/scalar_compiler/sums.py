@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.scalars import ELEMENTWISE
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers
-from hhtbench.lowering.scalar_compiler.walk import KNOWN, Walk, rule
+from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 REDUCTIONS = {
     "reduce_sum": "add",
@@ -20,20 +22,15 @@ REDUCTIONS = {
     "reduce_or": "or",
     "reduce_xor": "xor",
 }
+EMPTY = {"add": 0.0, "mul": 1.0, "max": -np.inf, "min": np.inf, "and": True, "or": False, "xor": False}
 RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
-_FUNCTIONS: dict[str, Any] = {
-    "add": np.add,
-    "mul": np.multiply,
-    "max": np.maximum,
-    "min": np.minimum,
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "xor": np.bitwise_xor,
-}
 
 
 @rule("dot_general")
 def _dot(walk: Walk, equation: Any, x: Value, y: Value) -> list[Value]:
+    if isinstance(x, np.ndarray) and isinstance(y, np.ndarray):
+        left, right, shape = _as_matrices(equation, x, y)
+        return [np.einsum("bik,bjk->bij", left, right).reshape(shape)]
     left, right, shape = _as_matrices(equation, numbers(walk.graph, x), numbers(walk.graph, y))
     product = [_product(walk.graph, a, b) for a, b in zip(left, right, strict=True)]
     return [Nodes(np.array(product, dtype=np.int64).reshape(shape), "number")]
@@ -65,40 +62,27 @@ def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
     return result
 
 
-def _known_dot(equation: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    left, right, shape = _as_matrices(equation, x, y)
-    return np.einsum("bik,bjk->bij", left, right).reshape(shape)
-
-
 @rule(*REDUCTIONS)
 def _reduce(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    nodes, name = lift(walk.graph, x), REDUCTIONS[equation.primitive.name]
+    name, axes = REDUCTIONS[equation.primitive.name], equation.params["axes"]
+    if isinstance(x, np.ndarray) and x.size and name in ELEMENTWISE:
+        return [np.asarray(ELEMENTWISE[name].reduce(x, axis=tuple(axes)))]  # type: ignore[attr-defined]
+    nodes = lift(walk.graph, x)
     if nodes.kind == "truth":
         name = {"max": "or", "min": "and"}.get(name, name)
     elif name in ("and", "or", "xor"):
         raise NotNative(f"{equation.primitive.name} on bits of whole numbers")
-    rows, shape = _rows(nodes.ids, equation.params["axes"])
-    return [Nodes(np.array([_fold(walk.graph, name, row) for row in rows], dtype=np.int64).reshape(shape), nodes.kind)]
+    ids = nodes.ids
+    shape = tuple(size for axis, size in enumerate(ids.shape) if axis not in axes)
+    length = int(np.prod([ids.shape[axis] for axis in axes]))
+    rows = np.moveaxis(ids, axes, range(-len(axes), 0)).reshape(int(np.prod(shape)), length)
+    keys = [tuple(row) for row in rows.tolist()]
+    folded = {row: _fold(walk.graph, name, row) for row in dict.fromkeys(keys)}  # most rows of derivatives are zero
+    return [Nodes(np.array([folded[row] for row in keys], dtype=np.int64).reshape(shape), nodes.kind)]
 
 
-def _rows(x: np.ndarray, axes: Any) -> tuple[list[list[int]], tuple[int, ...]]:
-    kept = [axis for axis in range(x.ndim) if axis not in axes]
-    shape = tuple(x.shape[axis] for axis in kept)
-    count = int(np.prod(shape))
-    return x.transpose([*kept, *axes]).reshape(count, x.size // count if count else 0).tolist(), shape
-
-
-def _fold(graph: Graph, name: str, row: list[int]) -> int:
-    if not row:
-        if name in ("max", "min"):
-            return graph.constant(-np.inf if name == "max" else np.inf)
-        return {"add": graph.constant(0.0), "mul": graph.constant(1.0), "and": graph.node("true")}.get(
-            name, graph.node("false")
-        )
-    result = row[0]
-    for node in row[1:]:
-        result = graph.apply(name, result, node)
-    return result
+def _fold(graph: Graph, name: str, row: tuple[int, ...]) -> int:
+    return reduce(partial(graph.apply, name), row) if row else int(graph.constants(np.asarray(EMPTY[name])))
 
 
 @rule(*RUNNING)
@@ -132,29 +116,3 @@ def _argmax(walk: Walk, equation: Any, x: Value) -> list[Value]:
 
 def _nan_tests(new: Ids, best: Ids) -> list[tuple[str, Ids, Ids]]:
     return [("ne", new, new), ("eq", best, best)]
-
-
-def _known_reduction(name: str) -> Any:
-    function = _FUNCTIONS[name]
-    starts = {"max": -np.inf, "min": np.inf}
-
-    def reduce(equation: Any, x: np.ndarray) -> Any:
-        start: dict[str, Any] = {"initial": starts[name]} if name in starts and x.dtype.kind == "f" else {}
-        return function.reduce(x, axis=tuple(equation.params["axes"]), **start)
-
-    return reduce
-
-
-def _known_running(name: str) -> Any:
-    def run(equation: Any, x: np.ndarray) -> Any:
-        axis = equation.params["axis"]
-        lines = np.flip(x, axis) if equation.params["reverse"] else x
-        result = _FUNCTIONS[name].accumulate(lines, axis=axis)
-        return np.flip(result, axis) if equation.params["reverse"] else result
-
-    return run
-
-
-KNOWN["dot_general"] = _known_dot
-KNOWN.update({primitive: _known_reduction(name) for primitive, name in REDUCTIONS.items()})
-KNOWN.update({primitive: _known_running(name) for primitive, name in RUNNING.items()})

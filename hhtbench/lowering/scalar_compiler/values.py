@@ -32,6 +32,7 @@ class Unknown:
 
 
 Value = np.ndarray | Nodes | Unknown
+EXACT = 2.0**53  # whole numbers up to it are float64 numbers
 
 
 def is_known(value: Value) -> bool:
@@ -46,6 +47,8 @@ def lift(graph: Graph, value: Any) -> Nodes:
     kind = {"b": "truth", "i": "whole", "u": "whole"}.get(value.dtype.kind, "number")
     if kind == "number" and value.dtype != np.float64:
         raise NotNative(f"{value.dtype} values")
+    if kind == "whole":
+        _expect_exact(value)
     return Nodes(graph.constants(value), kind)
 
 
@@ -66,9 +69,19 @@ def settled(graph: Graph, value: Value) -> Value:
     """Nodes that all turned out to be constants, as the values they are."""
     if not isinstance(value, Nodes):
         return value
-    flat = value.ids.ravel().tolist()
-    if any(node not in graph.number and node not in (TRUE, FALSE) for node in flat):
+    nodes, places = np.unique(value.ids, return_inverse=True)
+    if any(node not in graph.number and node not in (TRUE, FALSE) for node in nodes.tolist()):
         return value
-    plain = [node == TRUE if value.kind == "truth" else graph.number[node] for node in flat]
-    dtype = {"truth": bool, "whole": np.int64, "number": np.float64}[value.kind]
-    return np.array(plain, dtype=dtype).reshape(value.shape)
+    if value.kind == "truth":
+        return np.asarray(value.ids == TRUE)
+    plain = np.array([graph.number[node] for node in nodes.tolist()])
+    if value.kind == "whole":
+        _expect_exact(plain)
+        plain = plain.astype(np.int64)
+    return plain[places].reshape(value.shape)
+
+
+def _expect_exact(whole: np.ndarray) -> None:
+    """Raise where float64 does not hold whole numbers exactly."""
+    if np.any(np.abs(whole.astype(np.float64)) > EXACT):
+        raise NotNative("whole numbers beyond 2**53")

@@ -10,12 +10,12 @@ import numpy as np
 from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
 from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.reasons import NotNative, TooLarge
-from hhtbench.lowering.scalar_compiler.values import Unknown, Value, is_known
+from hhtbench.lowering.scalar_compiler.scalars import ELEMENTWISE
+from hhtbench.lowering.scalar_compiler.values import Unknown, Value, is_known, settled
 
 Rule = Callable[..., list[Value]]
 
-RULES: dict[str, Rule] = {}  #: primitive -> rule(walk, equation, *inputs), for inputs that are not all known
-KNOWN: dict[str, Callable[..., Any]] = {}  #: primitive -> NumPy function(parameters, *arrays), for known inputs
+RULES: dict[str, Rule] = {}  #: primitive -> rule(walk, equation, *inputs)
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:
@@ -67,7 +67,7 @@ class Walk:
             if name in CALLS:
                 return self._called(equation, inputs)
             if all(is_known(value) for value in inputs):
-                return _evaluate(equation, inputs)
+                return self._folded(equation, inputs) or _bound(equation, inputs)
             if found is None:
                 raise NotNative(f"the primitive {name} has no rule")
             if name not in ACCEPTS_UNKNOWN:
@@ -80,6 +80,23 @@ class Walk:
                 raise
             reason = error.reason if ", at " in error.reason else f"{error.reason}, at {self._place(equation)}"
             return [Unknown(reason)] * len(equation.outvars)
+
+    def _folded(self, equation: Any, inputs: list[Value]) -> list[Value]:
+        """The outputs for known inputs by NumPy, or by the rule, which folds; none where it does not know."""
+        name = equation.primitive.name
+        found, results = RULES.get(name), list[Value]()
+        if name in ELEMENTWISE:
+            with np.errstate(all="ignore"):
+                results = [np.asarray(ELEMENTWISE[name](*inputs))]
+        elif found is not None:
+            try:
+                results = [settled(self.graph, value) for value in found(self, equation, *inputs)]
+            except NotNative:
+                return []
+        if not all(is_known(value) for value in results):
+            return []
+        avals = [variable.aval for variable in equation.outvars[: len(results)]]
+        return [value.astype(aval.dtype).reshape(aval.shape) for value, aval in zip(results, avals, strict=True)]  # type: ignore[union-attr]
 
     def _called(self, equation: Any, inputs: list[Value]) -> list[Value]:
         self._calls.append(equation)
@@ -97,27 +114,16 @@ class Walk:
 
 
 CALLS = {  # primitives that only wrap a computation, and the parameter that holds it
-    "checkpoint": "jaxpr",
     "closed_call": "call_jaxpr",
-    "core_call": "call_jaxpr",
     "custom_jvp_call": "call_jaxpr",
     "custom_vjp_call": "call_jaxpr",
-    "custom_vjp_call_jaxpr": "fun_jaxpr",
     "jit": "jaxpr",
-    "pjit": "jaxpr",
-    "remat": "jaxpr",
     "remat2": "jaxpr",
 }
 ACCEPTS_UNKNOWN = ("custom_linear_solve", "scan", "cond", "optimization_barrier")
 
 
-def _evaluate(equation: Any, inputs: list[Value]) -> list[Value]:
-    """All inputs are known: NumPy, else JAX itself (which compiles, 20 ms a new shape)."""
-    function = KNOWN.get(equation.primitive.name)
-    avals = [variable.aval for variable in equation.outvars]
-    if function is not None:
-        with np.errstate(all="ignore"):
-            result = function(equation, *inputs)
-        return [np.asarray(result, dtype=avals[0].dtype).reshape(avals[0].shape)]
+def _bound(equation: Any, inputs: list[Value]) -> list[Value]:
+    """By JAX itself, which compiles: 20 ms a new shape."""
     results = equation.primitive.bind(*inputs, **equation.params)
     return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]
