@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
+from hhtbench.lowering.scalar_compiler.movement import together
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
 from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, is_known, lift, settled
 from hhtbench.lowering.scalar_compiler.walk import Walk, rule
@@ -20,11 +21,8 @@ def _scan(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     length, constants, carried = p["length"], p["num_consts"], p["num_carry"]
     if length > LONGEST:
         raise NotNative(f"a loop of {length} turns")
-    fixed, carry, rows = (
-        list(inputs[:constants]),
-        list(inputs[constants : constants + carried]),
-        inputs[constants + carried :],
-    )
+    fixed, rows = inputs[:constants], inputs[constants + carried :]
+    carry = list(inputs[constants : constants + carried])
     variables = equation.outvars[carried:]
     kept: list[list[Value]] = [[] for _ in variables]
     order = range(length - 1, -1, -1) if p["reverse"] else range(length)
@@ -44,33 +42,32 @@ def _row(value: Value, i: int) -> Value:
     return value if isinstance(value, Unknown) else np.asarray(value[i])
 
 
+def _unknown(values: list[Value]) -> Unknown | None:
+    return next((value for value in values if isinstance(value, Unknown)), None)
+
+
 def _stacked(walk: Walk, values: list[Value], variable: Any) -> Value:
-    missing = next((value for value in values if isinstance(value, Unknown)), None)
-    if missing is not None:
+    if missing := _unknown(values):
         return missing
     if all(is_known(value) for value in values):
         return np.array(values, dtype=variable.aval.dtype).reshape(variable.aval.shape)
-    lifted = [lift(walk.graph, value) for value in values]
-    if len({value.kind for value in lifted}) != 1:
-        raise NotNative("values of two kinds in one array")
-    return Nodes(np.stack([value.ids for value in lifted]), lifted[0].kind)
+    ids, kind = together(walk, values)
+    return Nodes(np.stack(ids), kind)
 
 
 @rule("cond")
 def _cond(walk: Walk, equation: Any, index: Value, *inputs: Value) -> list[Value]:
     branches = equation.params["branches"]
-    index = settled(walk.graph, index)
-    if isinstance(index, Unknown):
-        raise NotNative(index.reason)
-    if isinstance(index, np.ndarray):
-        return walk.closed(branches[min(max(int(index), 0), len(branches) - 1)], inputs)
+    which = lift(walk.graph, index)
+    known = settled(walk.graph, which)
+    if isinstance(known, np.ndarray):
+        return walk.closed(branches[min(max(int(known), 0), len(branches) - 1)], inputs)
     results = [walk.closed(branch, inputs) for branch in branches]
-    return [_chosen(walk, index, list(values)) for values in zip(*results, strict=True)]
+    return [_chosen(walk, which, list(values)) for values in zip(*results, strict=True)]
 
 
 def _chosen(walk: Walk, which: Nodes, values: list[Value]) -> Value:
-    missing = next((value for value in values if isinstance(value, Unknown)), None)
-    if missing is not None:
+    if missing := _unknown(values):
         return missing
-    lifted = [lift(walk.graph, value) for value in values]
-    return Nodes(choose(walk.graph, which, [value.ids for value in lifted]), lifted[0].kind)
+    ids, kind = together(walk, values)
+    return Nodes(choose(walk.graph, which, ids), kind)

@@ -13,8 +13,8 @@ from hhtbench.lowering.scalar_compiler.scalars import ARITHMETIC, COMPARISONS, I
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers, settled
 from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
-OTHERS = "add_any", "atan2", "clamp", "logistic", "max", "min", "neg", "pow", "rsqrt", "sign", "square"
-WHOLE = frozenset("abs add add_any clamp max min mul neg rem sign square sub".split())  # the same for whole numbers
+OTHERS = "add_any", "atan2", "clamp", "erf", "erfc", "logistic", "max", "min", "neg", "pow", "rsqrt", "sign", "square"
+WHOLE = "abs", "add", "add_any", "clamp", "max", "min", "mul", "neg", "rem", "sign", "square", "sub"  # the same for them
 
 
 @rule(*LIBM, *ARITHMETIC, *INTRINSICS, *OTHERS)

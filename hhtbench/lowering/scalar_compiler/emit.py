@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from hhtbench.lowering.scalar_compiler.graph import FALSE, TRUE, Graph
-from hhtbench.lowering.scalar_compiler.scalars import ARITHMETIC, COMPARISONS, INTRINSICS, LIBM
+from hhtbench.lowering.scalar_compiler.scalars import FUNCTIONS, INSTRUCTIONS
 from hhtbench.lowering.scalar_compiler.solver import HELPERS, helper
 
 ENTRY, CALL = "hhtbench_f", "hhtbench_call"
 READ = "ptr noalias readonly captures(none)"
 WRITTEN = "ptr noalias writeonly captures(none)"
+MEMORY = {"parameter": "%p", "argument": "%a{}", "entry": "%x{}"}  # where numbers are read from
 
 
 class Emitted(NamedTuple):
@@ -104,12 +105,10 @@ class _Writer:
         if operation in ("constant", "true", "false"):
             return
         operands = self.graph.operands[node]
-        if operation == "parameter":
-            self.load(node, "%p", operands[0])
-        elif operation == "argument":
-            self.load(node, f"%a{operands[0]}", operands[1])
-        elif operation == "entry":
-            self.load(node, f"%x{operands[0]}", operands[1])
+        if operation in MEMORY:
+            *which, place = operands
+            self.lines.append(f"  %g{node} = getelementptr double, ptr {MEMORY[operation].format(*which)}, i64 {place}")
+            self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
         elif operation == "solve":
             self.solve(node, operands[0], operands[1], operands[2:])
         elif operation == "foreign":
@@ -117,11 +116,6 @@ class _Writer:
         else:
             self.operations += 1
             self.lines.append(f"  %v{node} = {self.expression(operation, [self.name(x) for x in operands])}")
-
-    def load(self, node: int, base: str, place: int) -> None:
-        """One number from memory."""
-        self.lines.append(f"  %g{node} = getelementptr double, ptr {base}, i64 {place}")
-        self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
 
     def constants(self, outputs: list[int]) -> str:
         """Entries that are known, in one copy from a table, which is returned; the others are overwritten.
@@ -141,31 +135,10 @@ class _Writer:
         self.lines.append(f"  store double {self.name(node)}, ptr {base}.{place}, align 8")
 
     def expression(self, operation: str, x: list[str]) -> str:
-        """The right-hand side of an operation."""
-        if operation in ARITHMETIC:
-            return f"{ARITHMETIC[operation]} double {x[0]}, {x[1]}"
-        if operation == "neg":
-            return f"fneg double {x[0]}"
-        if operation in COMPARISONS:
-            return f"fcmp {COMPARISONS[operation]} double {x[0]}, {x[1]}"
-        if operation == "select":
-            return f"select i1 {x[0]}, double {x[1]}, double {x[2]}"
-        if operation == "select_truth":
-            return f"select i1 {x[0]}, i1 {x[1]}, i1 {x[2]}"
-        if operation == "not":
-            return f"xor i1 {x[0]}, true"
-        if operation in ("and", "or", "xor"):
-            return f"{operation} i1 {x[0]}, {x[1]}"
-        if operation in ("max", "min"):
-            return self.call(f"llvm.{operation}imum.f64", x)
-        if operation in INTRINSICS:
-            return self.call(f"llvm.{INTRINSICS[operation]}.f64", x)
-        if operation in LIBM or operation in ("atan2", "pow"):
-            return self.call(operation, x)
-        raise KeyError(operation)
-
-    def call(self, function: str, x: list[str]) -> str:
-        """A call of an intrinsic or of the C library."""
+        """The right-hand side of an operation: an instruction, or a call of an intrinsic or of the C library."""
+        if operation in INSTRUCTIONS:
+            return INSTRUCTIONS[operation].format(*x)
+        function = FUNCTIONS[operation]
         attributes = "" if function.startswith("llvm.") else " nounwind willreturn memory(none)"
         self.declarations.add(f"declare double @{function}({', '.join(['double'] * len(x))}){attributes}")
         return f"call double @{function}({', '.join(f'double {value}' for value in x)})"

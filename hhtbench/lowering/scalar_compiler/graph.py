@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -220,10 +221,6 @@ def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
     return result
 
 
-def _square(graph: Graph, x: int) -> int:
-    return graph.mul(x, x)
-
-
 def _pow(graph: Graph, x: int, y: int) -> int:
     exponent = graph.number.get(y)
     if exponent == 1.0:
@@ -241,54 +238,35 @@ def _abs(graph: Graph, x: int) -> int:
     return graph.constant(abs(graph.number[x])) if x in graph.number else graph.node("abs", x)
 
 
-def _rsqrt(graph: Graph, x: int) -> int:
-    return graph.div(ONE, graph.apply("sqrt", x))
-
-
-def _logistic(graph: Graph, x: int) -> int:
-    return graph.div(ONE, graph.add(ONE, graph.apply("exp", graph.neg(x))))
-
-
-def _clamp(graph: Graph, low: int, x: int, high: int) -> int:
-    return graph.apply("min", graph.apply("max", x, low), high)
-
-
 def _sign(graph: Graph, x: int) -> int:
     below = graph.select(graph.apply("lt", x, ZERO), MINUS_ONE, x)
     return graph.select(graph.apply("gt", x, ZERO), ONE, below)
 
 
-def _is_finite(graph: Graph, x: int) -> int:
-    return graph.apply("lt", graph.apply("abs", x), graph.constant(math.inf))
-
-
-def _extreme(name: str) -> Callable[[Graph, int, int], int]:
-    def extreme(graph: Graph, x: int, y: int) -> int:
-        if x == y:
-            return x
-        if x in graph.number and y in graph.number:
-            return graph.constant(FOLDS[name](graph.number[x], graph.number[y]))
-        return graph.node(name, min(x, y), max(x, y))
-
-    return extreme
+def _extreme(name: str, graph: Graph, x: int, y: int) -> int:
+    if x == y:
+        return x
+    if x in graph.number and y in graph.number:
+        return graph.constant(FOLDS[name](graph.number[x], graph.number[y]))
+    return graph.node(name, min(x, y), max(x, y))
 
 
 _SPECIAL: dict[str, Callable[..., int]] = {
     "abs": _abs,
     "add": Graph.add,
     "add_any": Graph.add,
-    "clamp": _clamp,
+    "clamp": lambda graph, low, x, high: graph.apply("min", graph.apply("max", x, low), high),
     "div": Graph.div,
-    "is_finite": _is_finite,
-    "logistic": _logistic,
-    "max": _extreme("max"),
-    "min": _extreme("min"),
+    "is_finite": lambda graph, x: graph.apply("lt", graph.apply("abs", x), graph.constant(math.inf)),
+    "logistic": lambda graph, x: graph.div(ONE, graph.add(ONE, graph.apply("exp", graph.neg(x)))),
+    "max": partial(_extreme, "max"),
+    "min": partial(_extreme, "min"),
     "mul": Graph.mul,
     "neg": Graph.neg,
     "pow": _pow,
-    "rsqrt": _rsqrt,
+    "rsqrt": lambda graph, x: graph.div(ONE, graph.apply("sqrt", x)),
     "select": Graph.select,
     "sign": _sign,
-    "square": _square,
+    "square": lambda graph, x: graph.mul(x, x),
     "sub": Graph.sub,
 }

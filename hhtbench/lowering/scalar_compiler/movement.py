@@ -121,10 +121,10 @@ def _dynamic_slice(walk: Walk, equation: Any, x: Value, *start: Value) -> list[V
 
 def known_indices(walk: Walk, values: Any) -> list[np.ndarray]:
     """Indices, which must not depend on the arguments."""
-    known = [value for value in (settled(walk.graph, value) for value in values) if isinstance(value, np.ndarray)]
-    if len(known) != len(values):
+    known = [settled(walk.graph, lift(walk.graph, value)) for value in values]
+    if not all(isinstance(value, np.ndarray) for value in known):
         raise NotNative("a place that depends on the arguments")
-    return known
+    return known  # type: ignore[return-value]
 
 
 def _corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:

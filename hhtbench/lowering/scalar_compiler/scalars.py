@@ -12,37 +12,34 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-
-def _folded(function: Callable[..., Any]) -> Callable[..., Any]:
-    def fold(*values: float) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*(np.float64(value) for value in values)).item()
-
-    return fold
-
-
-LIBM = (  # one argument, by the C library
+LIBM = (  # one argument, by the C library; NumPy has the same names
     *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cbrt", "cosh"),
-    *("erf", "erfc", "expm1", "log1p", "sinh", "tan", "tanh"),
+    *("expm1", "log1p", "sinh", "tan", "tanh"),
 )
 INTRINSICS = {  # one argument, by LLVM's own names: inlined, or the C library's where it has the better code
     "abs": "fabs",
-    "ceil": "ceil",
-    "cos": "cos",
-    "exp": "exp",
-    "exp2": "exp2",
-    "floor": "floor",
-    "log": "log",
     "round_away": "round",
     "round_even": "roundeven",
-    "sin": "sin",
-    "sqrt": "sqrt",
-    "trunc": "trunc",
+    **{name: name for name in ("ceil", "cos", "exp", "exp2", "floor", "log", "sin", "sqrt", "trunc")},
 }
 COMPARISONS = {"eq": "oeq", "ne": "une", "lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge"}
 ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "rem": "frem"}
 LOGIC = ("and", "or", "xor", "not")
 COMMUTATIVE = ("eq", "ne")
+
+INSTRUCTIONS = {  # in LLVM's language, of operands in order
+    **{name: f"{instruction} double {{}}, {{}}" for name, instruction in ARITHMETIC.items()},
+    **{name: f"fcmp {predicate} double {{}}, {{}}" for name, predicate in COMPARISONS.items()},
+    **{name: f"{name} i1 {{}}, {{}}" for name in ("and", "or", "xor")},
+    "neg": "fneg double {}",
+    "not": "xor i1 {}, true",
+    "select": "select i1 {}, double {}, double {}",
+    "select_truth": "select i1 {}, i1 {}, i1 {}",
+}
+FUNCTIONS = {  # that are called, of numbers
+    **{name: name for name in (*LIBM, "atan2", "erf", "erfc", "pow")},
+    **{name: f"llvm.{intrinsic}.f64" for name, intrinsic in (INTRINSICS | {"max": "maximum", "min": "minimum"}).items()},
+}
 
 
 def _power(x: Any, y: Any) -> Any:
@@ -54,49 +51,35 @@ def _power(x: Any, y: Any) -> Any:
 
 
 ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
-    "abs": np.abs,
-    "acos": np.arccos,
-    "acosh": np.arccosh,
+    **{name: getattr(np, name) for name in (*LIBM, "abs", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
+    **{name: getattr(np, name) for name in ("sign", "sin", "sqrt", "square", "trunc")},
     "add": np.add,
-    "asin": np.arcsin,
-    "asinh": np.arcsinh,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "atanh": np.arctanh,
-    "cbrt": np.cbrt,
-    "ceil": np.ceil,
-    "cos": np.cos,
-    "cosh": np.cosh,
     "div": np.divide,
+    "eq": np.equal,
     "erf": special.erf,
     "erfc": special.erfc,
-    "exp": np.exp,
-    "exp2": np.exp2,
-    "expm1": np.expm1,
-    "floor": np.floor,
-    "log": np.log,
-    "log1p": np.log1p,
+    "ge": np.greater_equal,
+    "gt": np.greater,
+    "le": np.less_equal,
+    "lt": np.less,
     "max": np.maximum,
     "min": np.minimum,
     "mul": np.multiply,
+    "ne": np.not_equal,
     "neg": np.negative,
     "rem": np.fmod,
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
     "round_even": np.rint,
-    "sign": np.sign,
-    "sin": np.sin,
-    "sinh": np.sinh,
-    "sqrt": np.sqrt,
-    "square": np.square,
     "sub": np.subtract,
-    "tan": np.tan,
-    "tanh": np.tanh,
-    "trunc": np.trunc,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "lt": np.less,
-    "le": np.less_equal,
-    "gt": np.greater,
-    "ge": np.greater_equal,
 }
+
+
+def _folded(function: Callable[..., Any]) -> Callable[..., Any]:
+    def fold(*values: float) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*(np.float64(value) for value in values)).item()
+
+    return fold
+
+
 FOLDS = {name: _folded(function) for name, function in (ELEMENTWISE | {"pow": _power}).items()}

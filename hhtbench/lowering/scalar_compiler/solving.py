@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, numbers
+from hhtbench.lowering.scalar_compiler.values import Nodes, Value, numbers
 from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 
@@ -45,9 +45,6 @@ def _linear_solve(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     p = equation.params
     lengths, jaxprs = p["const_lengths"], p["jaxprs"]
     constants, right = inputs[: lengths.matvec], inputs[sum(lengths) :]
-    missing = next((value for value in (*constants, *right) if isinstance(value, Unknown)), None)
-    if missing is not None:
-        raise NotNative(missing.reason)
     if len(right) != 1:
         raise NotNative("a linear solve for several arrays at once")
     ids = numbers(walk.graph, right[0])

@@ -41,9 +41,17 @@ def is_known(value: Value) -> bool:
 
 
 def lift(graph: Graph, value: Any) -> Nodes:
-    """``value`` as nodes."""
+    """``value`` as nodes.
+
+    Raises
+    ------
+    NotNative
+        It is unknown, or of a type that has no nodes.
+    """
     if isinstance(value, Nodes):
         return value
+    if isinstance(value, Unknown):
+        raise NotNative(value.reason)
     kind = {"b": "truth", "i": "whole", "u": "whole"}.get(value.dtype.kind, "number")
     if kind == "number" and value.dtype != np.float64:
         raise NotNative(f"{value.dtype} values")
@@ -78,7 +86,7 @@ def settled(graph: Graph, value: Value) -> Value:
     if value.kind == "whole":
         _expect_exact(plain)
         plain = plain.astype(np.int64)
-    return plain[places].reshape(value.shape)
+    return np.asarray(plain[places]).reshape(value.shape)
 
 
 def _expect_exact(whole: np.ndarray) -> None:

@@ -70,10 +70,6 @@ class Walk:
                 return self._folded(equation, inputs) or _bound(equation, inputs)
             if found is None:
                 raise NotNative(f"the primitive {name} has no rule")
-            if name not in ACCEPTS_UNKNOWN:
-                missing = next((value for value in inputs if isinstance(value, Unknown)), None)
-                if missing is not None:
-                    return [missing] * len(equation.outvars)
             return found(self, equation, *inputs)
         except NotNative as error:
             if not equation.outvars or isinstance(error, TooLarge):
@@ -120,7 +116,6 @@ CALLS = {  # primitives that only wrap a computation, and the parameter that hol
     "jit": "jaxpr",
     "remat2": "jaxpr",
 }
-ACCEPTS_UNKNOWN = ("custom_linear_solve", "scan", "cond", "optimization_barrier")
 
 
 def _bound(equation: Any, inputs: list[Value]) -> list[Value]:
