@@ -11,29 +11,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.dynamics.differences import derivative
-from hhtbench.lowering.dynamics.dynamics import Dynamics, EquationsOfMotion
+from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.reduced import ReducedDynamics
 from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.wrapper import Wrapper
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 
 
-class AugmentedDynamics(eqx.Module, EquationsOfMotion):
-    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``; the rest is passed through.
+class AugmentedDynamics(Wrapper):
+    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``.
 
     Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
     """
 
-    inner: Dynamics
     rho: Any  #: scalar weight, float64 array
 
     @property
@@ -41,49 +37,39 @@ class AugmentedDynamics(eqx.Module, EquationsOfMotion):
         """Sizes and dependencies: the augmented mass is variable, the force uses q and v."""
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
-    def __getattr__(self, name: str) -> Any:
-        if name in ("inner", "rho") or name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.inner, name)
+    def _levels(self) -> tuple[bool, bool]:
+        """Whether the rows of g take part, and those of k."""
+        s = self.inner.structure
+        return s.m > 0, s.p > 0 and not s.velocity_jacobian_uses_v
 
-    def _rows(self, t: Any, q: Any) -> Any:
+    def rows(self, t: Any, q: Any) -> Any:
         """C (rows, n) as a function of (t, q)."""
-        blocks = []
-        if self.inner.structure.m:
-            blocks.append(self.inner.constraint_jacobian(t, q))
-        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
-            blocks.append(self.inner.velocity_constraint_jacobian(t, q, 0.0 * q))
-        return self.inner.xp.concatenate(blocks, axis=0)
+        position, velocity = self._levels()
+        blocks = [self.constraint_jacobian(t, q)] if position else []
+        return self.xp.concatenate([*blocks, self.velocity_constraint_jacobian(t, q, 0.0 * q)] if velocity else blocks)
 
     def _acceleration_terms(self, t: Any, q: Any, v: Any) -> Any:
         """c (rows,): the part of the constraints' second time derivative without C vdot."""
-        parts = []
-        if self.inner.structure.m:
-            parts.append(self.inner.constraint_acceleration(t, q, v))
-        if self.inner.structure.p and not self.inner.structure.velocity_jacobian_uses_v:
-            parts.append(self.inner.velocity_constraint_acceleration(t, q, v))
-        return self.inner.xp.concatenate(parts)
+        position, velocity = self._levels()
+        parts = [self.constraint_acceleration(t, q, v)] if position else []
+        return self.xp.concatenate([*parts, self.velocity_constraint_acceleration(t, q, v)] if velocity else parts)
 
     def mass(self, t: Any, q: Any) -> Any:
         """M + rho C^T C (n, n)."""
-        rows = self._rows(t, q)
+        rows = self.rows(t, q)
         return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """F - rho C^T c (n,)."""
-        return self.inner.force(t, q, v) - self.rho * (self._rows(t, q).T @ self._acceleration_terms(t, q, v))
+        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ self._acceleration_terms(t, q, v))
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
-        """Derivative of ``mass(t, q) x`` by q, (n, n)."""
-        product = lambda y: self.mass(t, y) @ x  # noqa: E731 - one expression, used once in either branch
-        return jax.jacfwd(product)(q) if self.inner.xp is jnp else derivative(product, q, 4)
+        """(M x)_q (n, n)."""
+        return self.jacobian(lambda y: self.mass(t, y) @ x, q)
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-        """(F_q, F_v) of the augmented force, each (n, n)."""
-        if self.inner.xp is jnp:
-            return jax.jacfwd(self.force, 1)(t, q, v), jax.jacfwd(self.force, 2)(t, q, v)
-        by_q = derivative(lambda x: self.force(t, x, v), q, 4)  # c holds 1e-9 of difference error
-        return by_q, derivative(lambda x: self.force(t, q, x), v, 4)
+        """(F_q, F_v), each (n, n); of order 4 where they are differences, since c holds 1e-9 of difference error."""
+        return self.jacobian(lambda x: self.force(t, x, v), q), self.jacobian(lambda x: self.force(t, q, x), v)
 
 
 def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
@@ -101,7 +87,7 @@ def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
             "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
         )
     plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
-    rows = np.asarray(plain._rows(t, q))
+    rows = np.asarray(plain.rows(t, q))
     mass = np.asarray(dynamics.mass(t, q))
     size = np.abs(mass).max() or 1.0
     rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)

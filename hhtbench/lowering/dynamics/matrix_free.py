@@ -8,37 +8,25 @@ from __future__ import annotations
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.lowering.dynamics.dynamics import Dynamics, EquationsOfMotion
+from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.protocol import declared
+from hhtbench.lowering.dynamics.wrapper import Wrapper
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 
-class MatrixFree(eqx.Module, EquationsOfMotion):
+class MatrixFree(Wrapper):
     """The functions of ``inner`` as products; masses are diagonal."""
 
     inner: JaxDynamics
     constant_mass: Diagonal | None  #: None: the identity
     inverse_mass: Diagonal | None
-
-    @property
-    def structure(self) -> Structure:
-        """That of the system."""
-        return self.inner.structure
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("inner", "constant_mass", "inverse_mass") or name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.inner, name)
 
     def mass(self, t: Any, q: Any) -> Any:
         """M, to be multiplied with."""
@@ -47,9 +35,8 @@ class MatrixFree(eqx.Module, EquationsOfMotion):
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
         """g_t + g_q v (m,)."""
         if not self.structure.rheonomic:
-            return jax.jvp(lambda y: self.inner.constraint(t, y), (q,), (v,))[1]
-        t = jnp.asarray(t, dtype=float)
-        return jax.jvp(self.inner.constraint, (t, q), (jnp.ones_like(t), v))[1]
+            return jax.jvp(lambda y: self.constraint(t, y), (q,), (v,))[1]
+        return self.rate(self.constraint, t, q, v)
 
     def constraint_time_derivative(self, t: Any, q: Any) -> Any:
         """g_t (m,)."""
@@ -57,24 +44,23 @@ class MatrixFree(eqx.Module, EquationsOfMotion):
 
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """(m,): g_tt + 2 g_tq v + g_qq(v, v)."""
-        t = jnp.asarray(t, dtype=float)
-        return jax.jvp(lambda s, y: self.constraint_velocity(s, y, v), (t, q), (jnp.ones_like(t), v))[1]
+        return self.rate(lambda s, y: self.constraint_velocity(s, y, v), t, q, v)
 
     def velocity_row(self, t: Any, q: Any, v: Any, w: Any) -> Any:
         """k_v w (p,)."""
-        return jax.jvp(lambda y: self.inner.velocity_constraint(t, q, y), (v,), (w,))[1]
+        return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (w,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         """Q (n,) of the position constraints."""
-        if declared(self.inner.system, "reaction") is not None:
+        if self.gives("reaction"):
             return self.inner.reaction(t, q, lam)
-        return -jax.vjp(lambda y: self.inner.constraint(t, y), q)[1](lam)[0]
+        return -jax.vjp(lambda y: self.constraint(t, y), q)[1](lam)[0]
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
         """Q_k (n,) of the velocity constraints."""
-        if declared(self.inner.system, "velocity_reaction") is not None:
+        if self.gives("velocity_reaction"):
             return self.inner.velocity_reaction(t, q, v, mu)
-        return -jax.vjp(lambda w: self.inner.velocity_constraint(t, q, w), v)[1](mu)[0]
+        return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:

@@ -14,15 +14,15 @@ import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.dynamics.dynamics import Dynamics, EquationsOfMotion
+from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.wrapper import Wrapper
 from hhtbench.protocol import declared
 
 
-class ReducedDynamics(eqx.Module, EquationsOfMotion):
-    """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only; the rest is passed through."""
+class ReducedDynamics(Wrapper):
+    """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only."""
 
-    inner: Dynamics
     position: tuple[int, ...] = eqx.field(static=True)  #: kept rows of g
     velocity: tuple[int, ...] = eqx.field(static=True)  #: kept rows of k
 
@@ -32,55 +32,12 @@ class ReducedDynamics(eqx.Module, EquationsOfMotion):
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("inner", "position", "velocity") or name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.inner, name)
-
-    def _of_g(self, rows: Any) -> Any:
-        return rows[np.array(self.position, dtype=int)]
-
-    def _of_k(self, rows: Any) -> Any:
-        return rows[np.array(self.velocity, dtype=int)]
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """Kept rows of g."""
-        return self._of_g(self.inner.constraint(t, q))
-
-    def constraint_jacobian(self, t: Any, q: Any) -> Any:
-        """Of g_q."""
-        return self._of_g(self.inner.constraint_jacobian(t, q))
-
-    def constraint_time_derivative(self, t: Any, q: Any) -> Any:
-        """Of g_t."""
-        return self._of_g(self.inner.constraint_time_derivative(t, q))
-
-    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
-        """Of g_t + g_q v."""
-        return self._of_g(self.inner.constraint_velocity(t, q, v))
-
-    def constraint_velocity_jacobian(self, t: Any, q: Any, v: Any) -> Any:
-        """Of its derivative by q."""
-        return self._of_g(self.inner.constraint_velocity_jacobian(t, q, v))
-
-    def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        """Of g'' without g_q vdot."""
-        return self._of_g(self.inner.constraint_acceleration(t, q, v))
-
-    def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
-        """Kept rows of k."""
-        return self._of_k(self.inner.velocity_constraint(t, q, v))
-
-    def velocity_constraint_jacobian(self, t: Any, q: Any, v: Any) -> Any:
-        """Of k_v."""
-        return self._of_k(self.inner.velocity_constraint_jacobian(t, q, v))
-
-    def velocity_constraint_position_jacobian(self, t: Any, q: Any, v: Any) -> Any:
-        """Of k_q."""
-        return self._of_k(self.inner.velocity_constraint_position_jacobian(t, q, v))
-
-    def velocity_constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        """Of k' without k_v vdot."""
-        return self._of_k(self.inner.velocity_constraint_acceleration(t, q, v))
+        """Functions of g are called constraint... and those of k velocity_constraint...; all have a row for each constraint."""
+        found = super().__getattr__(name)
+        if not name.startswith(("constraint", "velocity_constraint")):
+            return found
+        kept = self.position if name.startswith("constraint") else self.velocity
+        return lambda *arguments: found(*arguments)[np.array(kept, dtype=int)]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         """-g_q^T lam (n,): that of all rows, the multipliers of the redundant ones zero."""
@@ -141,11 +98,9 @@ def smallest(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
 
 def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
     inner: Any = dynamics
-    while not isinstance(inner, ReducedDynamics):
-        if not hasattr(inner, "rho"):
-            return None
+    while isinstance(inner, Wrapper) and not isinstance(inner, ReducedDynamics):
         inner = inner.inner
-    return inner
+    return inner if isinstance(inner, ReducedDynamics) else None
 
 
 def _spread(dynamics: ReducedDynamics, values: Any, kept: tuple[int, ...], size: int) -> Any:
