@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -15,9 +16,11 @@ from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_cont
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import inverse_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.shapes import abstract_result, expect_pair, expect_shape, mass_as_matrix, wrong_shape
+from hhtbench.lowering.dynamics.shapes import abstract_result, called, expect_pair, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.dynamics.structure import Structure, used_arguments
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
+
+_derived = Cache(64)  # a system is immutable; reading its structure costs a trace for each of its functions
 
 
 def derive(
@@ -45,71 +48,56 @@ def derive(
     if isinstance(system, System):
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
             raise traced(f"a parameter of {type(system).__name__}")
-        return _remember(system, t, q, v, ignored)
+        found: JaxDynamics = _derived.find(
+            (ById(system), np.shape(q), ignored), lambda: _derive_jax(system, t, q, v, ignored)
+        )
+        return found
     if isinstance(system, NumpySystem):
         return _derive_numpy(system, t, q, v, ignored)
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
 
-_derived = Cache(64)  # reading a system's structure costs a trace for each of its functions
-
-
-def _remember(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
-    """A system is immutable: its dynamics is derived once per size."""
-    return _derived.find((ById(system), np.shape(q), ignored), lambda: _read_off(system, t, q, v, ignored))
-
-
-def _read_off(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
+def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
     with preparing("starting JAX"):  # where this is its first use
-        place = jnp.asarray(q), jnp.asarray(v)
+        place = jnp.asarray(t, dtype=float), jnp.asarray(q), jnp.asarray(v)
     try:
-        return _trace(system, t, *place, ignored)
+        structure = _structure(system, *place, ignored)
+        with preparing("evaluating mass_matrix"):
+            constant = _constant_mass(system, *place[:2]) if structure.mass == "constant" else None
+            return JaxDynamics(system, structure, ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
 
 
-def _trace(system: System, t: float, q: Any, v: Any, ignored: tuple[str, ...]) -> JaxDynamics:
-    n = q.size
-    time = jnp.asarray(t, dtype=float)
-    expect_shape(system, "force", (n,), time, q, v)
-    m = _rows_jax(system, "constraint", time, q)
-    p = _rows_jax(system, "velocity_constraint", time, q, v)
+def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) -> Structure:
+    expect_shape(system, "force", q.shape, t, q, v)
+    m, p = (_rows(system, name, abstract_result, *at) for name, *at in _constraints(t, q, v))
     with preparing("evaluating mass_matrix"):
         mass = _mass_kind(system)
     if mass == "variable":
-        expect_shape(system, "mass_matrix", (n, n), time, q)
-        mass = "variable" if any(used_arguments(system.mass_matrix, time, q)) else "constant"  # type: ignore[attr-defined]
-    _expect_optional_shapes(system, time, q, v, m, p, ignored)
-    force_uses = used_arguments(system.force, time, q, v)  # type: ignore[attr-defined]
-    general = Structure(n=n, m=m, p=p, mass=mass)
+        expect_shape(system, "mass_matrix", (q.size, q.size), t, q)
+        mass = "variable" if any(used_arguments(system.mass_matrix, t, q)) else "constant"
+    general = Structure(n=q.size, m=m, p=p, mass=mass)
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)
-    structure = Structure(
-        n=n,
-        m=m,
-        p=p,
-        mass=mass,
-        force_uses_q=force_uses[1],
-        force_uses_v=force_uses[2],
-        rheonomic=m > 0
-        and (used_arguments(plain.constraint, time, q)[0] or _declares(system, "constraint_time_derivative")),
-        linear_reaction=_reactions_are_linear(plain, time, q, v),
-        velocity_jacobian_uses_v=p > 0 and used_arguments(plain.velocity_constraint_jacobian, time, q, v)[2],
-        velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, time, q, v, jnp.zeros(p))[2],
+    _expect_optional_shapes(plain, t, q, v)
+    _, force_uses_q, force_uses_v = used_arguments(system.force, t, q, v)
+    declares_g_t = declared(system, "constraint_time_derivative") is not None
+    return replace(
+        general,
+        force_uses_q=force_uses_q,
+        force_uses_v=force_uses_v,
+        rheonomic=m > 0 and (used_arguments(plain.constraint, t, q)[0] or declares_g_t),
+        linear_reaction=_reactions_are_linear(plain, t, q, v),
+        velocity_jacobian_uses_v=p > 0 and used_arguments(plain.velocity_constraint_jacobian, t, q, v)[2],
+        velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, t, q, v, jnp.zeros(p))[2],
     )
-    with preparing("evaluating mass_matrix"):
-        constant = _constant_mass(system, time, q) if mass == "constant" else None
-        inverse = inverse_of(constant, jnp)
-    return JaxDynamics(system, structure, ignored, constant, inverse)
 
 
 def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
-    n = np.size(q)
-    mass = _mass_kind(system)
-    m = _rows_numpy(system, "constraint", t, q)
-    p = _rows_numpy(system, "velocity_constraint", t, q, v)
+    m, p = (_rows(system, name, _result, *at) for name, *at in _constraints(t, q, v))
     linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
-    structure = Structure(n=n, m=m, p=p, mass=mass, linear_reaction=linear)
-    constant = mass_as_matrix(system.mass_matrix, n, np) if mass == "constant" else None  # type: ignore[attr-defined]
+    structure = Structure(n=np.size(q), m=m, p=p, mass=_mass_kind(system), linear_reaction=linear)
+    constant = mass_as_matrix(system.mass_matrix, structure.n, np) if structure.mass == "constant" else None  # type: ignore[attr-defined]
     return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
 
 
@@ -127,35 +115,32 @@ def _constant_mass(system: System, t: Any, q: Any) -> Any:
     return jax.tree.map(lambda values: jnp.asarray(values, dtype=float), mass)
 
 
-def _rows_jax(system: System, name: str, *arguments: Any) -> int:
+def _constraints(t: Any, q: Any, v: Any) -> Any:
+    """The functions whose results say how many constraints there are, with their arguments."""
+    return ("constraint", t, q), ("velocity_constraint", t, q, v)
+
+
+def _rows(system: Any, name: str, result: Any, *arguments: Any) -> int:
     if declared(system, name) is None:
         return 0
-    shape = abstract_result(system, name, *arguments).shape
+    shape: tuple[int, ...] = result(system, name, *arguments).shape
     if len(shape) != 1:
         raise wrong_shape(name, "(m,), one entry per constraint", shape)
     return shape[0]
 
 
-def _rows_numpy(system: NumpySystem, name: str, t: float, *arguments: Any) -> int:
-    function = declared(system, name)
-    if function is None:
-        return 0
-    copies = [np.array(argument, dtype=np.float64) for argument in arguments]
-    for copy in copies:
-        copy.setflags(write=False)
-    result = real_values(f"{name} result", function(float(t), *copies))
-    if result.ndim != 1:
-        raise wrong_shape(name, "(m,), one entry per constraint", result.shape)
-    return result.size
+def _result(system: NumpySystem, name: str, *arguments: Any) -> np.ndarray:
+    return real_values(f"{name} result", called(system, name, *arguments))
 
 
-def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: int, ignored: tuple[str, ...]) -> None:
-    at = {"t": t, "q": q, "v": v, "lam": jnp.zeros(m), "mu": jnp.zeros(p)}
+def _expect_optional_shapes(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> None:
+    system, s = dynamics.system, dynamics.structure
+    at = {"t": t, "q": q, "v": v, "lam": jnp.zeros(s.m), "mu": jnp.zeros(s.p)}
     for name in ("reaction", "velocity_reaction", *DERIVATIVES):
-        if not _declares(system, name) or name in ignored:
+        if not dynamics.gives(name):
             continue
         arguments = [at[symbol] for symbol in SIGNATURES[name].arguments]
-        shapes = SIGNATURES[name].shapes(q.size, m, p)
+        shapes = SIGNATURES[name].shapes(s.n, s.m, s.p)
         if len(shapes) == 1:
             expect_shape(system, name, shapes[0], *arguments)
             continue
@@ -165,15 +150,13 @@ def _expect_optional_shapes(system: System, t: Any, q: Any, v: Any, m: int, p: i
                 raise wrong_shape(name, shape, value.shape)
 
 
-def _declares(system: System | NumpySystem, name: str) -> bool:
-    return declared(system, name) is not None
-
-
 def _reactions_are_linear(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> bool:
     """Whether both reactions are linear in the multipliers: their Jacobian does not use them."""
-    system, m, p = dynamics.system, dynamics.structure.m, dynamics.structure.p
-    if m and _declares(system, "reaction") and used_arguments(jax.jacfwd(system.reaction, 2), t, q, jnp.zeros(m))[2]:  # type: ignore[attr-defined]
-        return False
-    if p and _declares(system, "velocity_reaction"):
-        return not used_arguments(jax.jacfwd(system.velocity_reaction, 3), t, q, v, jnp.zeros(p))[3]  # type: ignore[attr-defined]
+    s = dynamics.structure
+    for name, *arguments in ("reaction", t, q, jnp.zeros(s.m)), ("velocity_reaction", t, q, v, jnp.zeros(s.p)):
+        function: Any = declared(dynamics.system, name)
+        if function is None or not arguments[-1].size:
+            continue
+        if used_arguments(jax.jacfwd(function, len(arguments) - 1), *arguments)[-1]:
+            return False
     return True

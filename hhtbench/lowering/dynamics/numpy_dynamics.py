@@ -15,7 +15,7 @@ import numpy as np
 from hhtbench.counting import check_clock
 from hhtbench.lowering.dynamics.derived import DerivedDynamics, unless_declared
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
-from hhtbench.lowering.dynamics.shapes import checked_result, expect_pair
+from hhtbench.lowering.dynamics.shapes import called, checked_result, expect_pair
 from hhtbench.lowering.dynamics.structure import Structure
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
 
@@ -44,10 +44,7 @@ class NumpyDynamics(DerivedDynamics):
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
         """The checked result of the callback ``name``, an array or a pair."""
         self.on_call(name)
-        copies = [np.array(argument, dtype=np.float64) for argument in arguments]
-        for copy in copies:
-            copy.setflags(write=False)
-        value, shapes = getattr(self.system, name)(float(t), *copies), self._shapes[name]
+        value, shapes = called(self.system, name, t, *arguments), self._shapes[name]
         if len(shapes) == 1:
             return checked_result(name, value, shapes[0], float(t))
         return tuple(

@@ -32,7 +32,7 @@ class ReducedDynamics(Wrapper):
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
     def __getattr__(self, name: str) -> Any:
-        """Functions of g are called constraint... and those of k velocity_constraint...; all have a row for each constraint."""
+        """Functions of g are called constraint..., those of k velocity_constraint...; all have a row for each."""
         found = super().__getattr__(name)
         if not name.startswith(("constraint", "velocity_constraint")):
             return found

@@ -12,7 +12,7 @@ from hhtbench.arguments import real_values
 from hhtbench.counting import preparing
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.protocol import System
+from hhtbench.protocol import NumpySystem, System
 
 FULL_MASS = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
 
@@ -64,6 +64,14 @@ def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) 
     if not isinstance(value, (tuple, list)) or len(value) != 2:
         raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
     return value
+
+
+def called(system: NumpySystem, function: str, t: Any, *arguments: Any) -> Any:
+    """What a callback returns for read-only copies of its arguments and a plain float t."""
+    copies = [np.array(argument, dtype=np.float64) for argument in arguments]
+    for copy in copies:
+        copy.setflags(write=False)
+    return getattr(system, function)(float(t), *copies)
 
 
 def checked_result(function: str, value: Any, expected: tuple[int, ...] | None, t: float) -> np.ndarray:
