@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,15 +17,13 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import ById, Cache, cache_directory, use_disk_cache
+from hhtbench.lowering.caching import ById, Cache, use_disk_cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
-from hhtbench.lowering.compile.routes import Compilable, Route, record, route_of, too_large, wanted_route
+from hhtbench.lowering.compile.routes import Compilable, Route, route_of, too_large, wanted_route
 from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
 from hhtbench.lowering.scalar_compiler import NotNative, native
 from hhtbench.lowering.scalar_compiler.calling import Shapes, native_call
 from hhtbench.lowering.scalar_compiler.compiler import native_pieces
-
-__all__ = ["cache_directory", "compile_function", "compiled_pieces", "flat_function", "route_of"]
 
 SMALL = "the system is small and every operation is known"
 
@@ -53,27 +51,36 @@ def compile_function(
     """
     wanted = wanted_route(route)
     if route_of(dynamics) == "numpy":
-        reason = "the functions are plain callables on NumPy arrays"
-        record(dynamics, (function, static), Route(_name(function), "numpy", reason))
         return partial(function, dynamics, *static)
-    compiled, call = _callables.find(
-        (function, ById(dynamics), static, wanted), lambda: _callable(function, dynamics, static, wanted)
-    )
-    compiled.tell()
-    return call
+    key = (function, ById(dynamics), static, wanted)
+    compiled: _Callable = _callables.find(key, lambda: _callable(function, dynamics, static, wanted))
+    return compiled.call
+
+
+def routes(dynamics: Compilable) -> tuple[Route, ...]:
+    """Of every function of ``dynamics`` that has been called so far: its route and why."""
+    if route_of(dynamics) == "numpy":
+        return (Route("every function", "numpy", "the functions are plain callables on NumPy arrays"),)
+    return tuple(route for made in _callables.values() if made.dynamics is dynamics for route in made.routes.values())
+
+
+class _Callable(NamedTuple):
+    dynamics: Compilable
+    routes: dict[Shapes, Route]  #: taken so far, by the shapes of the arguments
+    call: Callable[..., np.ndarray]
 
 
 _callables = Cache(512)  # finding a function's code again takes as long as a hundred calls of it
 
 
-def _callable(*parts: Any) -> tuple[_Compiled, Callable[..., np.ndarray]]:
-    compiled = _Compiled(*parts)
+def _callable(function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], route: str) -> _Callable:
+    compiled = _Compiled(function, dynamics, static, route)
 
     def call(*arguments: Any) -> np.ndarray:
         value = compiled.last(*arguments)
         return compiled.any(*arguments) if value is None else value
 
-    return compiled, call
+    return _Callable(dynamics, compiled.routes, call)
 
 
 def _nothing(*_: Any) -> None:
@@ -86,16 +93,11 @@ class _Compiled:
     def __init__(self, function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], route: str) -> None:
         self._function, self._dynamics, self._static, self._route = function, dynamics, static, route
         self._flat = flat_function(function, dynamics, *static)
-        self._calls: dict[Shapes, Callable[..., np.ndarray | None] | None] = {}  #: machine code, or None: XLA
+        self._calls: dict[Shapes, Callable[..., np.ndarray | None]] = {}  #: machine code; of None, XLA is asked
         self.last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
         self._xla_shapes: set[Shapes] = set()  #: of arguments it was compiled for
-        self._records: dict[Any, Route] = {}
-
-    def tell(self) -> None:
-        """Put on record again what was chosen: records are of fewer dynamics than callables."""
-        for key, route in self._records.items():
-            record(self._dynamics, key, route)
+        self.routes: dict[Shapes, Route] = {}
 
     def any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""
@@ -111,15 +113,14 @@ class _Compiled:
         shapes = tuple(array.shape for array in arrays)
         if shapes not in self._calls:
             self._calls[shapes] = self._choose(shapes)
-        call = self._calls[shapes]
-        value = None if call is None else call(*arrays)
-        if call is None or value is None:
+        value = self._calls[shapes](*arrays)
+        if value is None:
             return self._by_xla(*arguments)
-        self.last = call
+        self.last = self._calls[shapes]
         return value
 
-    def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None] | None:
-        """Machine code where that pays and is known how, else None for XLA; the reason is recorded."""
+    def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
+        """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""
         reason = too_large(self._dynamics) if self._route == "auto" else None
         if reason is None:
             try:
@@ -129,15 +130,15 @@ class _Compiled:
                     raise ProblemError(f"{_name(self._function)} cannot take the native route: {error.reason}.") from None
                 reason = error.reason
             else:
-                self._record(shapes, "native", SMALL, code.operations)
+                self.routes[shapes] = Route(_name(self._function), "native", SMALL, code.operations)
                 return native_call(code, shapes)
-        self._record(shapes, "xla", reason)
-        return None
+        self.routes[shapes] = Route(_name(self._function), "xla", reason)
+        return _nothing
 
     def _by_xla(self, *arguments: Any) -> np.ndarray:
         if self._xla is None:
             if self._route == "xla":
-                self._record((), "xla", "it was asked for")
+                self.routes[()] = Route(_name(self._function), "xla", "it was asked for")
             use_disk_cache()
             parameters, compiled = jnp.asarray(self._flat.parameters), jitted(self._flat)
             self._xla = lambda *given: np.asarray(compiled(parameters, *map(_strong, given)))
@@ -148,11 +149,6 @@ class _Compiled:
             value = self._xla(*arguments)
         self._xla_shapes.add(shapes)
         return value
-
-    def _record(self, shapes: Shapes, route: str, reason: str, operations: int | None = None) -> None:
-        key = self._function, self._static, shapes
-        self._records[key] = Route(_name(self._function), route, reason, operations)
-        record(self._dynamics, key, self._records[key])
 
 
 def compiled_pieces() -> int:

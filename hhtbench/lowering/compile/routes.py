@@ -1,4 +1,4 @@
-"""Which route a function takes, and the record of what was chosen and why."""
+"""Which route a function takes, and why."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import ById, Cache
 
 ROUTES = ("auto", "native", "xla")
 VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
@@ -36,9 +35,6 @@ class Compilable(Protocol):
     @property
     def xp(self) -> Any:
         """The array namespace of the functions: ``numpy`` or ``jax.numpy``."""
-
-
-_records = Cache(64)
 
 
 def route_of(dynamics: Compilable) -> str:
@@ -68,13 +64,3 @@ def too_large(dynamics: Compilable) -> str | None:
     if unknowns <= MOST_UNKNOWNS:
         return None
     return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code without loops would be long"
-
-
-def record(dynamics: Compilable, key: Any, route: Route) -> None:
-    """Remember a choice."""
-    _records.find(ById(dynamics), dict)[key] = route
-
-
-def routes(dynamics: Compilable) -> tuple[Route, ...]:
-    """Of every function of ``dynamics`` that has been called so far: its route and why."""
-    return tuple(_records.find(ById(dynamics), dict).values())
