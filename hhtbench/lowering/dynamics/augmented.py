@@ -34,7 +34,6 @@ class AugmentedDynamics(Wrapper):
 
     @property
     def structure(self) -> Structure:
-        """Sizes and dependencies: the augmented mass is variable, the force uses q and v."""
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
     def _levels(self) -> tuple[bool, bool]:
@@ -55,16 +54,13 @@ class AugmentedDynamics(Wrapper):
         return self.xp.concatenate([*parts, self.velocity_constraint_acceleration(t, q, v)] if velocity else parts)
 
     def mass(self, t: Any, q: Any) -> Any:
-        """M + rho C^T C (n, n)."""
         rows = self.rows(t, q)
         return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """F - rho C^T c (n,)."""
         return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ self._acceleration_terms(t, q, v))
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
-        """(M x)_q (n, n)."""
         return self.jacobian(lambda y: self.mass(t, y) @ x, q)
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:

@@ -50,7 +50,6 @@ class DerivedDynamics(EquationsOfMotion):
         return 1 if any(self.gives(name) for name in names) else NESTED
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """F (n,)."""
         return self.call("force", t, q, v)
 
     @unless_declared
@@ -61,59 +60,47 @@ class DerivedDynamics(EquationsOfMotion):
         return by_q, self.jacobian(lambda x: self.force(t, q, x), v, "force_v", 1) if s.force_uses_v else None
 
     def mass(self, t: Array, q: Array) -> Array:
-        """M (n, n)."""
         if self.structure.mass == "variable":
             return self.call("mass_matrix", t, q)
         return self.xp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, self.xp)
 
     def mass_product_jacobian(self, t: Array, q: Array, x: Array) -> Array:
-        """(M x)_q (n, n)."""
         return self.jacobian(lambda y: self.mass(t, y) @ x, q, "mass_product_jacobian", 1)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """The position constraints g (m,)."""
         return self.call("constraint", t, q)
 
     @unless_declared
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
-        """g_q (m, n)."""
         return self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian")
 
     @unless_declared
     def constraint_time_derivative(self, t: Array, q: Array) -> Array:
-        """g_t (m,)."""
         return self.rate(lambda s, _: self.constraint(s, q), t, q, 0.0 * q)
 
     def constraint_velocity(self, t: Array, q: Array, v: Array) -> Array:
-        """g_t + g_q v (m,)."""
         along = self.constraint_jacobian(t, q) @ v
         return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
 
     def constraint_velocity_jacobian(self, t: Array, q: Array, v: Array) -> Array:
-        """(g_t + g_q v)_q (m, n)."""
         order = self._order("constraint_jacobian")
         return self.jacobian(lambda x: self.constraint_velocity(t, x, v), q, "constraint_jacobian", order)
 
     @unless_declared
     def constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """g_tt + 2 g_tq v + g_qq(v, v) (m,)."""
         return self.rate(lambda s, x: self.constraint_velocity(s, x, v), t, q, v)
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """The velocity constraints k (p,)."""
         return self.call("velocity_constraint", t, q, v)
 
     @unless_declared
     def velocity_constraint_jacobian(self, t: Array, q: Array, v: Array) -> Array:
-        """k_v (p, n)."""
         return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian")
 
     def velocity_constraint_position_jacobian(self, t: Array, q: Array, v: Array) -> Array:
-        """k_q (p, n)."""
         return self.jacobian(lambda x: self.velocity_constraint(t, x, v), q, "velocity_constraint_q", 1)
 
     def velocity_constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """k_t + k_q v (p,)."""
         return self.rate(lambda s, x: self.velocity_constraint(s, x, v), t, q, v)
 
     @unless_declared
@@ -123,7 +110,6 @@ class DerivedDynamics(EquationsOfMotion):
 
     @unless_declared
     def reaction_jacobians(self, t: Array, q: Array, lam: Array) -> tuple[Array, Array]:
-        """(Q_q (n, n), Q_lam (n, m))."""
         order = self._order("reaction", "constraint_jacobian")
         by_q = self.jacobian(lambda x: self.reaction(t, x, lam), q, "reaction_q", order)
         if not self.gives("reaction"):

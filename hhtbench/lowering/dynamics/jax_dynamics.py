@@ -25,18 +25,14 @@ class JaxDynamics(eqx.Module, DerivedDynamics):
 
     @property
     def xp(self) -> Any:
-        """The array namespace of this dynamics."""
         return jnp
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The value of the declared function ``name``."""
         return getattr(self.system, name)(t, *arguments)
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
-        """Derivative (rows, k) of ``function`` (rows,) at ``x`` (k,)."""
         return jax.jacfwd(function)(x)
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        """d/de of ``function(t + e, q + e v)`` at e = 0."""
         t = jnp.asarray(t, dtype=float)
         return jax.jvp(function, (t, q), (jnp.ones_like(t), v))[1]

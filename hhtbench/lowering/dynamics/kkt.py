@@ -17,7 +17,7 @@ from scipy.linalg import lapack, qr
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.kkt_sparse import SparseKkt, solve_scaled_sparse
+from hhtbench.lowering.dynamics.kkt_sparse import solve_scaled_sparse, sparse_kkt
 from hhtbench.lowering.dynamics.matrix_free import large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
@@ -75,13 +75,13 @@ class AccelerationLevel:
         """``full``: the matrix is an array also for large systems."""
         self.structure = dynamics.structure
         products = None if full else large(dynamics)
-        self._sparse = None if products is None else SparseKkt(products)
+        self._sparse = None if products is None else sparse_kkt(products)
         self._terms = compile_function(kkt_terms, dynamics)
 
     def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any]:
         """Residual (N,) and matrix (N, N) at ``x = [vdot, lam, mu]``, N = n + m + p."""
         if self._sparse is not None:
-            return self._sparse.terms(t, q, v, x)
+            return self._sparse(x, t, q, v)
         packed = self._terms(t, q, v, x)
         size = x.size
         return packed[:size], packed[size:].reshape(size, size)
@@ -90,10 +90,9 @@ class AccelerationLevel:
         """Accelerations and multipliers at (t, q, v); ``lam`` (m,) and ``mu`` (p,) pick the root of a nonlinear reaction."""
         s = self.structure
         x = np.zeros(s.n + s.m + s.p)
-        if lam is not None and not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
-            x[s.n : s.n + s.m] = lam
-        if mu is not None and not s.linear_reaction:
-            x[s.n + s.m :] = mu
+        if not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
+            x[s.n : s.n + s.m] = 0.0 if lam is None else lam
+            x[s.n + s.m :] = 0.0 if mu is None else mu
         last = np.inf
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
@@ -101,7 +100,7 @@ class AccelerationLevel:
             if increment is None:
                 return self._result(x, converged=False, singular=True)
             x = x - increment
-            size = float(np.max(np.abs(increment) / np.maximum(_block_sizes(x, s), np.finfo(float).tiny), initial=0.0))
+            size = float(np.maximum(_relative(increment[: s.n], x[: s.n]), _relative(increment[s.n :], x[s.n :])))  # or NaN
             if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
                 return self._result(x, converged=True)
             last = size
@@ -147,9 +146,6 @@ def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:
     return solution / column
 
 
-def _block_sizes(x: Vector, s: Any) -> Vector:
-    """Per entry the largest size in its block: accelerations, then all multipliers."""
-    sizes = np.empty_like(x)
-    sizes[: s.n] = np.max(np.abs(x[: s.n]), initial=0.0)
-    sizes[s.n :] = np.max(np.abs(x[s.n :]), initial=0.0)
-    return sizes
+def _relative(increment: Vector, block: Vector) -> Any:
+    """Largest increment in units of the largest entry of its block: accelerations, or all multipliers."""
+    return np.max(np.abs(increment), initial=0.0) / np.maximum(np.max(np.abs(block), initial=0.0), np.finfo(float).tiny)

@@ -26,16 +26,10 @@ def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate(rows)
 
 
-class SparseKkt:
-    """Residual and sparse matrix of (H16) of one system."""
-
-    def __init__(self, dynamics: MatrixFree) -> None:
-        n, unknowns = dynamics.structure.n, dynamics.structure.n + dynamics.structure.m + dynamics.structure.p
-        self._evaluate = Coloured(kkt_residual, dynamics, example=(np.zeros(unknowns), 0.0, np.zeros(n), np.zeros(n)))
-
-    def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, sp.csr_array]:
-        """Residual (N,) and matrix (N, N) at ``x``."""
-        return self._evaluate(x, t, q, v)
+def sparse_kkt(dynamics: MatrixFree) -> Coloured:
+    """Residual (N,) and sparse matrix (N, N) of (H16) as a function of (x, t, q, v)."""
+    n, unknowns = dynamics.structure.n, dynamics.structure.n + dynamics.structure.m + dynamics.structure.p
+    return Coloured(kkt_residual, dynamics, example=(np.zeros(unknowns), 0.0, np.zeros(n), np.zeros(n)))
 
 
 def solve_scaled_sparse(matrix: sp.csr_array, right: Vector) -> Vector | None:

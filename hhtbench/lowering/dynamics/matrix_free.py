@@ -29,21 +29,17 @@ class MatrixFree(Wrapper):
     inverse_mass: Diagonal | None
 
     def mass(self, t: Any, q: Any) -> Any:
-        """M, to be multiplied with."""
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
 
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
-        """g_t + g_q v (m,)."""
         if not self.structure.rheonomic:
             return jax.jvp(lambda y: self.constraint(t, y), (q,), (v,))[1]
         return self.rate(self.constraint, t, q, v)
 
     def constraint_time_derivative(self, t: Any, q: Any) -> Any:
-        """g_t (m,)."""
         return self.constraint_velocity(t, q, jnp.zeros_like(q))
 
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        """(m,): g_tt + 2 g_tq v + g_qq(v, v)."""
         return self.rate(lambda s, y: self.constraint_velocity(s, y, v), t, q, v)
 
     def velocity_row(self, t: Any, q: Any, v: Any, w: Any) -> Any:
@@ -51,13 +47,11 @@ class MatrixFree(Wrapper):
         return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (w,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        """Q (n,) of the position constraints."""
         if self.gives("reaction"):
             return self.inner.reaction(t, q, lam)
         return -jax.vjp(lambda y: self.constraint(t, y), q)[1](lam)[0]
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        """Q_k (n,) of the velocity constraints."""
         if self.gives("velocity_reaction"):
             return self.inner.velocity_reaction(t, q, v, mu)
         return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]

@@ -33,7 +33,6 @@ class NumpyDynamics(DerivedDynamics):
 
     @property
     def xp(self) -> Any:
-        """The array namespace of this dynamics."""
         return np
 
     @cached_property
@@ -53,11 +52,9 @@ class NumpyDynamics(DerivedDynamics):
         )
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
-        """Derivative (rows, k) of ``function`` (rows,) at ``x`` (k,) by differences."""
         return derivative(function, x, order, (declared(self.system, "sparsity") or {}).get(pattern))
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        """d/de of ``function(t + e, q + e v)`` at e = 0."""
         return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v)
 
     @unless_declared

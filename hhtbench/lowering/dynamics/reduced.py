@@ -28,7 +28,6 @@ class ReducedDynamics(Wrapper):
 
     @property
     def structure(self) -> Structure:
-        """Sizes without the redundant rows."""
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
     def __getattr__(self, name: str) -> Any:
