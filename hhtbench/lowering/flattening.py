@@ -12,7 +12,6 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.jax_internals import compiled_variants
 
 _jitted = Cache(4096)
 _flattened = Cache(64)
@@ -35,18 +34,17 @@ class Flat(NamedTuple):
 
 def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
     """``function(dynamics, *static, *arrays)`` taken apart."""
-    parts = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
-    return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
+    parts: _Flattened = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
+
+    def of_parameters(flat: Any, *arguments: Any) -> Any:
+        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
+
+    return Flat(of_parameters, parts.flat, (function, static, parts.key))
 
 
 def jitted(flat: Flat) -> Any:
     """``jax.jit`` of a flat function, one for all equal keys: they share traces and compiled code."""
     return _jitted.find(flat.key, lambda: jax.jit(flat.function))
-
-
-def xla_pieces() -> int:
-    """How many pieces of code XLA has compiled for this process."""
-    return sum(map(compiled_variants, _jitted.values()))
 
 
 def _flatten(dynamics: Any) -> _Flattened:
@@ -72,13 +70,6 @@ def _ravel(tree: Any) -> tuple[Any, Callable[[Any], Any]]:
         return jax.tree.unflatten(structure, parts)
 
     return flat, unravel
-
-
-def _of_parameters(function: Callable[..., Any], parts: _Flattened, static: tuple[Any, ...]) -> Callable[..., Any]:
-    def of_parameters(flat: Any, *arguments: Any) -> Any:
-        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
-
-    return of_parameters
 
 
 def _signature(tree: Any) -> Any:

@@ -11,10 +11,10 @@ import pytest
 from hhtbench.lowering import derive, native
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
 from hhtbench.lowering.scalar_compiler.calling import native_call
-from hhtbench.lowering.scalar_compiler.compiler import native_pieces
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
+from tests.lowering.native import native_pieces
 from tests.lowering.systems import RICH_NUMPY
 
 

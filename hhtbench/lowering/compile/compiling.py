@@ -20,10 +20,9 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import ById, Cache, use_disk_cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.compile.routes import Compilable, Route, route_of, too_large, wanted_route
-from hhtbench.lowering.flattening import flat_function, jitted, xla_pieces
+from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native
 from hhtbench.lowering.scalar_compiler.calling import Shapes, native_call
-from hhtbench.lowering.scalar_compiler.compiler import native_pieces
 
 SMALL = "the system is small and every operation is known"
 
@@ -149,11 +148,6 @@ class _Compiled:
             value = self._xla(*arguments)
         self._xla_shapes.add(shapes)
         return value
-
-
-def compiled_pieces() -> int:
-    """How many pieces of code this process has compiled or loaded: it stays the same where nothing new is compiled."""
-    return xla_pieces() + native_pieces()
 
 
 def _name(function: Callable[..., Any]) -> str:

@@ -90,11 +90,6 @@ def native(
     return replace(found, parameters=parameters, cached=known or found.cached)
 
 
-def native_pieces() -> int:
-    """How many functions this process has as machine code, or knows it cannot have."""
-    return len(_memory)
-
-
 def _name(function: Callable[..., Any]) -> str:
     return getattr(function, "__name__", "a function")
 

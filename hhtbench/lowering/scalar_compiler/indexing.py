@@ -10,7 +10,7 @@ from jax.lax import GatherScatterMode
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
 from hhtbench.lowering.scalar_compiler.graph import Graph
-from hhtbench.lowering.scalar_compiler.movement import known_indices, together
+from hhtbench.lowering.scalar_compiler.movement import corner, known_indices, together
 from hhtbench.lowering.scalar_compiler.reasons import NotNative
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, lift, settled
 from hhtbench.lowering.scalar_compiler.walk import Walk, rule
@@ -36,20 +36,14 @@ def _searched(graph: Graph, equation: Any, x: np.ndarray, indices: np.ndarray, o
         raise NotNative("places in more than one axis that depend on the arguments")
     last = x.shape[mapped[0]] - p["slice_sizes"][mapped[0]]
     cases = [_gathered(equation, x, np.full(indices.shape, i), outside) for i in range(last + 1)]
-    at = indices.ravel()[_place_of(equation, np.arange(indices.size), tuple(equation.outvars[0].aval.shape))]
+    shape, offset = tuple(equation.outvars[0].aval.shape), p["dimension_numbers"].offset_dims
+    at = np.broadcast_to(indices.reshape([1 if axis in offset else size for axis, size in enumerate(shape)]), shape)
     result = choose(graph, Nodes(at, "whole"), cases)
     if p["mode"] not in (GatherScatterMode.FILL_OR_DROP, None):
         return result
     low, high = np.int64(graph.constant(0.0)), np.int64(graph.constant(float(last)))
     inside = graph.elementwise("and", graph.elementwise("ge", at, low), graph.elementwise("le", at, high))
     return graph.elementwise("select", inside, result, outside)
-
-
-def _place_of(equation: Any, batch: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """For every entry of a gather's result the place in ``indices`` it comes from."""
-    offset = [int(axis) for axis in equation.params["dimension_numbers"].offset_dims]
-    spread = [1 if axis in offset else size for axis, size in enumerate(shape)]
-    return np.broadcast_to(batch.reshape(spread), shape)
 
 
 def _gathered(equation: Any, x: np.ndarray, indices: np.ndarray, outside: np.ndarray) -> np.ndarray:
@@ -62,13 +56,8 @@ def _gathered(equation: Any, x: np.ndarray, indices: np.ndarray, outside: np.nda
     pieces = np.empty((*batch, *kept), dtype=x.dtype)
     pairs = numbers.operand_batching_dims, numbers.start_indices_batching_dims
     for at, start in _starts(indices, numbers.start_index_map, x.ndim, pairs):
-        inside = all(0 <= i <= whole - size for i, size, whole in zip(start, sizes, x.shape, strict=True))
-        if not inside and p["mode"] in (GatherScatterMode.FILL_OR_DROP, None):
-            pieces[at] = outside
-            continue
-        corner = [min(max(i, 0), whole - size) for i, size, whole in zip(start, sizes, x.shape, strict=True)]
-        piece = x[tuple(slice(i, i + size) for i, size in zip(corner, sizes, strict=True))]
-        pieces[at] = piece.reshape(kept)
+        dropped_outside = p["mode"] in (GatherScatterMode.FILL_OR_DROP, None) and not _inside(start, sizes, x.shape)
+        pieces[at] = outside if dropped_outside else x[corner(start, sizes, x.shape)].reshape(kept)
     others = [axis for axis in range(pieces.ndim) if axis not in offset]
     order = np.argsort([*others, *offset])
     return pieces.transpose(order)
@@ -84,6 +73,10 @@ def _starts(indices: np.ndarray, mapped: Any, rank: int, pairs: Any) -> Iterator
         for axis, place in zip(operand_axes, index_axes, strict=True):
             start[int(axis)] = at[int(place)]
         yield at, start
+
+
+def _inside(start: Any, sizes: Any, shape: Any) -> bool:
+    return all(0 <= i <= whole - size for i, size, whole in zip(start, sizes, shape, strict=True))
 
 
 COMBINE = {"scatter-add": "add", "scatter-sub": "sub", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
@@ -112,10 +105,7 @@ def _scattered(equation: Any, x: np.ndarray, indices: np.ndarray, updates: np.nd
     result = x.copy()
     pairs = numbers.operand_batching_dims, numbers.scatter_indices_batching_dims
     for at, start in _starts(indices, numbers.scatter_dims_to_operand_dims, x.ndim, pairs):
-        if p["mode"] == GatherScatterMode.CLIP:
-            start = [min(max(i, 0), whole - size) for i, size, whole in zip(start, sizes, x.shape, strict=True)]
-        elif not all(0 <= i <= whole - size for i, size, whole in zip(start, sizes, x.shape, strict=True)):
-            continue
-        corner = tuple(slice(i, i + size) for i, size in zip(start, sizes, strict=True))
-        result[corner] = combine(result[corner], pieces[at].reshape(sizes))
+        if p["mode"] == GatherScatterMode.CLIP or _inside(start, sizes, x.shape):
+            place = corner(start, sizes, x.shape)
+            result[place] = combine(result[place], pieces[at].reshape(sizes))
     return result

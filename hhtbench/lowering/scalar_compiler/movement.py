@@ -127,16 +127,17 @@ def known_indices(walk: Walk, values: Any) -> list[np.ndarray]:
     return known  # type: ignore[return-value]
 
 
-def _corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:
-    corner = [min(max(int(i), 0), whole - size) for i, size, whole in zip(start, sizes, shape, strict=True)]
-    return tuple(slice(i, i + size) for i, size in zip(corner, sizes, strict=True))
+def corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:
+    """Where a piece of ``sizes`` lies that begins at ``start``, or as near to it as ``shape`` lets it."""
+    first = [min(max(int(i), 0), whole - size) for i, size, whole in zip(start, sizes, shape, strict=True)]
+    return tuple(slice(i, i + size) for i, size in zip(first, sizes, strict=True))
 
 
 @rule("dynamic_update_slice")
 def _update_slice(walk: Walk, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
     (ids, new), kind = together(walk, (x, update))
     result = ids.copy()
-    result[_corner(known_indices(walk, start), new.shape, ids.shape)] = new
+    result[corner(known_indices(walk, start), new.shape, ids.shape)] = new
     return [Nodes(result, kind)]
 
 

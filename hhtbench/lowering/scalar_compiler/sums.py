@@ -107,12 +107,8 @@ def _argmax(walk: Walk, equation: Any, x: Value) -> list[Value]:
     best, place = lines[0], np.full(lines.shape[1:], ZERO, dtype=np.int64)
     for i in range(1, len(lines)):
         better = graph.elementwise("gt" if equation.primitive.name == "argmax" else "lt", lines[i], best)
-        first_nan = graph.elementwise("and", *(graph.elementwise(*test) for test in _nan_tests(lines[i], best)))
-        better = graph.elementwise("or", better, first_nan)
+        is_nan, was_not = graph.elementwise("ne", lines[i], lines[i]), graph.elementwise("eq", best, best)
+        better = graph.elementwise("or", better, graph.elementwise("and", is_nan, was_not))
         place = graph.elementwise("select", better, np.int64(graph.constant(float(i))), place)
         best = graph.elementwise("select", better, lines[i], best)
     return [Nodes(place, "whole")]
-
-
-def _nan_tests(new: Ids, best: Ids) -> list[tuple[str, Ids, Ids]]:
-    return [("ne", new, new), ("eq", best, best)]
