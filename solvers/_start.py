@@ -22,11 +22,11 @@ from hhtbench.lowering import (
     augment,
     constraint_rank,
     derive,
+    minimum_norm,
     padded,
     reduce_redundant,
     route_of,
     singular_at,
-    smallest,
     unreduced,
 )
 from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
@@ -177,7 +177,7 @@ def all_multipliers(
         except BudgetSpent:
             break
         rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
+        lam[i], mu[i] = np.split(minimum_norm(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
     return lam, mu
 
 

@@ -13,7 +13,7 @@ from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel, ConstraintRank, constraint_rank
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.dynamics.reduced import padded, reduce_redundant, smallest, unreduced
+from hhtbench.lowering.dynamics.reduced import minimum_norm, padded, reduce_redundant, unreduced
 from hhtbench.lowering.dynamics.structure import Structure
 from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
@@ -37,6 +37,7 @@ __all__ = [
     "derive",
     "mass_at",
     "mass_is_singular",
+    "minimum_norm",
     "native",
     "padded",
     "reduce_redundant",
@@ -44,7 +45,6 @@ __all__ = [
     "routes",
     "singular_at",
     "size_of",
-    "smallest",
     "too_large",
     "unreduced",
 ]

@@ -85,7 +85,7 @@ def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]
     return full
 
 
-def smallest(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
+def minimum_norm(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
     """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
 
     ``rank`` is that of the consistent configuration: off the constraints by an error, the rows are independent by as little,

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.compiler import Native
+from hhtbench.lowering.scalar_compiler.lower import Shapes
 from hhtbench.lowering.scalar_compiler.machine import caller
-from hhtbench.lowering.scalar_compiler.reading import Shapes
 
 FLOAT = np.dtype(np.float64)
 

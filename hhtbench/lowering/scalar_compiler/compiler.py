@@ -14,9 +14,9 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.flattening import Flat, flat_function, jitted
 from hhtbench.lowering.scalar_compiler import disk
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
+from hhtbench.lowering.scalar_compiler.errors import NotNative, TooLarge
+from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of
 from hhtbench.lowering.scalar_compiler.machine import generate, host, load
-from hhtbench.lowering.scalar_compiler.reading import Reading, Shapes, pattern_of, read
-from hhtbench.lowering.scalar_compiler.reasons import NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.stages import staged
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
@@ -78,8 +78,8 @@ def native(
 
     def make() -> Native | NotNative:
         try:
-            reading = staged(_read(function, flat, pattern, shapes), stage, rows)
-            return _compiled(_name(function), reading, compact)
+            lowered = staged(_lowered(function, flat, pattern, shapes), stage, rows)
+            return _compiled(_name(function), lowered, compact)
         except NotNative as error:
             return error
 
@@ -94,25 +94,25 @@ def _name(function: Callable[..., Any]) -> str:
     return getattr(function, "__name__", "a function")
 
 
-def _read(function: Callable[..., Any], flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Reading:
+def _lowered(function: Callable[..., Any], flat: Flat, pattern: np.ndarray, shapes: Shapes) -> Lowered:
     """The scalar graph; that of the last function is remembered, for its other stage."""
     key = (flat.key, pattern.tobytes(), shapes)
-    found: Reading = _last.find(key, lambda: read(_name(function), jitted(flat), pattern, shapes, MOST_OPERATIONS))
+    found: Lowered = _last.find(key, lambda: lower(_name(function), jitted(flat), pattern, shapes, MOST_OPERATIONS))
     return found
 
 
-def _compiled(name: str, reading: Reading, compact: bool) -> Native:
+def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     """Machine code, without the values of its parameters."""
-    number = reading.graph.number
-    varying = np.flatnonzero([node not in number for node in reading.outputs])
-    constants = np.array([number.get(node, 0.0) for node in reading.outputs], dtype=np.float64)
-    outputs = [reading.outputs[i] for i in varying.tolist()] if compact else reading.outputs
-    emitted = emit(reading.graph, outputs, reading.arguments)
+    number = lowered.graph.number
+    varying = np.flatnonzero([node not in number for node in lowered.outputs])
+    constants = np.array([number.get(node, 0.0) for node in lowered.outputs], dtype=np.float64)
+    outputs = [lowered.outputs[i] for i in varying.tolist()] if compact else lowered.outputs
+    emitted = emit(lowered.graph, outputs, lowered.arguments)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     code, cached = _object_code(name, emitted)
     entry, call = load(code, ENTRY, CALL)
-    return Native(entry, call, np.zeros(0), reading.shape, varying, constants, emitted.operations, cached)
+    return Native(entry, call, np.zeros(0), lowered.shape, varying, constants, emitted.operations, cached)
 
 
 def _object_code(name: str, emitted: Emitted) -> tuple[bytes, bool]:

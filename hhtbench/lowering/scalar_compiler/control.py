@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
+from hhtbench.lowering.scalar_compiler.errors import NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
 from hhtbench.lowering.scalar_compiler.movement import together
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, is_known, lift, settled
-from hhtbench.lowering.scalar_compiler.walk import Walk, rule
+from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, folded, is_known, lift
 
 LONGEST = 2000  # turns of a scan that are written out; the number of operations usually ends it before
 
 
 @rule("scan")
-def _scan(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+def _scan(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
     p = equation.params
     length, constants, carried = p["length"], p["num_consts"], p["num_carry"]
     if length > LONGEST:
@@ -27,12 +27,12 @@ def _scan(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
     kept: list[list[Value]] = [[] for _ in variables]
     order = range(length - 1, -1, -1) if p["reverse"] else range(length)
     for i in order:
-        results = walk.closed(p["jaxpr"], [*fixed, *carry, *(_row(value, i) for value in rows)])
+        results = ctx.closed(p["jaxpr"], [*fixed, *carry, *(_row(value, i) for value in rows)])
         carry = results[:carried]
         for place, value in zip(kept, results[carried:], strict=True):
             place.append(value)
     columns = [values[::-1] if p["reverse"] else values for values in kept]
-    stacked = [_stacked(walk, values, variable) for values, variable in zip(columns, variables, strict=True)]
+    stacked = [_stacked(ctx, values, variable) for values, variable in zip(columns, variables, strict=True)]
     return [*carry, *stacked]
 
 
@@ -46,28 +46,28 @@ def _unknown(values: list[Value]) -> Unknown | None:
     return next((value for value in values if isinstance(value, Unknown)), None)
 
 
-def _stacked(walk: Walk, values: list[Value], variable: Any) -> Value:
+def _stacked(ctx: Interpreter, values: list[Value], variable: Any) -> Value:
     if missing := _unknown(values):
         return missing
     if all(is_known(value) for value in values):
         return np.array(values, dtype=variable.aval.dtype).reshape(variable.aval.shape)
-    ids, kind = together(walk, values)
+    ids, kind = together(ctx, values)
     return Nodes(np.stack(ids), kind)
 
 
 @rule("cond")
-def _cond(walk: Walk, equation: Any, index: Value, *inputs: Value) -> list[Value]:
+def _cond(ctx: Interpreter, equation: Any, index: Value, *inputs: Value) -> list[Value]:
     branches = equation.params["branches"]
-    which = lift(walk.graph, index)
-    known = settled(walk.graph, which)
+    which = lift(ctx.graph, index)
+    known = folded(ctx.graph, which)
     if isinstance(known, np.ndarray):
-        return walk.closed(branches[min(max(int(known), 0), len(branches) - 1)], inputs)
-    results = [walk.closed(branch, inputs) for branch in branches]
-    return [_chosen(walk, which, list(values)) for values in zip(*results, strict=True)]
+        return ctx.closed(branches[min(max(int(known), 0), len(branches) - 1)], inputs)
+    results = [ctx.closed(branch, inputs) for branch in branches]
+    return [_chosen(ctx, which, list(values)) for values in zip(*results, strict=True)]
 
 
-def _chosen(walk: Walk, which: Nodes, values: list[Value]) -> Value:
+def _chosen(ctx: Interpreter, which: Nodes, values: list[Value]) -> Value:
     if missing := _unknown(values):
         return missing
-    ids, kind = together(walk, values)
-    return Nodes(choose(walk.graph, which, ids), kind)
+    ids, kind = together(ctx, values)
+    return Nodes(choose(ctx.graph, which, ids), kind)

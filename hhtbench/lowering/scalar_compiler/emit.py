@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from hhtbench.lowering.scalar_compiler.graph import FALSE, TRUE, Graph
-from hhtbench.lowering.scalar_compiler.scalars import FUNCTIONS, INSTRUCTIONS
-from hhtbench.lowering.scalar_compiler.solver import HELPERS, helper
+from hhtbench.lowering.scalar_compiler.lu import HELPERS, helper
+from hhtbench.lowering.scalar_compiler.operations import FUNCTIONS, INSTRUCTIONS
 
 ENTRY, CALL = "hhtbench_f", "hhtbench_call"
 READ = "ptr noalias readonly captures(none)"

@@ -1,6 +1,6 @@
 """The scalar graph: operations on single numbers, each of them once, with what is known beforehand worked out.
 
-A node is a small whole number.  Equal operations on equal nodes are one node (hash-consing), constants are folded, and
+A node is a small integer.  Equal operations on equal nodes are one node (hash-consing), constants are folded, and
 ``x*0``, ``x+0``, ``x*1`` and their like vanish.  Folding ``0*x`` to 0 takes x for finite: a structural zero of a Jacobian
 must not depend on values.
 """
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.scalar_compiler.reasons import TooLarge
-from hhtbench.lowering.scalar_compiler.scalars import COMMUTATIVE, COMPARISONS, FOLDS, LOGIC
+from hhtbench.lowering.scalar_compiler.errors import TooLarge
+from hhtbench.lowering.scalar_compiler.operations import COMMUTATIVE, COMPARISONS, FOLDS, LOGIC
 
 Ids = np.ndarray  #: int64 array of nodes
 
@@ -59,7 +59,7 @@ class Graph:
         return made
 
     def constants(self, values: np.ndarray) -> Ids:
-        """Nodes of an array of numbers or truth values."""
+        """Nodes of an array of numbers or booleans."""
         array = np.asarray(values)
         if array.dtype == bool:
             return np.where(array, TRUE, FALSE).astype(np.int64)
@@ -145,7 +145,7 @@ class Graph:
         return self.node("div", x, y)
 
     def select(self, predicate: int, yes: int, no: int) -> int:
-        """``yes`` where the truth value ``predicate`` holds, else ``no``."""
+        """``yes`` where the boolean ``predicate`` holds, else ``no``."""
         if predicate == TRUE or yes == no:
             return yes
         if predicate == FALSE:
@@ -156,12 +156,12 @@ class Graph:
             return predicate
         if (yes, no) == (FALSE, TRUE):
             return self.logic("not", predicate)
-        if self.is_truth(yes):
-            return self.node("select_truth", predicate, yes, no)
+        if self.is_bool(yes):
+            return self.node("select_bool", predicate, yes, no)
         return self.node("select", predicate, yes, no)
 
     def logic(self, name: str, *truths: int) -> int:
-        """``and``, ``or``, ``xor``, ``not`` of truth values."""
+        """``and``, ``or``, ``xor``, ``not`` of booleans."""
         if name == "not":
             x = truths[0]
             if x in (TRUE, FALSE):
@@ -192,10 +192,10 @@ class Graph:
             operands = operands[::-1]
         return self.node(name, *operands)
 
-    def is_truth(self, node: int) -> bool:
-        """Whether the node is a truth value and not a number."""
+    def is_bool(self, node: int) -> bool:
+        """Whether the node is a boolean and not a number."""
         operation = self.operation[node]
-        return operation in COMPARISONS or operation in LOGIC or operation in ("true", "false", "select_truth")
+        return operation in COMPARISONS or operation in LOGIC or operation in ("true", "false", "select_bool")
 
     def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
         """``apply`` entry by entry."""

@@ -9,23 +9,23 @@ import numpy as np
 from jax.lax import GatherScatterMode
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
+from hhtbench.lowering.scalar_compiler.errors import NotNative
 from hhtbench.lowering.scalar_compiler.graph import Graph
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
 from hhtbench.lowering.scalar_compiler.movement import corner, known_indices, together
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.values import Nodes, Value, lift, settled
-from hhtbench.lowering.scalar_compiler.walk import Walk, rule
+from hhtbench.lowering.scalar_compiler.values import Nodes, Value, folded, lift
 
 
 @rule("gather")
-def _gather(walk: Walk, equation: Any, x: Value, indices: Value) -> list[Value]:
-    nodes = lift(walk.graph, x)
+def _gather(ctx: Interpreter, equation: Any, x: Value, indices: Value) -> list[Value]:
+    nodes = lift(ctx.graph, x)
     given = equation.params["fill_value"]
-    fill = {"number": np.nan, "truth": True, "whole": np.iinfo(np.int64).min}[nodes.kind] if given is None else given
-    outside = walk.graph.constants(np.asarray(fill, dtype=bool if nodes.kind == "truth" else float))
-    where = settled(walk.graph, indices)
+    fill = {"float": np.nan, "bool": True, "int": np.iinfo(np.int64).min}[nodes.kind] if given is None else given
+    outside = ctx.graph.constants(np.asarray(fill, dtype=bool if nodes.kind == "bool" else float))
+    where = folded(ctx.graph, indices)
     if isinstance(where, np.ndarray):
         return [Nodes(_gathered(equation, nodes.ids, where, outside), nodes.kind)]
-    return [Nodes(_searched(walk.graph, equation, nodes.ids, lift(walk.graph, where).ids, outside), nodes.kind)]
+    return [Nodes(_searched(ctx.graph, equation, nodes.ids, lift(ctx.graph, where).ids, outside), nodes.kind)]
 
 
 def _searched(graph: Graph, equation: Any, x: np.ndarray, indices: np.ndarray, outside: np.ndarray) -> np.ndarray:
@@ -38,7 +38,7 @@ def _searched(graph: Graph, equation: Any, x: np.ndarray, indices: np.ndarray, o
     cases = [_gathered(equation, x, np.full(indices.shape, i), outside) for i in range(last + 1)]
     shape, offset = tuple(equation.outvars[0].aval.shape), p["dimension_numbers"].offset_dims
     at = np.broadcast_to(indices.reshape([1 if axis in offset else size for axis, size in enumerate(shape)]), shape)
-    result = choose(graph, Nodes(at, "whole"), cases)
+    result = choose(graph, Nodes(at, "int"), cases)
     if p["mode"] not in (GatherScatterMode.FILL_OR_DROP, None):
         return result
     low, high = np.int64(graph.constant(0.0)), np.int64(graph.constant(float(last)))
@@ -83,13 +83,13 @@ COMBINE = {"scatter-add": "add", "scatter-sub": "sub", "scatter-mul": "mul", "sc
 
 
 @rule("scatter", *COMBINE)
-def _scatter(walk: Walk, equation: Any, x: Value, indices: Value, updates: Value) -> list[Value]:
-    (ids, new), kind = together(walk, (x, updates))
-    (where,) = known_indices(walk, (indices,))
+def _scatter(ctx: Interpreter, equation: Any, x: Value, indices: Value, updates: Value) -> list[Value]:
+    (ids, new), kind = together(ctx, (x, updates))
+    (where,) = known_indices(ctx, (indices,))
     name = COMBINE.get(equation.primitive.name)
-    if name is not None and kind == "truth":
-        raise NotNative("a scatter of truth values")
-    combine = (lambda a, b: b) if name is None else (lambda a, b: walk.graph.elementwise(name, a, b))
+    if name is not None and kind == "bool":
+        raise NotNative("a scatter of booleans")
+    combine = (lambda a, b: b) if name is None else (lambda a, b: ctx.graph.elementwise(name, a, b))
     return [Nodes(_scattered(equation, ids, where, new, combine), kind)]
 
 

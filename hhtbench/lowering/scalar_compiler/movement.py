@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.values import Nodes, Value, lift, settled
-from hhtbench.lowering.scalar_compiler.walk import Walk, rule
+from hhtbench.lowering.scalar_compiler.errors import NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
+from hhtbench.lowering.scalar_compiler.values import Nodes, Value, folded, lift
 
 Move = Callable[..., np.ndarray]
 
@@ -20,8 +20,8 @@ def movement(*names: str) -> Callable[[Move], Move]:
 
     def register(move: Move) -> Move:
         @rule(*names)
-        def on_nodes(walk: Walk, equation: Any, x: Value) -> list[Value]:
-            nodes = lift(walk.graph, x)
+        def on_nodes(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+            nodes = lift(ctx.graph, x)
             return [Nodes(move(equation, nodes.ids), nodes.kind)]
 
         return move
@@ -70,32 +70,32 @@ def _tile(equation: Any, x: np.ndarray) -> np.ndarray:
     return np.tile(x, equation.params["reps"])
 
 
-def together(walk: Walk, inputs: Any) -> tuple[list[np.ndarray], str]:
+def together(ctx: Interpreter, inputs: Any) -> tuple[list[np.ndarray], str]:
     """Several values as nodes of one kind."""
-    lifted = [lift(walk.graph, value) for value in inputs]
+    lifted = [lift(ctx.graph, value) for value in inputs]
     if len({value.kind for value in lifted}) != 1:
         raise NotNative("values of two kinds in one array")
     return [value.ids for value in lifted], lifted[0].kind
 
 
 @rule("concatenate", "stack")
-def _join(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
-    ids, kind = together(walk, inputs)
+def _join(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
+    ids, kind = together(ctx, inputs)
     if equation.primitive.name == "stack":
         return [Nodes(np.stack(ids, equation.params["axis"]), kind)]
     return [Nodes(np.concatenate(ids, equation.params["dimension"]), kind)]
 
 
 @rule("split")
-def _split(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    p, nodes = equation.params, lift(walk.graph, x)
+def _split(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    p, nodes = equation.params, lift(ctx.graph, x)
     return [Nodes(part, nodes.kind) for part in np.split(nodes.ids, np.cumsum(p["sizes"])[:-1], p["axis"])]
 
 
 @rule("pad")
-def _pad(walk: Walk, equation: Any, padded: Value, fill: Value) -> list[Value]:
+def _pad(ctx: Interpreter, equation: Any, padded: Value, fill: Value) -> list[Value]:
     """Low and high edges, which may be negative, and gaps between entries."""
-    (x, value), kind = together(walk, (padded, fill))
+    (x, value), kind = together(ctx, (padded, fill))
     config = equation.params["padding_config"]
     spread = np.full([size + max(size - 1, 0) * gap for size, (_, _, gap) in zip(x.shape, config, strict=True)], value)
     spread[tuple(slice(None, None, gap + 1) for _, _, gap in config)] = x
@@ -106,22 +106,22 @@ def _pad(walk: Walk, equation: Any, padded: Value, fill: Value) -> list[Value]:
 
 
 @rule("dynamic_slice")
-def _dynamic_slice(walk: Walk, equation: Any, x: Value, *start: Value) -> list[Value]:
-    nodes, sizes = lift(walk.graph, x), equation.params["slice_sizes"]
+def _dynamic_slice(ctx: Interpreter, equation: Any, x: Value, *start: Value) -> list[Value]:
+    nodes, sizes = lift(ctx.graph, x), equation.params["slice_sizes"]
     ids = nodes.ids
     for axis, (value, size) in enumerate(zip(start, sizes, strict=True)):  # one axis after the other
-        at = settled(walk.graph, value)
+        at = folded(ctx.graph, value)
         places = [np.take(ids, range(i, i + size), axis) for i in range(ids.shape[axis] - size + 1)]
         if isinstance(at, np.ndarray):
             ids = places[min(max(int(at), 0), len(places) - 1)]
         else:
-            ids = choose(walk.graph, lift(walk.graph, at), places)
+            ids = choose(ctx.graph, lift(ctx.graph, at), places)
     return [Nodes(ids, nodes.kind)]
 
 
-def known_indices(walk: Walk, values: Any) -> list[np.ndarray]:
+def known_indices(ctx: Interpreter, values: Any) -> list[np.ndarray]:
     """Indices, which must not depend on the arguments."""
-    known = [settled(walk.graph, lift(walk.graph, value)) for value in values]
+    known = [folded(ctx.graph, lift(ctx.graph, value)) for value in values]
     if not all(isinstance(value, np.ndarray) for value in known):
         raise NotNative("a place that depends on the arguments")
     return known  # type: ignore[return-value]
@@ -134,15 +134,15 @@ def corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:
 
 
 @rule("dynamic_update_slice")
-def _update_slice(walk: Walk, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
-    (ids, new), kind = together(walk, (x, update))
+def _update_slice(ctx: Interpreter, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
+    (ids, new), kind = together(ctx, (x, update))
     result = ids.copy()
-    result[corner(known_indices(walk, start), new.shape, ids.shape)] = new
+    result[corner(known_indices(ctx, start), new.shape, ids.shape)] = new
     return [Nodes(result, kind)]
 
 
 @rule("iota")
-def _iota(walk: Walk, equation: Any) -> list[Value]:
+def _iota(ctx: Interpreter, equation: Any) -> list[Value]:
     p = equation.params
     line = np.arange(p["shape"][p["dimension"]])
     spread = [-1 if axis == p["dimension"] else 1 for axis in range(len(p["shape"]))]

@@ -1,4 +1,4 @@
-"""What a variable of a computation holds while it is read: known numbers, nodes of the scalar graph, or a reason why not."""
+"""What a variable holds while a computation is evaluated: known numbers, nodes of the scalar graph, or a reason why not."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering.scalar_compiler.errors import NotNative
 from hhtbench.lowering.scalar_compiler.graph import FALSE, ONE, TRUE, ZERO, Graph, Ids
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class Nodes:
     """An array of nodes that depend on the arguments."""
 
     ids: Ids
-    kind: str  #: "number", "truth", or "whole": whole numbers, held as float64 and without overflow
+    kind: str  #: "float", "bool", or "int": integers, held as float64 and without overflow
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -32,7 +32,7 @@ class Unknown:
 
 
 Value = np.ndarray | Nodes | Unknown
-EXACT = 2.0**53  # whole numbers up to it are float64 numbers
+EXACT = 2.0**53  # integers up to it are float64 numbers
 
 
 def is_known(value: Value) -> bool:
@@ -52,10 +52,10 @@ def lift(graph: Graph, value: Any) -> Nodes:
         return value
     if isinstance(value, Unknown):
         raise NotNative(value.reason)
-    kind = {"b": "truth", "i": "whole", "u": "whole"}.get(value.dtype.kind, "number")
-    if kind == "number" and value.dtype != np.float64:
+    kind = {"b": "bool", "i": "int", "u": "int"}.get(value.dtype.kind, "float")
+    if kind == "float" and value.dtype != np.float64:
         raise NotNative(f"{value.dtype} values")
-    if kind == "whole":
+    if kind == "int":
         _expect_exact(value)
     return Nodes(graph.constants(value), kind)
 
@@ -63,33 +63,33 @@ def lift(graph: Graph, value: Any) -> Nodes:
 def numbers(graph: Graph, value: Any) -> Ids:
     """Nodes of a value that must be float64 numbers."""
     nodes = lift(graph, value)
-    if nodes.kind != "number":
-        raise NotNative("truth values or whole numbers where numbers are needed")
+    if nodes.kind != "float":
+        raise NotNative("booleans or integers where numbers are needed")
     return nodes.ids
 
 
 def as_numbers(graph: Graph, value: Nodes) -> Ids:
-    """Truth values as 1 and 0, whole numbers as they are."""
-    return graph.elementwise("select", value.ids, np.int64(ONE), np.int64(ZERO)) if value.kind == "truth" else value.ids
+    """Booleans as 1 and 0, integers as they are."""
+    return graph.elementwise("select", value.ids, np.int64(ONE), np.int64(ZERO)) if value.kind == "bool" else value.ids
 
 
-def settled(graph: Graph, value: Value) -> Value:
+def folded(graph: Graph, value: Value) -> Value:
     """Nodes that all turned out to be constants, as the values they are."""
     if not isinstance(value, Nodes):
         return value
     nodes, places = np.unique(value.ids, return_inverse=True)
     if any(node not in graph.number and node not in (TRUE, FALSE) for node in nodes.tolist()):
         return value
-    if value.kind == "truth":
+    if value.kind == "bool":
         return np.asarray(value.ids == TRUE)
     plain = np.array([graph.number[node] for node in nodes.tolist()])
-    if value.kind == "whole":
+    if value.kind == "int":
         _expect_exact(plain)
         plain = plain.astype(np.int64)
     return np.asarray(plain[places]).reshape(value.shape)
 
 
 def _expect_exact(whole: np.ndarray) -> None:
-    """Raise where float64 does not hold whole numbers exactly."""
+    """Raise where float64 does not hold integers exactly."""
     if np.any(np.abs(whole.astype(np.float64)) > EXACT):
-        raise NotNative("whole numbers beyond 2**53")
+        raise NotNative("integers beyond 2**53")

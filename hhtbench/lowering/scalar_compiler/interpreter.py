@@ -1,4 +1,4 @@
-"""Reads a jaxpr equation by equation and writes it into the scalar graph."""
+"""An interpreter of jaxprs that writes into the scalar graph, equation by equation."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
+from hhtbench.lowering.scalar_compiler.errors import NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.graph import Graph
-from hhtbench.lowering.scalar_compiler.reasons import NotNative, TooLarge
-from hhtbench.lowering.scalar_compiler.scalars import ELEMENTWISE
-from hhtbench.lowering.scalar_compiler.values import Unknown, Value, is_known, settled
+from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE
+from hhtbench.lowering.scalar_compiler.values import Unknown, Value, folded, is_known
 
 Rule = Callable[..., list[Value]]
 
-RULES: dict[str, Rule] = {}  #: primitive -> rule(walk, equation, *inputs)
+RULES: dict[str, Rule] = {}  #: primitive -> rule(ctx, equation, *inputs)
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:
@@ -28,12 +28,12 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
     return register
 
 
-class Walk:
-    """One reading of one computation."""
+class Interpreter:
+    """Evaluates the equations of one computation, as JAX's own interpreters do, into nodes of a graph."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self._calls: list[Any] = []  #: equations whose inner computation is being read
+        self._calls: list[Any] = []  #: equations whose inner computation is being evaluated
 
     def run(self, jaxpr: Any, consts: Sequence[Value], arguments: Sequence[Value]) -> list[Value]:
         """The outputs of ``jaxpr`` at ``arguments``."""
@@ -86,7 +86,7 @@ class Walk:
                 results = [np.asarray(ELEMENTWISE[name](*inputs))]
         elif found is not None:
             try:
-                results = [settled(self.graph, value) for value in found(self, equation, *inputs)]
+                results = [folded(self.graph, value) for value in found(self, equation, *inputs)]
             except NotNative:
                 return []
         if not all(is_known(value) for value in results):

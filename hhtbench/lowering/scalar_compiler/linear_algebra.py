@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from hhtbench.lowering.scalar_compiler.errors import NotNative
 from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, numbers
-from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 
 @rule("hhtbench_inverse")
-def _inverse(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    ids = numbers(walk.graph, x)
+def _inverse(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    ids = numbers(ctx.graph, x)
     n = ids.shape[-1]
-    parts = [_inverse_by_blocks(walk.graph, matrix) for matrix in ids.reshape(-1, n, n)]
-    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "number")]
+    parts = [_inverse_by_blocks(ctx.graph, matrix) for matrix in ids.reshape(-1, n, n)]
+    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "float")]
 
 
 def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
@@ -40,22 +40,22 @@ def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:
 
 
 @rule("custom_linear_solve")
-def _linear_solve(walk: Walk, equation: Any, *inputs: Value) -> list[Value]:
+def _linear_solve(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
     """The matrix from the product function of the solve, column by column; how JAX would solve does not matter."""
     p = equation.params
     lengths, jaxprs = p["const_lengths"], p["jaxprs"]
     constants, right = inputs[: lengths.matvec], inputs[sum(lengths) :]
     if len(right) != 1:
         raise NotNative("a linear solve for several arrays at once")
-    ids = numbers(walk.graph, right[0])
+    ids = numbers(ctx.graph, right[0])
     size = ids.size
     columns = []
     for i in range(size):
         unit = np.zeros(size)
         unit[i] = 1.0
-        (column,) = walk.closed(jaxprs.matvec, [*constants, unit.reshape(ids.shape)])
-        columns.append(numbers(walk.graph, column).ravel())
-    return [Nodes(_by_blocks(walk.graph, np.stack(columns, axis=1), ids.ravel()).reshape(ids.shape), "number")]
+        (column,) = ctx.closed(jaxprs.matvec, [*constants, unit.reshape(ids.shape)])
+        columns.append(numbers(ctx.graph, column).ravel())
+    return [Nodes(_by_blocks(ctx.graph, np.stack(columns, axis=1), ids.ravel()).reshape(ids.shape), "float")]
 
 
 def _by_blocks(graph: Graph, matrix: Ids, right: Ids) -> Ids:
@@ -77,19 +77,19 @@ def _blocks(matrix: Ids) -> list[np.ndarray]:
 
 
 @rule("hhtbench_foreign")
-def _foreign(walk: Walk, equation: Any, address: Value, *inputs: Value) -> list[Value]:
-    (parameter,) = numbers(walk.graph, address).ravel().tolist()
-    entries = [entry for value in inputs for entry in numbers(walk.graph, value).ravel().tolist()]
+def _foreign(ctx: Interpreter, equation: Any, address: Value, *inputs: Value) -> list[Value]:
+    (parameter,) = numbers(ctx.graph, address).ravel().tolist()
+    entries = [entry for value in inputs for entry in numbers(ctx.graph, value).ravel().tolist()]
     size = int(np.prod(equation.params["shape"]))
-    call = walk.graph.node("foreign", walk.graph.operands[parameter][0], size, *entries)
-    ids = np.array([walk.graph.node("entry", call, i) for i in range(size)], dtype=np.int64)
-    return [Nodes(ids.reshape(equation.params["shape"]), "number")]
+    call = ctx.graph.node("foreign", ctx.graph.operands[parameter][0], size, *entries)
+    ids = np.array([ctx.graph.node("entry", call, i) for i in range(size)], dtype=np.int64)
+    return [Nodes(ids.reshape(equation.params["shape"]), "float")]
 
 
 @rule("triangular_solve")
-def _triangular(walk: Walk, equation: Any, a: Value, b: Value) -> list[Value]:
+def _triangular(ctx: Interpreter, equation: Any, a: Value, b: Value) -> list[Value]:
     p = equation.params
-    matrices, rights = numbers(walk.graph, a), numbers(walk.graph, b)
+    matrices, rights = numbers(ctx.graph, a), numbers(ctx.graph, b)
     n, shape = matrices.shape[-1], rights.shape
     if not p["left_side"]:
         rights = rights.swapaxes(-1, -2)
@@ -99,9 +99,9 @@ def _triangular(walk: Walk, equation: Any, a: Value, b: Value) -> list[Value]:
     lower = p["lower"] != transposed
     parts = []
     for matrix, right in zip(matrices.reshape(-1, n, n), rights.reshape(-1, *rights.shape[-2:]), strict=True):
-        parts.append(_substitute(walk.graph, matrix, right, lower, p["unit_diagonal"]))
+        parts.append(_substitute(ctx.graph, matrix, right, lower, p["unit_diagonal"]))
     result = np.array(parts, dtype=np.int64).reshape(rights.shape)
-    return [Nodes((result if p["left_side"] else result.swapaxes(-1, -2)).reshape(shape), "number")]
+    return [Nodes((result if p["left_side"] else result.swapaxes(-1, -2)).reshape(shape), "float")]
 
 
 def _substitute(graph: Graph, matrix: Ids, right: Ids, lower: bool, unit: bool) -> Ids:
@@ -118,9 +118,9 @@ def _substitute(graph: Graph, matrix: Ids, right: Ids, lower: bool, unit: bool) 
 
 
 @rule("cholesky")
-def _cholesky(walk: Walk, equation: Any, x: Value) -> list[Value]:
+def _cholesky(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     """The lower factor; the square root of a negative pivot makes everything after it NaN."""
-    graph, ids = walk.graph, numbers(walk.graph, x)
+    graph, ids = ctx.graph, numbers(ctx.graph, x)
     n, parts = ids.shape[-1], []
     for matrix in ids.reshape(-1, n, n):
         factor = np.full((n, n), ZERO, dtype=np.int64)
@@ -131,4 +131,4 @@ def _cholesky(walk: Walk, equation: Any, x: Value) -> list[Value]:
                     rest = graph.sub(rest, graph.mul(factor[i, k], factor[j, k]))
                 factor[i, j] = graph.apply("sqrt", rest) if i == j else graph.div(rest, factor[j, j])
         parts.append(factor)
-    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "number")]
+    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "float")]

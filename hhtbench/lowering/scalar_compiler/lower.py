@@ -9,13 +9,13 @@ import jax
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.lowering.scalar_compiler import control, elementwise, indexing, movement, solving, sums
+from hhtbench.lowering.scalar_compiler import control, elementwise, indexing, linear_algebra, movement, reductions
+from hhtbench.lowering.scalar_compiler.errors import NotNative
 from hhtbench.lowering.scalar_compiler.graph import Graph
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter
 from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, as_numbers, lift
-from hhtbench.lowering.scalar_compiler.walk import Walk
 
-RULE_BOOKS = (control, elementwise, indexing, movement, solving, sums)  # importing them registers their rules
+RULE_BOOKS = (control, elementwise, indexing, linear_algebra, movement, reductions)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
 
@@ -23,7 +23,7 @@ Shapes = tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
-class Reading:
+class Lowered:
     """The scalar graph of one function."""
 
     graph: Graph
@@ -40,7 +40,7 @@ def pattern_of(parameters: np.ndarray) -> np.ndarray:
     return pattern
 
 
-def read(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Reading:
+def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Lowered:
     """The graph of ``function(parameters, *arrays)``, known as ``name``.
 
     It went through ``jax.jit``: XLA, if it must, uses the same trace.
@@ -48,7 +48,7 @@ def read(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: i
     Raises
     ------
     NotNative
-        A primitive has no rule, a whole number depends on an argument, or there are more than ``limit`` operations.
+        A primitive has no rule, an integer depends on an argument, or there are more than ``limit`` operations.
     """
     structs = [jax.ShapeDtypeStruct(shape, np.float64) for shape in ((pattern.size,), *shapes)]
     with preparing(f"tracing {name}"):
@@ -58,20 +58,20 @@ def read(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: i
         raise NotNative(f"the function returns {len(leaves)} arrays instead of one")
     graph = Graph(limit * GROWTH)
     with preparing(f"lowering {name}"):
-        (value,) = Walk(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
+        (value,) = Interpreter(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
         outputs = _outputs(graph, value)
-    return Reading(graph, outputs, tuple(leaves[0].shape), len(shapes))
+    return Lowered(graph, outputs, tuple(leaves[0].shape), len(shapes))
 
 
 def _inputs(graph: Graph, pattern: np.ndarray, shapes: Shapes) -> list[Value]:
     nodes = [
         graph.constant(FOLDED[code - 1]) if code else graph.node("parameter", i) for i, code in enumerate(pattern.tolist())
     ]
-    inputs: list[Value] = [Nodes(np.array(nodes, dtype=np.int64), "number")]
+    inputs: list[Value] = [Nodes(np.array(nodes, dtype=np.int64), "float")]
     for which, shape in enumerate(shapes):
         size = int(np.prod(shape))
         ids = np.array([graph.node("argument", which, i) for i in range(size)], dtype=np.int64)
-        inputs.append(Nodes(ids.reshape(shape), "number"))
+        inputs.append(Nodes(ids.reshape(shape), "float"))
     return inputs
 
 

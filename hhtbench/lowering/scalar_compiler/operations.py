@@ -34,7 +34,7 @@ INSTRUCTIONS = {  # in LLVM's language, of operands in order
     "neg": "fneg double {}",
     "not": "xor i1 {}, true",
     "select": "select i1 {}, double {}, double {}",
-    "select_truth": "select i1 {}, i1 {}, i1 {}",
+    "select_bool": "select i1 {}, i1 {}, i1 {}",
 }
 FUNCTIONS = {  # that are called, of numbers
     **{name: name for name in (*LIBM, "atan2", "erf", "erfc", "pow")},

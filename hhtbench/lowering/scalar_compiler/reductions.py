@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering.scalar_compiler.errors import NotNative
 from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids
-from hhtbench.lowering.scalar_compiler.reasons import NotNative
-from hhtbench.lowering.scalar_compiler.scalars import ELEMENTWISE
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
+from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE
 from hhtbench.lowering.scalar_compiler.values import Nodes, Value, as_numbers, lift, numbers
-from hhtbench.lowering.scalar_compiler.walk import Walk, rule
 
 REDUCTIONS = {
     "reduce_sum": "add",
@@ -27,13 +27,13 @@ RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
 
 
 @rule("dot_general")
-def _dot(walk: Walk, equation: Any, x: Value, y: Value) -> list[Value]:
+def _dot(ctx: Interpreter, equation: Any, x: Value, y: Value) -> list[Value]:
     if isinstance(x, np.ndarray) and isinstance(y, np.ndarray):
         left, right, shape = _as_matrices(equation, x, y)
         return [np.einsum("bik,bjk->bij", left, right).reshape(shape)]
-    left, right, shape = _as_matrices(equation, numbers(walk.graph, x), numbers(walk.graph, y))
-    product = [_product(walk.graph, a, b) for a, b in zip(left, right, strict=True)]
-    return [Nodes(np.array(product, dtype=np.int64).reshape(shape), "number")]
+    left, right, shape = _as_matrices(equation, numbers(ctx.graph, x), numbers(ctx.graph, y))
+    product = [_product(ctx.graph, a, b) for a, b in zip(left, right, strict=True)]
+    return [Nodes(np.array(product, dtype=np.int64).reshape(shape), "float")]
 
 
 def _as_matrices(equation: Any, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
@@ -63,21 +63,21 @@ def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
 
 
 @rule(*REDUCTIONS)
-def _reduce(walk: Walk, equation: Any, x: Value) -> list[Value]:
+def _reduce(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     name, axes = REDUCTIONS[equation.primitive.name], equation.params["axes"]
     if isinstance(x, np.ndarray) and x.size and name in ELEMENTWISE:
         return [np.asarray(ELEMENTWISE[name].reduce(x, axis=tuple(axes)))]  # type: ignore[attr-defined]
-    nodes = lift(walk.graph, x)
-    if nodes.kind == "truth":
+    nodes = lift(ctx.graph, x)
+    if nodes.kind == "bool":
         name = {"max": "or", "min": "and"}.get(name, name)
     elif name in ("and", "or", "xor"):
-        raise NotNative(f"{equation.primitive.name} on bits of whole numbers")
+        raise NotNative(f"{equation.primitive.name} on bits of integers")
     ids = nodes.ids
     shape = tuple(size for axis, size in enumerate(ids.shape) if axis not in axes)
     length = int(np.prod([ids.shape[axis] for axis in axes]))
     rows = np.moveaxis(ids, axes, range(-len(axes), 0)).reshape(int(np.prod(shape)), length)
     keys = [tuple(row) for row in rows.tolist()]
-    folded = {row: _fold(walk.graph, name, row) for row in dict.fromkeys(keys)}  # most rows of derivatives are zero
+    folded = {row: _fold(ctx.graph, name, row) for row in dict.fromkeys(keys)}  # most rows of derivatives are zero
     return [Nodes(np.array([folded[row] for row in keys], dtype=np.int64).reshape(shape), nodes.kind)]
 
 
@@ -86,22 +86,22 @@ def _fold(graph: Graph, name: str, row: tuple[int, ...]) -> int:
 
 
 @rule(*RUNNING)
-def _running(walk: Walk, equation: Any, x: Value) -> list[Value]:
-    nodes, name, p = lift(walk.graph, x), RUNNING[equation.primitive.name], equation.params
-    if nodes.kind == "truth":
-        raise NotNative(f"{equation.primitive.name} of truth values")
+def _running(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    nodes, name, p = lift(ctx.graph, x), RUNNING[equation.primitive.name], equation.params
+    if nodes.kind == "bool":
+        raise NotNative(f"{equation.primitive.name} of booleans")
     ids = nodes.ids
     lines = np.moveaxis(np.flip(ids, p["axis"]) if p["reverse"] else ids, p["axis"], 0).copy()
     for i in range(1, len(lines)):
-        lines[i] = walk.graph.elementwise(name, lines[i - 1], lines[i])
+        lines[i] = ctx.graph.elementwise(name, lines[i - 1], lines[i])
     result = np.moveaxis(lines, 0, p["axis"])
     return [Nodes(np.flip(result, p["axis"]) if p["reverse"] else result, nodes.kind)]
 
 
 @rule("argmax", "argmin")
-def _argmax(walk: Walk, equation: Any, x: Value) -> list[Value]:
+def _argmax(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     """The first of the largest; a NaN is larger, and smaller, than any number."""
-    graph, (axis,) = walk.graph, equation.params["axes"]
+    graph, (axis,) = ctx.graph, equation.params["axes"]
     ids = as_numbers(graph, lift(graph, x))
     lines = np.moveaxis(ids, axis, 0)
     best, place = lines[0], np.full(lines.shape[1:], ZERO, dtype=np.int64)
@@ -111,4 +111,4 @@ def _argmax(walk: Walk, equation: Any, x: Value) -> list[Value]:
         better = graph.elementwise("or", better, graph.elementwise("and", is_nan, was_not))
         place = graph.elementwise("select", better, np.int64(graph.constant(float(i))), place)
         best = graph.elementwise("select", better, lines[i], best)
-    return [Nodes(place, "whole")]
+    return [Nodes(place, "int")]
