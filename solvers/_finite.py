@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.inverse import inverse
-from hhtbench.lowering.matrix_free import large
+from hhtbench.lowering.compile.inverse import inverse
+from hhtbench.lowering.dynamics.matrix_free import large
 from solvers._trust import as_arguments
 
 

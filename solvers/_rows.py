@@ -12,7 +12,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, padded
-from hhtbench.lowering.kkt import Acceleration
+from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Scales
 from hhtbench.result import Status
 from solvers._start import acceleration_at

@@ -22,18 +22,18 @@ from hhtbench.lowering import (
     augment,
     constraint_rank,
     derive,
+    minimum_norm,
     padded,
     reduce_redundant,
     route_of,
     singular_at,
-    smallest,
     unreduced,
 )
-from hhtbench.lowering.augmented import AugmentedDynamics
-from hhtbench.lowering.kkt import Acceleration
-from hhtbench.lowering.matrix_free import large
-from hhtbench.lowering.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.reduced import ReducedDynamics
+from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
+from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.dynamics.reduced import ReducedDynamics
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import expect_finite, explain_nonfinite
@@ -177,7 +177,7 @@ def all_multipliers(
         except BudgetSpent:
             break
         rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        lam[i], mu[i] = np.split(smallest(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
+        lam[i], mu[i] = np.split(minimum_norm(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
     return lam, mu
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, derive, route_of
-from hhtbench.lowering.differences import derivative_along
+from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one

@@ -13,7 +13,7 @@ import solvers.hht
 NUMBER = re.compile(r"\((H\d+)\)")
 DEFINITION = re.compile(r"^    \((H\d+)\)", re.MULTILINE)
 HHT = Path(solvers.hht.__file__).parent
-SOURCES = [*HHT.rglob("*.py"), *(Path(hhtbench.__file__).parent / "lowering").glob("*.py")]
+SOURCES = [*HHT.rglob("*.py"), *(Path(hhtbench.__file__).parent / "lowering").rglob("*.py")]
 THEORY = (HHT / "THEORY.md").read_text(encoding="utf-8")
 
 

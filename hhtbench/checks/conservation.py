@@ -27,7 +27,7 @@ from hhtbench.lowering import (
     constraint_rank,
     reduce_redundant,
 )
-from hhtbench.lowering.differences import derivative_along
+from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.protocol import Problem, declared
 
 MOST_TIMES = 8  # points of the known motion that are looked at

@@ -14,7 +14,7 @@ from hhtbench.checks.reference import Reference, References, State, part_rows, p
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
-from hhtbench.lowering.dynamics import evaluate
+from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6

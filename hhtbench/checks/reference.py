@@ -20,8 +20,8 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.rows import attempt
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
-from hhtbench.lowering.differences import EPS, derivative_along
-from hhtbench.lowering.dynamics import evaluate
+from hhtbench.lowering.dynamics.differences import EPS, derivative_along
+from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol import declared
 
 DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried

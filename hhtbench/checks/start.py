@@ -25,7 +25,7 @@ from hhtbench.lowering import (
     constraint_rank,
     mass_is_singular,
 )
-from hhtbench.lowering.kkt import Acceleration
+from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 
 SEMIDEFINITE = 1e-12

@@ -2,20 +2,20 @@
 
 ``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` a function of it as a fast call
 from Python.  Beside it HHT's compiled loops take machine code by its address from ``native``, and
-:mod:`~hhtbench.lowering.loops` makes and loads those loops themselves.
+:mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
 """
 
-from hhtbench.lowering.augmented import augment
-from hhtbench.lowering.compiling import compile_function
-from hhtbench.lowering.derive import derive
-from hhtbench.lowering.dynamics import Dynamics
-from hhtbench.lowering.kkt import AccelerationLevel, ConstraintRank, constraint_rank
-from hhtbench.lowering.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
-from hhtbench.lowering.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.native import Native, NotNative, native
-from hhtbench.lowering.reduced import padded, reduce_redundant, smallest, unreduced
-from hhtbench.lowering.routes import Route, route_of, routes, too_large
-from hhtbench.lowering.structure import Structure
+from hhtbench.lowering.compile.compiling import compile_function, routes
+from hhtbench.lowering.compile.routes import Route, route_of, too_large
+from hhtbench.lowering.dynamics.augmented import augment
+from hhtbench.lowering.dynamics.derive import derive
+from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel, ConstraintRank, constraint_rank
+from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
+from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
+from hhtbench.lowering.dynamics.reduced import minimum_norm, padded, reduce_redundant, unreduced
+from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [
     "CONSISTENT",
@@ -37,6 +37,7 @@ __all__ = [
     "derive",
     "mass_at",
     "mass_is_singular",
+    "minimum_norm",
     "native",
     "padded",
     "reduce_redundant",
@@ -44,7 +45,6 @@ __all__ = [
     "routes",
     "singular_at",
     "size_of",
-    "smallest",
     "too_large",
     "unreduced",
 ]

@@ -58,11 +58,6 @@ class Cache:
         with self._lock:
             return list(self._values.values())
 
-    def clear(self) -> None:
-        """Forget all of them."""
-        with self._lock:
-            self._values.clear()
-
 
 def cache_directory() -> Path:
     """Where compiled code is kept: ``$HHTBENCH_CACHE``, else ``$XDG_CACHE_HOME/hhtbench``, else ``~/.cache/hhtbench``."""

@@ -12,8 +12,6 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics import Dynamics
-from hhtbench.lowering.jax_internals import compiled_variants
 
 _jitted = Cache(4096)
 _flattened = Cache(64)
@@ -34,10 +32,14 @@ class Flat(NamedTuple):
     key: Any  #: equal for functions that differ in parameter values only
 
 
-def flat_function(function: Callable[..., Any], dynamics: Dynamics, *static: Any) -> Flat:
+def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
     """``function(dynamics, *static, *arrays)`` taken apart."""
-    parts = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
-    return Flat(_of_parameters(function, parts, static), parts.flat, (function, static, parts.key))
+    parts: _Flattened = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
+
+    def of_parameters(flat: Any, *arguments: Any) -> Any:
+        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
+
+    return Flat(of_parameters, parts.flat, (function, static, parts.key))
 
 
 def jitted(flat: Flat) -> Any:
@@ -45,12 +47,7 @@ def jitted(flat: Flat) -> Any:
     return _jitted.find(flat.key, lambda: jax.jit(flat.function))
 
 
-def xla_pieces() -> int:
-    """How many pieces of code XLA has compiled for this process."""
-    return sum(map(compiled_variants, _jitted.values()))
-
-
-def _flatten(dynamics: Dynamics) -> _Flattened:
+def _flatten(dynamics: Any) -> _Flattened:
     arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
     flat, unravel = _ravel(arrays)
     return _Flattened(flat, unravel, rest, (_signature(arrays), _signature(rest)))
@@ -73,13 +70,6 @@ def _ravel(tree: Any) -> tuple[Any, Callable[[Any], Any]]:
         return jax.tree.unflatten(structure, parts)
 
     return flat, unravel
-
-
-def _of_parameters(function: Callable[..., Any], parts: _Flattened, static: tuple[Any, ...]) -> Callable[..., Any]:
-    def of_parameters(flat: Any, *arguments: Any) -> Any:
-        return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
-
-    return of_parameters
 
 
 def _signature(tree: Any) -> Any:

@@ -12,7 +12,7 @@ from jax._src import source_info_util
 from jax.extend.core import ClosedJaxpr, Literal, Primitive
 from jax.interpreters import ad, batching, mlir, partial_eval
 
-__all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "compiled_variants", "line_of", "mlir", "used_inputs"]
+__all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "line_of", "mlir", "used_inputs"]
 
 
 def used_inputs(jaxpr: Any) -> Sequence[bool]:
@@ -24,8 +24,3 @@ def used_inputs(jaxpr: Any) -> Sequence[bool]:
 def line_of(equation: Any) -> str:
     """The user's line that made ``equation``; "" where a library made it."""
     return str(source_info_util.summarize(equation.source_info) or "")
-
-
-def compiled_variants(function: Any) -> int:
-    """For how many kinds of arguments a jitted function has been compiled."""
-    return int(function._cache_size())

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.differences import NESTED, derivative
+from hhtbench.lowering.dynamics.differences import NESTED, derivative
 
 Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows, its size); None or absent: zero
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt import kkt_terms
 from solvers.forms.rows import ROWS, Point
 
 

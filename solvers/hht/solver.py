@@ -12,7 +12,7 @@ from typing import Any
 from hhtbench.arguments import real_number
 from hhtbench.counting import Clock, Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.fingerprint import NoFingerprint, fingerprint
+from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status

@@ -6,12 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.lowering.compiling import compiled_pieces
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import diffrax_ode, ida, scipy_ivp
 from tests.adapters.liar import lying
 from tests.adapters.scenes import HOST, Growing, numpy_ring, problem
+from tests.lowering.native import compiled_pieces
 
 TSIT5 = diffrax_ode.solver(method="Tsit5")
 EVERY = pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)

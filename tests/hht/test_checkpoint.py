@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.lowering.fingerprint import NoFingerprint, fingerprint
+from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT, Event

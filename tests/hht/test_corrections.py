@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from solvers.hht.native.engine import NativeEngine
+from solvers.hht.sparse import BandFactor
 
 import hhtbench as hb
 from solvers.hht import HHT
@@ -15,8 +17,6 @@ from solvers.hht.equations.corrections import (
 )
 from solvers.hht.equations.discretise import step_end, step_residual_and_matrix, unpack_matrix
 from solvers.hht.linear import InverseFactor
-from solvers.hht.native.engine import NativeEngine
-from solvers.hht.sparse import BandFactor
 
 SCENES = {  # constraints on both levels and none, constant and variable masses, linear and nonlinear reactions
     "jay_negrut_pendulum": {"alpha": -0.3},

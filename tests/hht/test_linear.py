@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import sparse
+from solvers.hht.blocks import find_order
+from solvers.hht.choose import analyse, choose
+from solvers.hht.engine import HostEngine, layout_of
+from solvers.hht.sparse import Band, Splu
 
 from hhtbench import load_problem
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.compile.patterns import Pattern
 from problems import planar_chain
 from solvers._start import Place, dynamics_for
-from solvers.hht.blocks import find_order
-from solvers.hht.choose import analyse, choose
-from solvers.hht.engine import HostEngine, layout_of
 from solvers.hht.options import HHTOptions
-from solvers.hht.sparse import Band, Splu
 from solvers.hht.run.start import first_state
 from solvers.hht.step.state import Step
 

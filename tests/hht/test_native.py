@@ -5,13 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from solvers.hht.native.engine import NativeEngine
 
 import hhtbench as hb
 from hhtbench import ProblemError, Status
-from hhtbench.lowering.native import compiler
+from hhtbench.lowering.scalar_compiler import compiler
 from solvers.hht import HHT, Event, engines
 from solvers.hht.events import scan
-from solvers.hht.native.engine import NativeEngine
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
 CLOSE = 1e-9  # of the largest: roundoff of both engines, carried over the steps

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, kkt, levels
-from hhtbench.lowering.jax_dynamics import JaxDynamics
-from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels
+from hhtbench.lowering.dynamics.dynamics import kkt, levels
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT

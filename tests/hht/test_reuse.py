@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from solvers.hht.newton import Iteration
 
 import hhtbench as hb
 from solvers.hht import HHT, engine
-from solvers.hht.newton import Iteration
 
 MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at least, measured
 

@@ -4,8 +4,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from hhtbench.lowering import native
-from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering import flattening, native
+from hhtbench.lowering.scalar_compiler import compiler
+from hhtbench.lowering.scalar_compiler.calling import native_call
 
 
 class Nothing(eqx.Module):
@@ -16,6 +17,16 @@ class Holding(eqx.Module):
     """A dynamics with one array of parameters."""
 
     values: jax.Array
+
+
+def native_pieces():
+    """How many functions this process has as machine code, or knows it cannot have."""
+    return len(compiler._memory)
+
+
+def compiled_pieces():
+    """How many pieces of code this process has compiled or loaded: it stays the same where nothing new is compiled."""
+    return native_pieces() + sum(jitted._cache_size() for jitted in flattening._jitted.values())
 
 
 def shapes_of(arrays):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import AccelerationLevel, Dynamics, augment, derive, mass_is_singular, reduce_redundant
-from hhtbench.lowering.dynamics import arguments_of
-from hhtbench.lowering.matrix_free import matrix_free
+from hhtbench.lowering.dynamics.dynamics import arguments_of
+from hhtbench.lowering.dynamics.matrix_free import matrix_free
 from hhtbench.protocol import SIGNATURES, NumpySystem
 from tests.lowering.systems import MASSLESS_NUMPY, Massless, Pendulum
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import derive, native
-from hhtbench.lowering.foreign import FUNCTIONS, foreign
-from hhtbench.lowering.native.calling import native_call
-from hhtbench.lowering.native.compiler import native_pieces
+from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
+from hhtbench.lowering.scalar_compiler.calling import native_call
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
+from tests.lowering.native import native_pieces
 from tests.lowering.systems import RICH_NUMPY
 
 

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from solvers.hht.native.march import march
 
-from hhtbench.lowering import compiled_loops
-from hhtbench.lowering import loops as module
-from hhtbench.lowering.loops import (
+from hhtbench.lowering.compile import compiled_loops
+from hhtbench.lowering.compile import loops as module
+from hhtbench.lowering.compile.loops import (
     BITCODE,
     MANIFEST,
     BoolArray,
@@ -21,7 +22,6 @@ from hhtbench.lowering.loops import (
     entries,
     inner,
 )
-from solvers.hht.native.march import march
 
 HERE = Path(__file__)
 entry, within = entries(HERE.with_name("compiled"), HERE), inner()  # another folder in every test

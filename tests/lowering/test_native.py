@@ -226,7 +226,7 @@ def test_a_zero_in_a_derivative_is_known_and_exact():
 
 
 def test_compact_code_writes_only_what_varies():
-    from hhtbench.lowering.native.machine import caller
+    from hhtbench.lowering.scalar_compiler.machine import caller
 
     function = lambda d, x: jnp.stack([x[0], 2.0, x[1] + 1, 0.0])  # noqa: E731
     code = native(function, Nothing(), shapes=((4,),), compact=True)

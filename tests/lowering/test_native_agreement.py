@@ -11,13 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from solvers.hht.engine import force_and_inverse_mass
 
 import hhtbench
 from hhtbench.lowering import NotNative, derive, native, route_of
+from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.kkt import kkt_terms
-from hhtbench.lowering.levels import level_terms
-from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering.scalar_compiler.calling import native_call
 from solvers._finite import inverse_mass_at
 from solvers.forms import FORMS
 from solvers.forms.form import refusal
@@ -25,7 +26,6 @@ from solvers.forms.layout import Layout as FormLayout
 from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.hht.equations.discretise import step_end, step_residual, step_residual_and_matrix
-from solvers.hht.engine import force_and_inverse_mass
 from solvers.hht.equations.layout import Layout
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})

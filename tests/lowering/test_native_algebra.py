@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from hhtbench.lowering.inverse import inverse
+from hhtbench.lowering.compile.inverse import inverse
 from tests.lowering.native import agree, native_value
 
 X = np.array([0.3, -1.2, 2.0, 0.7])

@@ -8,13 +8,13 @@ import sys
 import numpy as np
 import pytest
 
-import hhtbench.lowering.native.compiler  # noqa: F401 - by its module below
+import hhtbench.lowering.scalar_compiler.compiler  # noqa: F401 - by its module below
 from hhtbench.lowering import flattening, native
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.native.calling import native_call
+from hhtbench.lowering.scalar_compiler.calling import native_call
 from tests.lowering.native import Nothing
 
-compiler = sys.modules["hhtbench.lowering.native.compiler"]  # the name in the package is the function's
+compiler = sys.modules["hhtbench.lowering.scalar_compiler.compiler"]  # the name in the package is the function's
 X = np.array([0.3, -1.2])
 
 MECHANISM = """

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hhtbench.lowering import compile_function, derive
-from hhtbench.lowering.differences import derivative
-from hhtbench.lowering.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.dynamics.differences import derivative
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem
 from tests.lowering.systems import (
     MASSLESS_NUMPY,

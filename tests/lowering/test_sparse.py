@@ -10,9 +10,9 @@ from hhtbench import System, parameter
 from hhtbench.counting import Work
 from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
-from hhtbench.lowering.coloured import Coloured, pattern_of
-from hhtbench.lowering.diagonal import Diagonal
-from hhtbench.lowering.matrix_free import large, matrix_free
+from hhtbench.lowering.compile.coloured import Coloured, pattern_of
+from hhtbench.lowering.dynamics.diagonal import Diagonal
+from hhtbench.lowering.dynamics.matrix_free import large, matrix_free
 from problems import planar_chain
 from solvers._start import Place, inconsistency
 from solvers.hht.run.start import project

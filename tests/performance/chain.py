@@ -22,8 +22,8 @@ import hhtbench  # noqa: F401 - 64 bit before anything else
 from hhtbench.counting import Work
 from problems import planar_chain
 from solvers._start import Place
-from solvers.hht.run.begin import begin
 from solvers.hht.options import HHTOptions
+from solvers.hht.run.begin import begin
 
 try:
     import exudyn

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.inverse import inverse
+from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import (
     stages,

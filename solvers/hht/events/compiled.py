@@ -13,7 +13,7 @@ import jax
 
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Native, native
-from hhtbench.lowering.foreign import Callbacks
+from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.events.event import Event, number_of
 from solvers.hht.events.scan import EXTRA
 from solvers.hht.step.memory import DIRECTIONS, SAMPLES, Memory, integer_view

@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.foreign import Callbacks
-from hhtbench.lowering.patterns import Indices
+from hhtbench.lowering.compile.patterns import Indices
+from hhtbench.lowering.dynamics.foreign import Callbacks
 
 
 class SuperLU:

@@ -11,9 +11,9 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.coloured import Coloured
-from hhtbench.lowering.foreign import Callbacks, foreign
-from hhtbench.lowering.matrix_free import SMALL, matrix_free
+from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
+from hhtbench.lowering.dynamics.matrix_free import SMALL, matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from hhtbench.lowering.loops import FloatArray, FloatMatrix, IntArray
+from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray
 from solvers.hht.control.controller import advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan

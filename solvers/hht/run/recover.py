@@ -11,9 +11,9 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.lowering import Dynamics, native
-from hhtbench.lowering.foreign import Callbacks
-from hhtbench.lowering.kkt import kkt_terms
-from hhtbench.lowering.loops import BoolArray, FloatArray, FloatMatrix
+from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.kkt import kkt_terms
 from solvers.hht.step.calls import invoke
 from solvers.hht.step.compiled import called, compiled
 from solvers.hht.step.sections import largest as top

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import ConstraintLevels
-from hhtbench.lowering.foreign import Callbacks
+from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.equations.formulas import EPS
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.loops import Intrinsic
+from hhtbench.lowering.compile.loops import Intrinsic
 
 _SOURCE = "solvers.hht.step.intrinsics"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hhtbench.lowering.loops import entries, inner
+from hhtbench.lowering.compile.loops import entries, inner
 from solvers.hht.equations import formulas
 
 HERE = Path(__file__).parents[1]

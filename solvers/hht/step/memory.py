@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering.loops import FloatArray, IntArray
+from hhtbench.lowering.compile.loops import FloatArray, IntArray
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import GIVEN, HEAD
 

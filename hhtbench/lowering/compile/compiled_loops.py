@@ -1,0 +1,209 @@
+"""``make loops``: what Numba makes of the entries of :mod:`~hhtbench.lowering.compile.loops`; for development, with Numba.
+
+An entry's arguments come as one row of eight-byte words, so that every entry is called in one way and no wrapper of
+Numba's, which would need Numba, is part of its object code.  The one file that knows Numba's code generator.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import importlib
+import json
+import os
+import sys
+from collections.abc import Iterator
+from types import FunctionType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+os.environ["NUMBA_CPU_NAME"] = "generic"  # read when Numba is imported
+os.environ["NUMBA_CPU_FEATURES"] = ""
+
+import llvmlite.binding as llvm  # type: ignore[import-untyped, unused-ignore]
+import numba
+from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
+from numba import types
+from numba.core import cgutils
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import from_dtype
+
+from hhtbench.lowering.compile.loops import (
+    BITCODE,
+    ENTRIES,
+    ENTRY,
+    MANIFEST,
+    Entry,
+    array_layout,
+    content_of,
+)
+from hhtbench.lowering.scalar_compiler.machine import from_bitcode
+
+PLATFORMS = {"x86_64-linux": "x86_64-unknown-linux-gnu", "aarch64-linux": "aarch64-unknown-linux-gnu"}
+WITHOUT_PYTHON: Any = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+NEEDED = {"sqrt", "pow", "memset", "memcpy", "memmove"}  # of the C library, which every process has
+
+
+def dispatcher(function: Any, options: dict[str, Any]) -> Any:
+    """Numba's function of ``function``, to whose code it refers by what Numba made of the loops that it calls."""
+    names = dict(function.__globals__)
+    for name in function.__code__.co_names:
+        if hasattr(names.get(name), "for_numba"):
+            names[name] = names[name].for_numba()
+    copy = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
+    return numba.njit(**WITHOUT_PYTHON, **options)(copy)
+
+
+def bitcode(entry: Entry) -> bytes:
+    """Optimised bitcode of ``int name(int64* result, void** error, int64* words)``.
+
+    Raises
+    ------
+    TypeError
+        The function returns something else than a whole number or None, or needs Numba when it runs.
+    """
+    called, taken = entry.for_numba(), _taken(numba_type(arguments_of(entry)))
+
+    def flat(words: Any) -> Any:
+        return called(*taken(words))
+
+    made = numba.njit(**WITHOUT_PYTHON, **entry.options)(flat)
+    with _not_loaded():
+        made.compile((types.intp,))
+    (result,) = made.overloads.values()
+    if result.signature.return_type not in (types.int64, types.none):
+        raise TypeError(f"{entry.__name__} must return a whole number or None; it gives {result.signature}.")
+    module = llvm.parse_bitcode(result.library._final_module.as_bitcode())
+    module.get_function(result.fndesc.llvm_func_name).name = ENTRY
+    parts = *module.functions, *module.global_variables
+    outside = {part.name for part in parts if part.is_declaration and not part.name.startswith("llvm.")}
+    strange = [name for name in outside - NEEDED if not hasattr(ctypes.pythonapi, name)]
+    if strange:
+        raise TypeError(f"{entry.__name__} needs Numba when it runs: {', '.join(strange)}.")
+    return bytes(module.as_bitcode())
+
+
+def write(entry: Entry) -> dict[str, Any]:
+    """Put the code of ``entry`` into its folder; returns what the manifest tells of it."""
+    entry.folder.mkdir(exist_ok=True)
+    common = bitcode(entry)
+    files = {BITCODE: common} | {name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()}
+    for kind, code in files.items():
+        (entry.folder / f"{entry.__name__}.{kind}").write_bytes(code)
+    return {
+        "layout": layout_of(arguments_of(entry)),
+        "files": {kind: hashlib.sha256(code).hexdigest() for kind, code in files.items()},
+    }
+
+
+def write_all(found: list[Entry]) -> None:
+    """Put code and manifests of ``found`` into their folders."""
+    for folder in dict.fromkeys(entry.folder for entry in found):
+        mine = [entry for entry in found if entry.folder == folder]
+        made = {"content": content_of(mine[0].sources), "numba": numba.__version__, "llvm": list(llvm.llvm_version_info)}
+        made["entries"] = {entry.__name__: write(entry) for entry in mine}
+        (folder / MANIFEST).write_text(json.dumps(made, indent=1) + "\n")
+
+
+@contextlib.contextmanager
+def _not_loaded() -> Iterator[None]:
+    """Numba makes no machine code of its own of every single function: half of the time, for what is never called."""
+    codegen = cpu_target.target_context.codegen()
+    with global_compiler_lock:
+        codegen._add_module = lambda module: None
+        codegen.set_env = lambda name, env: None  # there is no global variable to set
+        try:
+            yield
+        finally:
+            del codegen._add_module, codegen.set_env
+
+
+def arguments_of(entry: Entry) -> Any:
+    """The annotations of its arguments, as one of a tuple."""
+    hints = get_type_hints(entry.function, include_extras=True)
+    return tuple[tuple(kind for name, kind in hints.items() if name != "return")]  # type: ignore[misc]
+
+
+def numba_type(hint: Any) -> Any:
+    """Numba's type of an argument that is annotated so."""
+    if get_origin(hint) is Annotated:
+        dtype, ndim = get_args(hint)[1:]
+        return types.Array(from_dtype(dtype), ndim, "C")
+    if get_origin(hint) is tuple:
+        return types.BaseTuple.from_types([numba_type(part) for part in get_args(hint)])
+    if hasattr(hint, "_fields"):
+        parts = get_type_hints(hint, include_extras=True)
+        return types.BaseTuple.from_types([numba_type(parts[name]) for name in hint._fields], hint)
+    return {bool: types.boolean, int: types.int64, float: types.float64}[hint]
+
+
+def layout_of(hint: Any) -> str:
+    """The words of an argument that is annotated so, as :func:`hhtbench.lowering.compile.loops.in_words` finds them."""
+    if get_origin(hint) is Annotated:
+        return array_layout(*get_args(hint)[1:])
+    if get_origin(hint) is tuple:
+        return f"({''.join(layout_of(part) for part in get_args(hint))})"
+    if hasattr(hint, "_fields"):
+        return layout_of(tuple[tuple(get_type_hints(hint, include_extras=True).values())])  # type: ignore[misc]
+    return {bool: "?", int: "q", float: "d"}[hint]
+
+
+def _taken(kind: Any) -> Any:
+    """A function for compiled code: from the address of the words to a value of the type ``kind``."""
+
+    def take(typingctx: Any, words: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            pointer = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+            return _value(context, builder, kind, iter(_Words(builder, pointer)))
+
+        return kind(types.intp), generate
+
+    return intrinsic(take)
+
+
+class _Words:
+    """Words of memory, one after the other, in code that is being written."""
+
+    def __init__(self, builder: Any, pointer: Any) -> None:
+        self._builder, self._pointer = builder, pointer
+
+    def __iter__(self) -> Any:
+        at = 0
+        while True:
+            yield self._builder.load(self._builder.gep(self._pointer, [ir.Constant(ir.IntType(64), at)]))
+            at += 1
+
+
+def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:
+    """Code for a value of the type ``kind`` from the next ``words``, the inverse of ``loops.in_words``."""
+    if isinstance(kind, types.BaseTuple):
+        parts = kind.types  # type: ignore[attr-defined]
+        return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])
+    if isinstance(kind, types.Array):
+        return _array(context, builder, kind, words)
+    word = next(words)
+    if kind == types.float64:
+        return builder.bitcast(word, ir.DoubleType())
+    return builder.icmp_signed("!=", word, ir.Constant(word.type, 0)) if kind == types.boolean else word
+
+
+def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
+    array = make_array(kind)(context, builder)
+    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    data = builder.inttoptr(next(words), context.get_data_type(kind.dtype).as_pointer())
+    shape = [next(words) for _ in range(kind.ndim)]
+    strides = [size]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    packed = {"shape": cgutils.pack_array(builder, shape), "strides": cgutils.pack_array(builder, strides)}
+    populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
+    return array._getvalue()
+
+
+if __name__ == "__main__":
+    for module in sys.argv[1:]:
+        importlib.import_module(module)
+    write_all(ENTRIES)

@@ -1,0 +1,207 @@
+"""Loops over numbers, compiled by Numba beforehand: their object code lies beside their sources and needs no Numba.
+
+``make loops`` (:mod:`~.compiled_loops`) writes it: object code for Linux on x86-64 and aarch64, made
+for no processor in particular, and LLVM's bitcode, which takes a second to become machine code elsewhere.  A manifest names
+the content of the sources that all this was made from.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import importlib
+import json
+import platform
+import struct
+import threading
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import numpy as np
+
+from hhtbench.counting import preparing
+from hhtbench.lowering.scalar_compiler import disk
+from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
+
+# Annotations of an entry's arguments: arrays whose entries follow one another in memory, beside int, float, bool and tuples.
+FloatArray = Annotated[Any, np.dtype(np.float64), 1]
+FloatMatrix = Annotated[Any, np.dtype(np.float64), 2]
+IntArray = Annotated[Any, np.dtype(np.int64), 1]
+ShortArray = Annotated[Any, np.dtype(np.int32), 1]
+BoolArray = Annotated[Any, np.dtype(np.bool_), 1]
+
+ENTRY = "hhtbench_loop"  #: the name of an entry in its object code
+MANIFEST = "manifest.json"
+BITCODE = "bitcode"
+_address, _buffer = ctypes.addressof, cast("Any", ctypes.c_char.from_buffer)  # mypy does not know arrays as buffers
+_CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
+OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")  #: they say how arguments go over
+ENTRIES: list[Entry] = []  #: of all modules that were imported
+
+
+def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any]:
+    """A decorator that makes an :class:`Entry` of a function of loops over numbers, with annotated arguments.
+
+    They make no arrays of their own and return a whole number or None.
+
+    Parameters
+    ----------
+    folder
+        Where their object code lies.
+    sources
+        Files, and folders of files, that it is made from.
+    options
+        Of Numba.
+    """
+    return lambda function: Entry(function, folder, sources, options)
+
+
+def inner(**options: Any) -> Callable[[Any], Any]:
+    """A decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a part of an array."""
+    return lambda function: Inner(function, options)
+
+
+class Intrinsic:
+    """A word of compiled loops for which Numba has a generator of code, and Python a function that does the same."""
+
+    def __init__(self, module: str, name: str, function: Callable[..., Any]) -> None:
+        self._module, self._name, self._function = module, name, function
+
+    def __call__(self, *arguments: Any) -> Any:
+        """As plain Python."""
+        return self._function(*arguments)
+
+    def for_numba(self) -> Any:
+        """Numba's; its module is imported where something is compiled."""
+        return getattr(importlib.import_module(self._module), self._name)
+
+
+class Inner:
+    """A function that other loops call; called from Python it runs as plain Python."""
+
+    def __init__(self, function: Any, options: dict[str, Any]) -> None:
+        self.__doc__, self.__module__, self.__name__ = function.__doc__, function.__module__, function.__name__
+        self.function, self.options = function, options
+        self._made: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """As plain Python."""
+        return self.function(*arguments)
+
+    def for_numba(self) -> Any:
+        """Numba's function."""
+        if self._made is None:
+            compiling = importlib.import_module("hhtbench.lowering.compile.compiled_loops")
+            self._made = compiling.dispatcher(self.function, self.options)
+        return self._made
+
+
+class Entry(Inner):
+    """A function that Python calls.  Its arguments go over as a row of eight-byte words.
+
+    ``entry.function`` is the same as plain Python.
+    """
+
+    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
+        super().__init__(function, options)
+        self.folder, self.sources = folder, sources
+        self._lock = threading.Lock()
+        self._ready: tuple[str, Any, Any] | None = None
+        ENTRIES.append(self)
+
+    def __call__(self, *arguments: Any) -> int:
+        """The whole number that it returns; 0 for None.
+
+        Raises
+        ------
+        TypeError
+            Arguments of other types than the annotations', or strided arrays.
+        """
+        words: list[Any] = []
+        layout = in_words(arguments, words)
+        wanted, function, pack = self._ready or self._prepare(words)
+        if layout != wanted:
+            raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
+        result, error = ctypes.c_int64(), ctypes.c_void_p()
+        if function(ctypes.addressof(result), ctypes.addressof(error), pack(*words)):
+            raise RuntimeError(f"{self.__name__} failed in compiled code")
+        return result.value
+
+    def _prepare(self, words: list[Any]) -> tuple[str, Any, Any]:
+        with self._lock:
+            if self._ready is None:
+                layout, code = self._shipped()
+                (address,) = load(code, ENTRY)
+                formats = ["d" if isinstance(word, float) else "q" for word in words]
+                self._ready = layout, _CALL(address), struct.Struct("".join(formats)).pack
+            return self._ready
+
+    def _shipped(self) -> tuple[str, bytes]:
+        """What its arguments are in words, and object code for this machine."""
+        manifest = json.loads((self.folder / MANIFEST).read_text())
+        if manifest["content"] != content_of(self.sources):
+            raise RuntimeError(f"the sources of {self.__module__} have changed since they were compiled: run `make loops`.")
+        made = manifest["entries"][self.__name__]
+        here = f"{platform.machine()}-{platform.system()}".lower()
+        kind = here if here in made["files"] else BITCODE
+        code = (self.folder / f"{self.__name__}.{kind}").read_bytes()
+        if hashlib.sha256(code).hexdigest() != made["files"][kind]:
+            raise RuntimeError(f"the compiled {self.__name__} in {self.folder} is damaged: install hhtbench anew.")
+        return made["layout"], self._generated(code) if kind == BITCODE else code
+
+    def _generated(self, bitcode: bytes) -> bytes:
+        name = f"{hashlib.sha256(bitcode + host().encode()).hexdigest()}.loop"
+        code = disk.read_file(name)
+        if code is None:
+            with preparing(f"generating the loop {self.__name__}"):
+                code = from_bitcode(bitcode)
+            disk.write_file(name, code)
+        return code
+
+
+def in_words(value: Any, words: list[Any]) -> str:
+    """Append the eight-byte words of ``value``; returns what they are.
+
+    Raises
+    ------
+    TypeError
+        There is no way to hand it over.
+    """
+    if isinstance(value, float):
+        words.append(value)
+        return "d"
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        if not flags.c_contiguous:
+            raise TypeError("compiled loops take arrays whose entries follow one another in memory; got a strided one.")
+        if flags.writeable and value.size:  # in a fifth of the time that NumPy's word for it takes
+            words.append(_address(_buffer(value)))
+        else:
+            words.append(value.ctypes.data)
+        words.extend(value.shape)
+        return array_layout(value.dtype, value.ndim)
+    if isinstance(value, tuple):
+        return f"({''.join([in_words(part, words) for part in value])})"
+    if not isinstance(value, int):  # as True and False are
+        raise TypeError(f"compiled loops take arrays, numbers and tuples of them; got {type(value).__name__}.")
+    words.append(value)
+    return "?" if isinstance(value, bool) else "q"
+
+
+@lru_cache
+def array_layout(dtype: np.dtype, ndim: int) -> str:
+    """An array in the words of a layout."""
+    return f"[{dtype.str}{ndim}]"
+
+
+@lru_cache
+def content_of(sources: tuple[Path, ...]) -> str:
+    """A name for the content of all Python sources in ``sources``."""
+    digest = hashlib.sha256()
+    for path in sorted(
+        path for source in (*sources, *OWN) for path in (source.glob("*.py") if source.is_dir() else [source])
+    ):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""What the equations are: every term of a system's equations of motion, its constraint levels and its accelerations."""

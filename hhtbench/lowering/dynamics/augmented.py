@@ -1,0 +1,103 @@
+"""A regular mass matrix for systems whose own is singular but whose KKT matrix is regular.
+
+On the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so adding ``rho C^T (C vdot + c)`` to the equations changes
+nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The new mass is positive definite exactly where M is positive
+definite on the null space of C.  Solving with the KKT matrix inside every f instead would put the reaction into f and
+leave nothing for the two stage multipliers of the extended HHT method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.lowering.dynamics.reduced import ReducedDynamics
+from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.wrapper import Wrapper
+
+LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
+
+
+class AugmentedDynamics(Wrapper):
+    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``.
+
+    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
+    """
+
+    rho: Any  #: scalar weight, float64 array
+
+    @property
+    def structure(self) -> Structure:
+        return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
+
+    def _levels(self) -> tuple[bool, bool]:
+        """Whether the rows of g take part, and those of k."""
+        s = self.inner.structure
+        return s.m > 0, s.p > 0 and not s.velocity_jacobian_uses_v
+
+    def rows(self, t: Any, q: Any) -> Any:
+        """C (rows, n) as a function of (t, q)."""
+        position, velocity = self._levels()
+        blocks = [self.constraint_jacobian(t, q)] if position else []
+        return self.xp.concatenate([*blocks, self.velocity_constraint_jacobian(t, q, 0.0 * q)] if velocity else blocks)
+
+    def _acceleration_terms(self, t: Any, q: Any, v: Any) -> Any:
+        """c (rows,): the part of the constraints' second time derivative without C vdot."""
+        position, velocity = self._levels()
+        parts = [self.constraint_acceleration(t, q, v)] if position else []
+        return self.xp.concatenate([*parts, self.velocity_constraint_acceleration(t, q, v)] if velocity else parts)
+
+    def mass(self, t: Any, q: Any) -> Any:
+        rows = self.rows(t, q)
+        return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ self._acceleration_terms(t, q, v))
+
+    def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
+        return self.jacobian(lambda y: self.mass(t, y) @ x, q)
+
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        """(F_q, F_v), each (n, n); of order 4 where they are differences, since c holds 1e-9 of difference error."""
+        return self.jacobian(lambda x: self.force(t, x, v), q), self.jacobian(lambda x: self.force(t, q, x), v)
+
+
+def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
+    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
+
+    Raises
+    ------
+    ProblemError
+        No constraint can take part: there are only velocity constraints, and they are nonlinear in v.
+    """
+    dynamics = _with_known_velocity_rows(dynamics, t, q)
+    if not dynamics.structure.m and dynamics.structure.velocity_jacobian_uses_v:
+        raise ProblemError(
+            "the mass matrix is singular and the velocity constraints are nonlinear in v, so they cannot make it regular; "
+            "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
+        )
+    plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
+    rows = np.asarray(plain.rows(t, q))
+    mass = np.asarray(dynamics.mass(t, q))
+    size = np.abs(mass).max() or 1.0
+    rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
+    return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+
+
+def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:
+    """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
+    if isinstance(dynamics, ReducedDynamics) and dynamics.xp is np:
+        return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
+    if not isinstance(dynamics, NumpyDynamics) or not dynamics.structure.p:
+        return dynamics
+    at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
+    places = np.arange(1.0, q.size + 1)
+    moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]
+    uses_v = any(np.abs(rows - at_rest).max() > LINEAR * np.abs(at_rest).max() for rows in moving)
+    return replace(dynamics, structure=replace(dynamics.structure, velocity_jacobian_uses_v=bool(uses_v)))

@@ -1,0 +1,38 @@
+"""Terms of a JAX system by automatic differentiation.  Pure: they can be traced and compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from hhtbench.lowering.dynamics.derived import DerivedDynamics
+from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.protocol import System
+
+
+class JaxDynamics(eqx.Module, DerivedDynamics):
+    """Every term of the equations of motion; a pytree, so parameters are traced, not baked in."""
+
+    system: System
+    structure: Structure = eqx.field(static=True)
+    ignored: tuple[str, ...] = eqx.field(static=True, default=())
+    constant_mass: Any = None
+    inverse_mass: Any = None
+
+    @property
+    def xp(self) -> Any:
+        return jnp
+
+    def call(self, name: str, t: Any, *arguments: Any) -> Any:
+        return getattr(self.system, name)(t, *arguments)
+
+    def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
+        return jax.jacfwd(function)(x)
+
+    def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
+        t = jnp.asarray(t, dtype=float)
+        return jax.jvp(function, (t, q), (jnp.ones_like(t), v))[1]

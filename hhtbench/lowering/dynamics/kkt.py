@@ -1,0 +1,151 @@
+"""Accelerations and multipliers from the acceleration level, (H16) of THEORY.md: the KKT system, solved for any Q.
+
+    M vdot - F - Q(lam) - Q_k(mu) = 0,    g_q vdot + c = 0,    k_v vdot + d = 0.
+
+A singular M is fine where the KKT matrix is regular.  Where the reaction is nonlinear in lam, Newton's iteration
+starts at the guess and so picks the root.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import lapack, qr
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.kkt_sparse import solve_scaled_sparse, sparse_kkt
+from hhtbench.lowering.dynamics.matrix_free import large
+
+MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
+CONVERGED = 1e-13  # last increment relative to the unknowns
+STAGNATION = 1e-9  # increments that no longer shrink below this are roundoff
+RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """Result of the acceleration level at one point."""
+
+    vdot: Vector  #: (n,) [m/s^2, rad/s^2]
+    lam: Vector  #: (m,) [N, N m]
+    mu: Vector  #: (p,) [N, N m]
+    converged: bool  #: False: the matrix is singular, or no multipliers of a nonlinear reaction were found from the guess
+    singular: bool  #: the KKT matrix is singular here
+
+
+@dataclass(frozen=True)
+class ConstraintRank:
+    """Rank of the stacked constraint Jacobian [g_q; k_v] at one point."""
+
+    rows: int
+    rank: int
+    redundant: tuple[int, ...]  #: rows that depend on the others (position rows first, then velocity rows)
+
+    @property
+    def text(self) -> str:
+        """Which rows, in words."""
+        return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
+
+
+def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
+    """Residual and matrix of the KKT system at ``x = [vdot, lam, mu]``, packed into one vector (N + N*N,)."""
+    s, xp = dynamics.structure, dynamics.xp
+    vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
+    mass = dynamics.mass(t, q)
+    rows, rest = dynamics.acceleration_level(t, q, v)
+    residual = [dynamics.residual(t, q, v, mass @ vdot, lam, mu), rows @ vdot + rest]
+    top = [mass]
+    if s.m:
+        top.append(-dynamics.reaction_jacobians(t, q, lam)[1])
+    if s.p:
+        top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
+    bottom = [rows, xp.zeros((s.m + s.p, s.m + s.p))]
+    matrix = xp.concatenate([xp.concatenate(top, axis=1), xp.concatenate(bottom, axis=1)])
+    return xp.concatenate([*residual, matrix.ravel()])
+
+
+class AccelerationLevel:
+    """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
+
+    def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
+        """``full``: the matrix is an array also for large systems."""
+        self.structure = dynamics.structure
+        products = None if full else large(dynamics)
+        self._sparse = None if products is None else sparse_kkt(products)
+        self._terms = compile_function(kkt_terms, dynamics)
+
+    def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any]:
+        """Residual (N,) and matrix (N, N) at ``x = [vdot, lam, mu]``, N = n + m + p."""
+        if self._sparse is not None:
+            return self._sparse(x, t, q, v)
+        packed = self._terms(t, q, v, x)
+        size = x.size
+        return packed[:size], packed[size:].reshape(size, size)
+
+    def solve(self, t: float, q: Vector, v: Vector, lam: Vector | None = None, mu: Vector | None = None) -> Acceleration:
+        """Accelerations and multipliers at (t, q, v); ``lam`` (m,) and ``mu`` (p,) pick the root of a nonlinear reaction."""
+        s = self.structure
+        x = np.zeros(s.n + s.m + s.p)
+        if not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
+            x[s.n : s.n + s.m] = 0.0 if lam is None else lam
+            x[s.n + s.m :] = 0.0 if mu is None else mu
+        last = np.inf
+        for _ in range(MAX_ITERATIONS):
+            residual, matrix = self.terms(t, q, v, x)
+            increment = (_solve_scaled if self._sparse is None else solve_scaled_sparse)(matrix, residual)
+            if increment is None:
+                return self._result(x, converged=False, singular=True)
+            x = x - increment
+            size = float(np.maximum(_relative(increment[: s.n], x[: s.n]), _relative(increment[s.n :], x[s.n :])))  # or NaN
+            if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
+                return self._result(x, converged=True)
+            last = size
+        return self._result(x, converged=False)
+
+    def _result(self, x: Vector, *, converged: bool, singular: bool = False) -> Acceleration:
+        s = self.structure
+        return Acceleration(x[: s.n].copy(), x[s.n : s.n + s.m].copy(), x[s.n + s.m :].copy(), converged, singular)
+
+
+def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
+    """Rank of [g_q; k_v] from a pivoted QR of its unit rows; ``position`` (m, n), ``velocity`` (p, n)."""
+    stacked = np.concatenate([position, velocity], axis=0)
+    if stacked.shape[0] == 0:
+        return ConstraintRank(0, 0, ())
+    largest = np.max(np.abs(stacked), axis=1, keepdims=True)
+    unit = stacked / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
+    length = np.linalg.norm(unit, axis=1, keepdims=True)
+    unit = unit / np.where(length > 0, length, 1.0)
+    triangle, pivots = qr(unit.T, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.sum(diagonal > RANK_TOLERANCE * np.sqrt(stacked.shape[0])))
+    return ConstraintRank(stacked.shape[0], rank, tuple(sorted(int(i) for i in pivots[rank:])))
+
+
+def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:
+    """Solve after scaling rows and columns to size one; None when the matrix is singular to working precision."""
+    row = np.max(np.abs(matrix), axis=1)
+    if np.any(row == 0):
+        return None
+    scaled = matrix / row[:, None]
+    column = np.max(np.abs(scaled), axis=0)
+    if np.any(column == 0):
+        return None
+    scaled = scaled / column
+    factor, pivots, info = lapack.dgetrf(scaled)
+    if info != 0:
+        return None
+    rcond, _ = lapack.dgecon(factor, float(np.abs(scaled).sum(axis=0).max()))
+    if rcond < np.finfo(float).eps:
+        return None
+    solution, _ = lapack.dgetrs(factor, pivots, right / row)
+    return solution / column
+
+
+def _relative(increment: Vector, block: Vector) -> Any:
+    """Largest increment in units of the largest entry of its block: accelerations, or all multipliers."""
+    return np.max(np.abs(increment), initial=0.0) / np.maximum(np.max(np.abs(block), initial=0.0), np.finfo(float).tiny)

@@ -1,0 +1,143 @@
+"""Position and velocity level of the constraints at a point, with Jacobians: for starts, drift and rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.matrix_free import MatrixFree, large
+
+CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
+
+
+class Misfit(NamedTuple):
+    """By how much one row of the constraints is violated at a start."""
+
+    name: str
+    value: float
+    relative: float  #: in units of the largest coordinate or velocity there
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Constraint values and Jacobians at one point."""
+
+    position: Vector  #: (m,) g
+    time_derivative: Vector  #: (m,) g_t
+    position_jacobian: Any  #: (m, n) g_q, sparse for large systems
+    velocity: Vector  #: (p,) k
+    velocity_jacobian: Any  #: (p, n) k_v, likewise
+    velocity_drift: Vector  #: (m + p,) g_t + g_q v, then k
+
+    @property
+    def rows(self) -> Any:
+        """[g_q; k_v] (m + p, n)."""
+        blocks = [self.position_jacobian, self.velocity_jacobian]
+        return sp.vstack(blocks, format="csr") if sp.issparse(blocks[0]) else np.concatenate(blocks, axis=0)
+
+    def scaled_position(self, s_q: Any) -> Vector:
+        """|g_i| / sum_j |g_q,ij| s_q,j, (m,): the distance from the constraint in units of the typical size."""
+        return _relative(
+            self.position, np.abs(self.position_jacobian) @ np.broadcast_to(s_q, self.position_jacobian.shape[1])
+        )
+
+    def scaled_velocity(self, s_v: Any) -> Vector:
+        """The velocity level, |g_t + g_q v| and |k|, each over its row's size; (m + p,)."""
+        rows = self.rows
+        size = np.abs(rows) @ np.broadcast_to(s_v, rows.shape[1])
+        size[: self.time_derivative.size] += np.abs(self.time_derivative)
+        return _relative(self.velocity_drift, size)
+
+    def misfits(self, q: Vector, v: Vector) -> tuple[list[Misfit], list[Misfit]]:
+        """How far the start (q, v) of these levels is from consistent: at the position level, at the velocity level."""
+        m, p = self.position.size, self.velocity.size
+        names = [f"(g_t + g_q v)[{i}]" for i in range(m)] + [f"k[{i}]" for i in range(p)]
+        position = zip([f"g[{i}]" for i in range(m)], self.position, self.scaled_position(size_of(q)), strict=True)
+        velocity = zip(names, self.velocity_drift, self.scaled_velocity(size_of(v)), strict=True)
+        return [Misfit(*row) for row in position], [Misfit(*row) for row in velocity]
+
+
+def size_of(x: Vector) -> float:
+    """Largest entry; one where all are zero, at the origin or at rest, where roundoff has no size to be measured by."""
+    return float(np.max(np.abs(x), initial=0.0)) or 1.0
+
+
+class ConstraintLevels:
+    """Evaluates :class:`Levels` of one system; calls nothing of a level that is not declared."""
+
+    def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
+        """``full``: Jacobians are arrays also for large systems."""
+        self.structure = dynamics.structure
+        products = large(dynamics) if self.structure.constrained and not full else None
+        self._sparse = None if products is None else SparseLevels(products)
+        self._terms = compile_function(level_terms, dynamics) if self.structure.constrained else None
+
+    def at(self, t: float, q: Vector, v: Vector) -> Levels:
+        """The levels at (t, q, v)."""
+        n, m, p = self.structure.n, self.structure.m, self.structure.p
+        if self._terms is None:
+            nothing = np.zeros(0)
+            return Levels(nothing, nothing, np.zeros((0, n)), nothing, np.zeros((0, n)), nothing)
+        if self._sparse is not None:
+            return self._sparse.at(t, q, v)
+        parts = np.split(np.asarray(self._terms(t, q, v)), np.cumsum([m, m, m * n, p, p * n]))
+        return Levels(parts[0], parts[1], parts[2].reshape(m, n), parts[3], parts[4].reshape(p, n), parts[5])
+
+
+def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """g, g_t, g_q, k, k_v and the velocity level, packed into one vector."""
+    s, xp = dynamics.structure, dynamics.xp
+    empty = xp.zeros(0)
+    first, second, drift = [empty, empty, empty], [empty, empty], [empty]
+    if s.m:
+        jacobian = dynamics.constraint_jacobian(t, q)
+        g_t = dynamics.constraint_time_derivative(t, q) if s.rheonomic else xp.zeros(s.m)
+        first = [dynamics.constraint(t, q), g_t, jacobian.ravel()]
+        drift.append(jacobian @ v + g_t)
+    if s.p:
+        k = dynamics.velocity_constraint(t, q, v)
+        second = [k, dynamics.velocity_constraint_jacobian(t, q, v).ravel()]
+        drift.append(k)
+    return xp.concatenate([*first, *second, *drift])
+
+
+def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
+    """g at ``y[:n]`` and k at (q, ``y[n:]``), (m + p,): its derivative by y is [g_q 0; 0 k_v]."""
+    s = dynamics.structure
+    parts = [dynamics.constraint(t, y[: s.n])] if s.m else []
+    return dynamics.xp.concatenate([*parts, dynamics.velocity_constraint(t, q, y[s.n :])] if s.p else parts)
+
+
+def level_rates(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """g_t and g_t + g_q v, packed into one vector (2 m,)."""
+    return dynamics.xp.concatenate([dynamics.constraint_time_derivative(t, q), dynamics.constraint_velocity(t, q, v)])
+
+
+class SparseLevels:
+    """:class:`Levels` of a large system with sparse Jacobians."""
+
+    def __init__(self, dynamics: MatrixFree) -> None:
+        n = dynamics.structure.n
+        self.structure = dynamics.structure
+        self._stacked = Coloured(stacked_levels, dynamics, example=(np.zeros(2 * n), 0.0, np.zeros(n)))
+        self._rates = compile_function(level_rates, dynamics)
+
+    def at(self, t: float, q: Vector, v: Vector) -> Levels:
+        """The levels at (t, q, v)."""
+        n, m = self.structure.n, self.structure.m
+        values, matrix = self._stacked(np.concatenate([q, v]), t, q)
+        rates = self._rates(t, q, v) if m else np.zeros(0)
+        drift = np.concatenate([rates[m:], values[m:]])
+        return Levels(values[:m], rates[:m], matrix[:m, :n], values[m:], matrix[m:, n:], drift)
+
+
+def _relative(value: Vector, size: Vector) -> Vector:
+    """|value| / size; a row without size counts as itself."""
+    return np.abs(value) / np.where(size > 0, size, 1.0)

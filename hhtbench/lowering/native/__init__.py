@@ -1,6 +1,0 @@
-"""The native route: small functions as straight-line machine code.  LOWERING.md, beside this package, explains it."""
-
-from hhtbench.lowering.native.compiler import Native, native
-from hhtbench.lowering.native.reasons import NotNative
-
-__all__ = ["Native", "NotNative", "native"]

@@ -1,0 +1,171 @@
+"""Writes live nodes of the scalar graph as straight-line LLVM assembly.
+
+No fast-math: the values are those of the operations in the order given, as JAX's are but for roundoff.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from hhtbench.lowering.scalar_compiler.graph import FALSE, TRUE, Graph
+from hhtbench.lowering.scalar_compiler.lu import HELPERS, helper
+from hhtbench.lowering.scalar_compiler.operations import FUNCTIONS, INSTRUCTIONS
+
+ENTRY, CALL = "hhtbench_f", "hhtbench_call"
+READ = "ptr noalias readonly captures(none)"
+WRITTEN = "ptr noalias writeonly captures(none)"
+MEMORY = {"parameter": "%p", "argument": "%a{}", "entry": "%x{}"}  # where numbers are read from
+
+
+class Emitted(NamedTuple):
+    """Assembly of one function."""
+
+    text: str
+    helpers: str  #: functions with loops that it calls, or nothing
+    operations: int  #: arithmetic and calls, without loads and stores
+
+
+def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
+    """Nodes the outputs need, operands first, each output's as late as can be: few numbers wait in registers.
+
+    In the order of the tracing, code for 4,600 operations took twice as long to generate and a fifth longer to run.
+    """
+    seen: set[int] = set()
+    for output in outputs:
+        stack = [(output, False)]
+        while stack:
+            node, ready = stack.pop()
+            if ready:
+                yield node
+            elif node not in seen:
+                seen.add(node)
+                stack.append((node, True))
+                stack.extend((operand, False) for operand in reversed(needs(graph, node)) if operand not in seen)
+
+
+def needs(graph: Graph, node: int) -> tuple[int, ...]:
+    """The operands that are nodes."""
+    operation, operands = graph.operation[node], graph.operands[node]
+    if operation in ("constant", "parameter", "argument"):
+        return ()
+    return {"entry": operands[:1], "solve": operands[2:], "foreign": operands[2:]}.get(operation, operands)
+
+
+def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
+    """A function ``void f(out, parameters, a0, ...)`` that stores ``outputs`` in order, and one of all pointers in a row."""
+    writer = _Writer(graph)
+    places: dict[int, list[int]] = {}
+    for place, node in enumerate(outputs):
+        if node not in graph.number:
+            places.setdefault(node, []).append(place)
+    table = writer.constants(outputs) if len(outputs) > sum(map(len, places.values())) else ""
+    for node in ordered(graph, [node for node in outputs if node not in graph.number]):
+        writer.node(node)
+        for place in places.get(node, ()):
+            writer.store("%out", place, node)
+    read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
+    body = [f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind {{", *writer.scratch, *writer.lines, "  ret void", "}"]
+    text = "\n".join([table, *body, _wrapper(arguments), *sorted(writer.declarations)])
+    return Emitted(text, "\n".join(writer.helpers[key] for key in sorted(writer.helpers)), writer.operations)
+
+
+def _wrapper(arguments: int) -> str:
+    """The function behind one pointer to all pointers: one argument is the cheapest call from Python."""
+    lines = [f"define void @{CALL}(ptr readonly captures(none) %block) nounwind {{"]
+    for i in range(arguments + 2):
+        lines.append(f"  %q{i} = getelementptr ptr, ptr %block, i64 {i}")
+        lines.append(f"  %r{i} = load ptr, ptr %q{i}")
+    passed = ", ".join(f"ptr %r{i}" for i in range(arguments + 2))
+    return "\n".join([*lines, f"  call void @{ENTRY}({passed})", "  ret void", "}"])
+
+
+class _Writer:
+    """Lines of one function body."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.lines: list[str] = []
+        self.scratch: list[str] = []  #: stack space of the calls
+        self.declarations: set[str] = set()
+        self.helpers: dict[str, str] = {}
+        self.operations = 0
+
+    def name(self, node: int) -> str:
+        """How a node is written as an operand."""
+        if self.graph.operation[node] == "constant":
+            return f"0x{self.graph.operands[node][0] & 0xFFFFFFFFFFFFFFFF:016X}"
+        if node in (TRUE, FALSE):
+            return "true" if node == TRUE else "false"
+        return f"%v{node}"
+
+    def node(self, node: int) -> None:
+        """The line of one node."""
+        operation = self.graph.operation[node]
+        if operation in ("constant", "true", "false"):
+            return
+        operands = self.graph.operands[node]
+        if operation in MEMORY:
+            *which, place = operands
+            self.lines.append(f"  %g{node} = getelementptr double, ptr {MEMORY[operation].format(*which)}, i64 {place}")
+            self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
+        elif operation == "solve":
+            self.solve(node, operands[0], operands[1], operands[2:])
+        elif operation == "foreign":
+            self.foreign(node, operands[0], operands[1], operands[2:])
+        else:
+            self.operations += 1
+            self.lines.append(f"  %v{node} = {self.expression(operation, [self.name(x) for x in operands])}")
+
+    def constants(self, outputs: list[int]) -> str:
+        """Entries that are known, in one copy from a table, which is returned; the others are overwritten.
+
+        Stores of ten thousand zeros one by one took LLVM minutes.
+        """
+        entries = (self.name(node) if node in self.graph.number else "0.0" for node in outputs)
+        table = f"[{len(outputs)} x double]"
+        self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+        self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * len(outputs)}, i1 false)")
+        values = ", ".join(f"double {entry}" for entry in entries)
+        return f"@constants = private unnamed_addr constant {table} [{values}], align 64"
+
+    def store(self, base: str, place: int, node: int) -> None:
+        """One number to memory."""
+        self.lines.append(f"  {base}.{place} = getelementptr double, ptr {base}, i64 {place}")
+        self.lines.append(f"  store double {self.name(node)}, ptr {base}.{place}, align 8")
+
+    def expression(self, operation: str, x: list[str]) -> str:
+        """The right-hand side of an operation: an instruction, or a call of an intrinsic or of the C library."""
+        if operation in INSTRUCTIONS:
+            return INSTRUCTIONS[operation].format(*x)
+        function = FUNCTIONS[operation]
+        attributes = "" if function.startswith("llvm.") else " nounwind willreturn memory(none)"
+        self.declarations.add(f"declare double @{function}({', '.join(['double'] * len(x))}){attributes}")
+        return f"call double @{function}({', '.join(f'double {value}' for value in x)})"
+
+    def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
+        """Arguments to the stack, then the call by the address in ``%p``; NaN is left where it does not write its result."""
+        self.operations += len(entries) + 2 * size
+        self.scratch_with(f"%m{node}", entries)
+        self.scratch.append(f"  %x{node} = alloca [{size} x double], align 64")
+        self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
+        self.lines += [
+            f"  call void @llvm.memset.p0.i64(ptr %x{node}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
+            f"  %c{node}.at = getelementptr ptr, ptr %p, i64 {parameter}",
+            f"  %c{node} = load ptr, ptr %c{node}.at, align 8",
+            f"  call void %c{node}(ptr %m{node}, ptr %x{node})",
+        ]
+
+    def scratch_with(self, base: str, entries: tuple[int, ...]) -> None:
+        """Room ``base`` on the stack that holds the numbers ``entries``."""
+        self.scratch.append(f"  {base} = alloca [{len(entries)} x double], align 64")
+        for place, entry in enumerate(entries):
+            self.store(base, place, entry)
+
+    def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
+        """Matrix and right-hand sides to the stack, then the helper, which leaves the solution in place of the latter."""
+        self.operations += len(entries)
+        self.helpers[f"{n} {k}"] = helper(n, k)
+        self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr)")
+        self.scratch_with(f"%x{node}", entries)
+        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %x{node})")

@@ -1,0 +1,272 @@
+"""The scalar graph: operations on single numbers, each of them once, with what is known beforehand worked out.
+
+A node is a small integer.  Equal operations on equal nodes are one node (hash-consing), constants are folded, and
+``x*0``, ``x+0``, ``x*1`` and their like vanish.  Folding ``0*x`` to 0 takes x for finite: a structural zero of a Jacobian
+must not depend on values.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering.scalar_compiler.errors import TooLarge
+from hhtbench.lowering.scalar_compiler.operations import COMMUTATIVE, COMPARISONS, FOLDS, LOGIC
+
+Ids = np.ndarray  #: int64 array of nodes
+
+ZERO, ONE, MINUS_ONE, FALSE, TRUE = range(5)
+
+
+class Graph:
+    """Nodes as parallel lists: ``operation[i]`` on the nodes ``operands[i]``."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit  #: nodes that may be made, live or not
+        self.operation: list[str] = []
+        self.operands: list[tuple[int, ...]] = []
+        self.number: dict[int, float] = {}  #: node -> value, of constants
+        self._known: dict[tuple[Any, ...], int] = {}
+        for value in (0.0, 1.0, -1.0):
+            self.constant(value)
+        self.node("false")
+        self.node("true")
+
+    def node(self, operation: str, *operands: int) -> int:
+        """The node of this operation on these operands, as they are."""
+        key = (operation, *operands)
+        found = self._known.get(key)
+        if found is not None:
+            return found
+        made = len(self.operation)
+        if made >= self.limit:
+            raise TooLarge(f"more than {self.limit} scalar operations")
+        self.operation.append(operation)
+        self.operands.append(operands)
+        self._known[key] = made
+        return made
+
+    def constant(self, value: float) -> int:
+        """The node of a number; -0.0 and 0.0 are two, every NaN is one."""
+        bits = struct.unpack("<q", struct.pack("<d", value))[0] if value == value else 0x7FF8000000000000
+        made = self.node("constant", bits)
+        self.number[made] = float(value)
+        return made
+
+    def constants(self, values: np.ndarray) -> Ids:
+        """Nodes of an array of numbers or booleans."""
+        array = np.asarray(values)
+        if array.dtype == bool:
+            return np.where(array, TRUE, FALSE).astype(np.int64)
+        bits, places = np.unique(array.astype(np.float64).view(np.int64), return_inverse=True)
+        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int64)
+        return nodes[places].reshape(array.shape)
+
+    def neg(self, x: int) -> int:
+        """-x."""
+        if x in self.number:
+            return self.constant(-self.number[x]) if self.number[x] else ZERO
+        if self.operation[x] == "neg":
+            return self.operands[x][0]
+        return self.node("neg", x)
+
+    def add(self, x: int, y: int) -> int:
+        """x + y."""
+        number = self.number
+        if x in number and y in number:
+            return self.constant(number[x] + number[y])
+        if number.get(x) == 0.0:
+            return y
+        if number.get(y) == 0.0:
+            return x
+        if self.operation[y] == "neg":
+            return self.sub(x, self.operands[y][0])
+        if self.operation[x] == "neg":
+            return self.sub(y, self.operands[x][0])
+        return self.node("add", x, y) if x < y else self.node("add", y, x)
+
+    def sub(self, x: int, y: int) -> int:
+        """x - y."""
+        number = self.number
+        if x in number and y in number:
+            return self.constant(number[x] - number[y])
+        if number.get(x) == 0.0:
+            return self.neg(y)
+        if number.get(y) == 0.0:
+            return x
+        if self.operation[y] == "neg":
+            return self.add(x, self.operands[y][0])
+        return self.node("sub", x, y)
+
+    def mul(self, x: int, y: int) -> int:
+        """x * y; signs go in front, so that products that differ in sign only are one."""
+        number = self.number
+        if x > y:
+            x, y = y, x
+        if x in number and y in number:
+            return self.constant(number[x] * number[y])
+        for one, other in ((x, y), (y, x)):
+            value = number.get(one)
+            if value == 0.0:
+                return ZERO
+            if value == 1.0:
+                return other
+            if value == -1.0:
+                return self.neg(other)
+        negative = False
+        if self.operation[x] == "neg":
+            x, negative = self.operands[x][0], True
+        if self.operation[y] == "neg":
+            y, negative = self.operands[y][0], not negative
+        if negative:
+            return self.neg(self.mul(x, y))
+        return self.node("mul", x, y)
+
+    def div(self, x: int, y: int) -> int:
+        """x / y; by a power of two it is a product, which is exact."""
+        number = self.number
+        if x in number and y in number:
+            return self.constant(FOLDS["div"](number[x], number[y]))
+        if y in number:
+            mantissa, exponent = math.frexp(number[y])
+            if abs(mantissa) == 0.5 and abs(exponent) < 1000:
+                return self.mul(x, self.constant(1.0 / number[y]))
+        if number.get(x) == 0.0:
+            return ZERO
+        if self.operation[x] == "neg":
+            return self.neg(self.div(self.operands[x][0], y))
+        if self.operation[y] == "neg":
+            return self.neg(self.div(x, self.operands[y][0]))
+        return self.node("div", x, y)
+
+    def select(self, predicate: int, yes: int, no: int) -> int:
+        """``yes`` where the boolean ``predicate`` holds, else ``no``."""
+        if predicate == TRUE or yes == no:
+            return yes
+        if predicate == FALSE:
+            return no
+        if self.operation[predicate] == "not":
+            return self.select(self.operands[predicate][0], no, yes)
+        if (yes, no) == (TRUE, FALSE):
+            return predicate
+        if (yes, no) == (FALSE, TRUE):
+            return self.logic("not", predicate)
+        if self.is_bool(yes):
+            return self.node("select_bool", predicate, yes, no)
+        return self.node("select", predicate, yes, no)
+
+    def logic(self, name: str, *truths: int) -> int:
+        """``and``, ``or``, ``xor``, ``not`` of booleans."""
+        if name == "not":
+            x = truths[0]
+            if x in (TRUE, FALSE):
+                return TRUE + FALSE - x
+            return self.operands[x][0] if self.operation[x] == "not" else self.node("not", x)
+        x, y = sorted(truths)
+        if x in (TRUE, FALSE):
+            if name == "xor":
+                return y if x == FALSE else self.logic("not", y)
+            decides = (name == "or") == (x == TRUE)
+            return x if decides else y
+        if x == y:
+            return FALSE if name == "xor" else x
+        return self.node(name, x, y)
+
+    def apply(self, name: str, *operands: int) -> int:
+        """Any elementwise operation by its name."""
+        special = _SPECIAL.get(name)
+        if special is not None:
+            return special(self, *operands)
+        if name in LOGIC:
+            return self.logic(name, *operands)
+        number = self.number
+        if name in FOLDS and all(x in number for x in operands):
+            value = FOLDS[name](*(number[x] for x in operands))
+            return (TRUE if value else FALSE) if name in COMPARISONS else self.constant(value)
+        if name in COMMUTATIVE and operands[0] > operands[1]:
+            operands = operands[::-1]
+        return self.node(name, *operands)
+
+    def is_bool(self, node: int) -> bool:
+        """Whether the node is a boolean and not a number."""
+        operation = self.operation[node]
+        return operation in COMPARISONS or operation in LOGIC or operation in ("true", "false", "select_bool")
+
+    def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
+        """``apply`` entry by entry."""
+        arrays = np.broadcast_arrays(*operands)
+        shape, apply = arrays[0].shape, self.apply
+        if name in ("mul", "add", "sub"):
+            return _quick(self, name, *arrays)
+        columns = [array.ravel().tolist() for array in arrays]
+        return np.array([apply(name, *entry) for entry in zip(*columns, strict=True)], dtype=np.int64).reshape(shape)
+
+
+def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
+    """Products and sums where most entries are structural zeros, as in derivatives."""
+    if name == "mul":
+        result = np.full(x.shape, ZERO, dtype=np.int64)
+        left = (x != ZERO) & (y != ZERO)
+    else:
+        result = np.where(y == ZERO, x, y) if name == "add" else x.copy()
+        left = (y != ZERO) & ((x != ZERO) | (name == "sub"))
+    function = getattr(graph, name)
+    pairs = zip(x[left].tolist(), y[left].tolist(), strict=True)
+    result[left] = [function(a, b) for a, b in pairs]
+    return result
+
+
+def _pow(graph: Graph, x: int, y: int) -> int:
+    exponent = graph.number.get(y)
+    if exponent == 1.0:
+        return x
+    if exponent == 2.0:
+        return graph.mul(x, x)
+    if x in graph.number and exponent is not None:
+        return graph.constant(FOLDS["pow"](graph.number[x], exponent))
+    return graph.node("pow", x, y)
+
+
+def _abs(graph: Graph, x: int) -> int:
+    if graph.operation[x] in ("neg", "abs"):
+        x = graph.operands[x][0]
+    return graph.constant(abs(graph.number[x])) if x in graph.number else graph.node("abs", x)
+
+
+def _sign(graph: Graph, x: int) -> int:
+    below = graph.select(graph.apply("lt", x, ZERO), MINUS_ONE, x)
+    return graph.select(graph.apply("gt", x, ZERO), ONE, below)
+
+
+def _extreme(name: str, graph: Graph, x: int, y: int) -> int:
+    if x == y:
+        return x
+    if x in graph.number and y in graph.number:
+        return graph.constant(FOLDS[name](graph.number[x], graph.number[y]))
+    return graph.node(name, min(x, y), max(x, y))
+
+
+_SPECIAL: dict[str, Callable[..., int]] = {
+    "abs": _abs,
+    "add": Graph.add,
+    "add_any": Graph.add,
+    "clamp": lambda graph, low, x, high: graph.apply("min", graph.apply("max", x, low), high),
+    "div": Graph.div,
+    "is_finite": lambda graph, x: graph.apply("lt", graph.apply("abs", x), graph.constant(math.inf)),
+    "logistic": lambda graph, x: graph.div(ONE, graph.add(ONE, graph.apply("exp", graph.neg(x)))),
+    "max": partial(_extreme, "max"),
+    "min": partial(_extreme, "min"),
+    "mul": Graph.mul,
+    "neg": Graph.neg,
+    "pow": _pow,
+    "rsqrt": lambda graph, x: graph.div(ONE, graph.apply("sqrt", x)),
+    "select": Graph.select,
+    "sign": _sign,
+    "square": lambda graph, x: graph.mul(x, x),
+    "sub": Graph.sub,
+}

@@ -1,0 +1,85 @@
+"""The operations of the scalar graph: how each is folded, and how it is written in LLVM's language.
+
+Values as JAX's: a maximum with NaN is NaN, comparisons with NaN are false but for ``ne``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+LIBM = (  # one argument, by the C library; NumPy has the same names
+    *("acos", "acosh", "asin", "asinh", "atan", "atanh", "cbrt", "cosh"),
+    *("expm1", "log1p", "sinh", "tan", "tanh"),
+)
+INTRINSICS = {  # one argument, by LLVM's own names: inlined, or the C library's where it has the better code
+    "abs": "fabs",
+    "round_away": "round",
+    "round_even": "roundeven",
+    **{name: name for name in ("ceil", "cos", "exp", "exp2", "floor", "log", "sin", "sqrt", "trunc")},
+}
+COMPARISONS = {"eq": "oeq", "ne": "une", "lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge"}
+ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "rem": "frem"}
+LOGIC = ("and", "or", "xor", "not")
+COMMUTATIVE = ("eq", "ne")
+
+INSTRUCTIONS = {  # in LLVM's language, of operands in order
+    **{name: f"{instruction} double {{}}, {{}}" for name, instruction in ARITHMETIC.items()},
+    **{name: f"fcmp {predicate} double {{}}, {{}}" for name, predicate in COMPARISONS.items()},
+    **{name: f"{name} i1 {{}}, {{}}" for name in ("and", "or", "xor")},
+    "neg": "fneg double {}",
+    "not": "xor i1 {}, true",
+    "select": "select i1 {}, double {}, double {}",
+    "select_bool": "select i1 {}, i1 {}, i1 {}",
+}
+FUNCTIONS = {  # that are called, of numbers
+    **{name: name for name in (*LIBM, "atan2", "erf", "erfc", "pow")},
+    **{name: f"llvm.{intrinsic}.f64" for name, intrinsic in (INTRINSICS | {"max": "maximum", "min": "minimum"}).items()},
+}
+
+
+def _power(x: Any, y: Any) -> Any:
+    """The C library's: NumPy takes a root for the exponent 1/2, which differs at minus infinity."""
+    try:
+        return np.float64(math.pow(x, y))
+    except (ValueError, OverflowError):
+        return np.power(x, y)
+
+
+ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
+    **{name: getattr(np, name) for name in (*LIBM, "abs", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
+    **{name: getattr(np, name) for name in ("sign", "sin", "sqrt", "square", "trunc")},
+    "add": np.add,
+    "div": np.divide,
+    "eq": np.equal,
+    "erf": special.erf,
+    "erfc": special.erfc,
+    "ge": np.greater_equal,
+    "gt": np.greater,
+    "le": np.less_equal,
+    "lt": np.less,
+    "max": np.maximum,
+    "min": np.minimum,
+    "mul": np.multiply,
+    "ne": np.not_equal,
+    "neg": np.negative,
+    "rem": np.fmod,
+    "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
+    "round_even": np.rint,
+    "sub": np.subtract,
+}
+
+
+def _folded(function: Callable[..., Any]) -> Callable[..., Any]:
+    def fold(*values: float) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*(np.float64(value) for value in values)).item()
+
+    return fold
+
+
+FOLDS = {name: _folded(function) for name, function in (ELEMENTWISE | {"pow": _power}).items()}
