@@ -8,49 +8,10 @@ from typing import Any
 from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, CRUMB, NOISE
 from solvers.hht.events.scan import keep_values, scan
+from solvers.hht.step import memory as mem
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
 from solvers.hht.step.calls import spacing
 from solvers.hht.step.compiled import compiled, fit, growth, representable
-from solvers.hht.step.memory import (
-    ACCELERATION,
-    ACCELERATION_LEVEL,
-    ATTEMPT,
-    BEFORE,
-    CONTROL,
-    CONVERGED,
-    END,
-    ERROR_SIZE,
-    FALLBACK,
-    FIRST_ERROR,
-    FIRST_H,
-    H_NEXT,
-    H_TRIED,
-    HAS_REACTION_K,
-    LAM,
-    LAST,
-    LAST_ERROR,
-    MU,
-    NEXT_H,
-    NO_ADVANCE,
-    NONFINITE,
-    NUMBER,
-    O_RK,
-    PLACE,
-    RAW,
-    REACTION_K,
-    REJECTED,
-    ROUNDOFF_REACHED,
-    SPENT,
-    SUSPECT,
-    T_END,
-    TOO_LARGE,
-    VDOT,
-    M,
-    N,
-    P,
-    T,
-    X,
-)
 from solvers.hht.step.sections import address, part, put
 
 REMAINDER = -1.0  # in the place of an error: a step far shorter than what was asked for has none
@@ -60,69 +21,69 @@ REMAINDER = -1.0  # in the place of an error: a step far shorter than what was a
 def advance(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
     """CONVERGED for one more accepted step, or why there is none; what was tried last is in ATTEMPT."""
     ended = controlled(z, c, counts) if c.controlled else prescribed(z, length, end, counts)
-    if ended != CONVERGED:
+    if ended != mem.CONVERGED:
         return ended
     if c.watching:
         ended = scan(z, counts)
-        if ended != CONVERGED:
+        if ended != mem.CONVERGED:
             return ended
     conclude(z, c, row, counts)
-    return CONVERGED
+    return mem.CONVERGED
 
 
 @compiled
 def prescribed(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     """A step of h [s] to t1, as it is."""
-    t, tried = part(z, NUMBER)[T], part(z, ATTEMPT)
+    t, tried = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)
     if t + h == t or t1 == t:
-        tried[H_TRIED] = h
-        return NO_ADVANCE
+        tried[mem.H_TRIED] = h
+        return mem.NO_ADVANCE
     ended = attempt(z, h, t1, counts)
-    return SUSPECT if is_suspect(z, ended) else ended
+    return mem.SUSPECT if is_suspect(z, ended) else ended
 
 
 @compiled
 def is_suspect(z: Any, ended: Any) -> Any:
     """Whether Newton's iteration may have failed for wrong declared derivatives."""
-    return z.i[FALLBACK] and ended not in (CONVERGED, SPENT, NONFINITE)
+    return z.i[mem.FALLBACK] and ended not in (mem.CONVERGED, mem.SPENT, mem.NONFINITE)
 
 
 @compiled
 def controlled(z: Any, c: Any, counts: Any) -> Any:
     """Steps from the one proposed to shorter ones until the error of one is at most 1."""
-    control, tried, t = part(z, CONTROL), part(z, ATTEMPT), part(z, NUMBER)[T]
-    h, rejected, failed = max(min(control[H_NEXT], c.max_step), c.min_step), 0, NO_ADVANCE
+    control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
+    h, rejected, failed = max(min(control[mem.H_NEXT], c.max_step), c.min_step), 0, mem.NO_ADVANCE
     least = max(c.min_step, c.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, c.stop - t)))
-    tried[FIRST_H] = 0.0
+    tried[mem.FIRST_H] = 0.0
     while True:
         h = representable(t, math.copysign(h, c.stop - t))
         asked = abs(h)
         h, t1 = fit(t, h, c.stop, c.min_step)
         if t + h == t or t1 == t:
-            tried[H_TRIED] = h
+            tried[mem.H_TRIED] = h
             return failed
         ended, factor = attempt(z, h, t1, counts), c.after_failure
-        if ended == SPENT:
-            return SPENT
+        if ended == mem.SPENT:
+            return mem.SPENT
         if is_suspect(z, ended):
-            return SUSPECT
-        if ended != CONVERGED:
+            return mem.SUSPECT
+        if ended != mem.CONVERGED:
             failed = ended
         elif rejected == 0 and abs(h) < CRUMB * asked:
-            tried[ERROR_SIZE], tried[NEXT_H] = REMAINDER, asked
-            return CONVERGED
+            tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = REMAINDER, asked
+            return mem.CONVERGED
         else:
             size = estimate(z)
-            tried[ERROR_SIZE] = size
+            tried[mem.ERROR_SIZE] = size
             if size <= 1.0:
-                h_next = abs(h) * growth(c, size, control[LAST_ERROR], rejected > 0)
-                tried[NEXT_H] = max(h_next, asked) if abs(h) < asked else h_next
-                return CONVERGED
-            counts[REJECTED] += 1
+                h_next = abs(h) * growth(c, size, control[mem.LAST_ERROR], rejected > 0)
+                tried[mem.NEXT_H] = max(h_next, asked) if abs(h) < asked else h_next
+                return mem.CONVERGED
+            counts[mem.REJECTED] += 1
             if hopeless(z, c, h, size):
-                return ROUNDOFF_REACHED
-            failed, factor = TOO_LARGE, c.shrink
+                return mem.ROUNDOFF_REACHED
+            failed, factor = mem.TOO_LARGE, c.shrink
             if rejected == 0:
                 factor = max(c.shrink, (c.target / size) ** (1 / 3))
         if abs(h) <= smallest:
@@ -136,18 +97,18 @@ def hopeless(z: Any, c: Any, h: Any, size: Any) -> Any:
 
     What a jump of the force leaves in v goes with h; roundoff stays or grows, and is no more than q and v make.
     """
-    tried = part(z, ATTEMPT)
-    if tried[FIRST_H] == 0.0:
-        tried[FIRST_H], tried[FIRST_ERROR] = h, size
-    left = tried[FIRST_ERROR] * h / tried[FIRST_H]
+    tried = part(z, mem.ATTEMPT)
+    if tried[mem.FIRST_H] == 0.0:
+        tried[mem.FIRST_H], tried[mem.FIRST_ERROR] = h, size
+    left = tried[mem.FIRST_ERROR] * h / tried[mem.FIRST_H]
     return (c.grown * left < size and size < NOISE * roundoff(z, h)) or roundoff(z, math.inf) > CERTAIN
 
 
 @compiled
 def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
-    tried = part(z, ATTEMPT)
-    short = c.controlled and tried[ERROR_SIZE] == REMAINDER
+    tried = part(z, mem.ATTEMPT)
+    short = c.controlled and tried[mem.ERROR_SIZE] == REMAINDER
     if short:
         remember_remainder(z, counts)
     elif c.controlled:
@@ -162,37 +123,52 @@ def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
 @compiled
 def remember(z: Any) -> None:
     """What the next step's estimate and the controller need."""
-    n, control, tried = z.i[N], part(z, CONTROL), part(z, ATTEMPT)
-    control[H_NEXT], control[LAST], control[LAST_ERROR] = tried[NEXT_H], tried[H_TRIED], tried[ERROR_SIZE]
-    put(part(z, BEFORE), 0, part(z, ACCELERATION))
-    put(part(z, ACCELERATION), 0, part(z, RAW)[2 * n : 3 * n])
-    if z.i[P] > 0:
-        control[HAS_REACTION_K] = 1.0
-        put(part(z, REACTION_K), 0, part(z, X)[z.i[O_RK] : z.i[O_RK] + n])
+    n, control, tried = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.ATTEMPT)
+    control[mem.H_NEXT], control[mem.LAST], control[mem.LAST_ERROR] = (
+        tried[mem.NEXT_H],
+        tried[mem.H_TRIED],
+        tried[mem.ERROR_SIZE],
+    )
+    put(part(z, mem.BEFORE), 0, part(z, mem.ACCELERATION))
+    put(part(z, mem.ACCELERATION), 0, part(z, mem.RAW)[2 * n : 3 * n])
+    if z.i[mem.P] > 0:
+        control[mem.HAS_REACTION_K] = 1.0
+        put(part(z, mem.REACTION_K), 0, part(z, mem.X)[z.i[mem.O_RK] : z.i[mem.O_RK] + n])
 
 
 @compiled
 def remember_remainder(z: Any, counts: Any) -> None:
     """The same of a step cut far below what was asked for: its multipliers and v' are roundoff over h^2, and found anew."""
-    n, m, end, tried, control, place = z.i[N], z.i[M], part(z, END), part(z, ATTEMPT), part(z, CONTROL), part(z, PLACE)
-    found = part(z, ACCELERATION_LEVEL)
-    put(found, 1, end[4 * n + m + z.i[P] : 5 * n + m + z.i[P]])
-    put(found, 1 + n, end[4 * n : 4 * n + m + z.i[P]])
-    if m + z.i[P] > 0:
-        place[0] = tried[T_END]
+    n, m, end, tried, control, place = (
+        z.i[mem.N],
+        z.i[mem.M],
+        part(z, mem.END),
+        part(z, mem.ATTEMPT),
+        part(z, mem.CONTROL),
+        part(z, mem.PLACE),
+    )
+    found = part(z, mem.ACCELERATION_LEVEL)
+    put(found, 1, end[4 * n + m + z.i[mem.P] : 5 * n + m + z.i[mem.P]])
+    put(found, 1 + n, end[4 * n : 4 * n + m + z.i[mem.P]])
+    if m + z.i[mem.P] > 0:
+        place[0] = tried[mem.T_END]
         put(place, 1, end[: 2 * n])
-        at = address(z, END) + 8 * 4 * n
+        at = address(z, mem.END) + 8 * 4 * n
         if not acceleration_level(z, at, at + 8 * m, counts):
-            put(found, 1, end[4 * n + m + z.i[P] : 5 * n + m + z.i[P]])
-            put(found, 1 + n, end[4 * n : 4 * n + m + z.i[P]])
-    control[H_NEXT], control[LAST], control[LAST_ERROR] = tried[NEXT_H], control[LAST] + tried[H_TRIED], -1.0
-    put(part(z, ACCELERATION), 0, found[1 : 1 + n])
+            put(found, 1, end[4 * n + m + z.i[mem.P] : 5 * n + m + z.i[mem.P]])
+            put(found, 1 + n, end[4 * n : 4 * n + m + z.i[mem.P]])
+    control[mem.H_NEXT], control[mem.LAST], control[mem.LAST_ERROR] = (
+        tried[mem.NEXT_H],
+        control[mem.LAST] + tried[mem.H_TRIED],
+        -1.0,
+    )
+    put(part(z, mem.ACCELERATION), 0, found[1 : 1 + n])
 
 
 @compiled
 def put_multipliers(z: Any) -> None:
     """Those of the acceleration level, and its v', into the state."""
-    n, m, found = z.i[N], z.i[M], part(z, ACCELERATION_LEVEL)
-    put(part(z, VDOT), 0, found[1 : 1 + n])
-    put(part(z, LAM), 0, found[1 + n : 1 + n + m])
-    put(part(z, MU), 0, found[1 + n + m :])
+    n, m, found = z.i[mem.N], z.i[mem.M], part(z, mem.ACCELERATION_LEVEL)
+    put(part(z, mem.VDOT), 0, found[1 : 1 + n])
+    put(part(z, mem.LAM), 0, found[1 + n : 1 + n + m])
+    put(part(z, mem.MU), 0, found[1 + n + m :])

@@ -7,114 +7,67 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
+from solvers.hht.step import memory as mem
 from solvers.hht.step.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.step.memory import (
-    ACCELERATION,
-    ATOL,
-    ATTEMPT,
-    BEFORE,
-    BETA,
-    C_LEVELS,
-    C_RAW,
-    CONSTANTS,
-    CONTROL,
-    END,
-    END_INVERSE_MASS,
-    ERROR,
-    FACTOR,
-    GAMMA,
-    H_TRIED,
-    HAS_REACTION_K,
-    LAM,
-    LAST,
-    LEVELS,
-    MADE_H,
-    MU,
-    NUMBER,
-    O_LAM0,
-    O_LAM1,
-    O_MU,
-    O_RK,
-    PAIR_CHANGE,
-    PAIR_RIGHT,
-    PAIR_SOLUTION,
-    PLACE,
-    RAW,
-    RAW_GIVEN,
-    REACTION_K,
-    RECORD,
-    RTOL,
-    SIZE_Q,
-    SIZE_V,
-    SLOT,
-    STEP,
-    T_END,
-    VARIABLE,
-    WEIGHTS,
-    A,
-    F,
-    H,
-    M,
-    N,
-    P,
-    Q,
-    T,
-    V,
-    X,
-)
 from solvers.hht.step.sections import address, call, half, largest, part, put
 
 
 @compiled
 def describe(z: Any, h: Any, t1: Any) -> None:
     """Fill what :func:`solvers.hht.local_error.raw_errors` takes, in its order."""
-    n, m, p, x, end, given = z.i[N], z.i[M], z.i[P], part(z, X), part(z, END), part(z, RAW_GIVEN)
-    control, last_h, a, f, step = part(z, CONTROL), part(z, NUMBER)[H], part(z, A), part(z, F), part(z, STEP)
-    with_reaction_k = p > 0 and control[HAS_REACTION_K] > 0.0
-    given[0], given[1] = h, control[LAST]
+    n, m, p, x, end, given = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.RAW_GIVEN)
+    control, last_h, a, f, step = (
+        part(z, mem.CONTROL),
+        part(z, mem.NUMBER)[mem.H],
+        part(z, mem.A),
+        part(z, mem.F),
+        part(z, mem.STEP),
+    )
+    with_reaction_k = p > 0 and control[mem.HAS_REACTION_K] > 0.0
+    given[0], given[1] = h, control[mem.LAST]
     given[2] = 1.0 if last_h == 0.0 else h / (h + last_h)
-    given[3] = h / (6 * (h + control[LAST])) if with_reaction_k else 0.0
+    given[3] = h / (6 * (h + control[mem.LAST])) if with_reaction_k else 0.0
     given[4] = t1
     k = put(given, 5, end[: 2 * n])
-    k = put(given, k, part(z, V))
+    k = put(given, k, part(z, mem.V))
     for i in range(n):
         a0 = a[i] if step[2] == 1.0 else step[3] * f[i] + step[2] * (a[i] - f[i])
         given[k + i] = a0 + step[4] * x[i]
     k = put(given, k + n, end[2 * n : 4 * n])
-    k = put(given, k, part(z, BEFORE))
-    k = put(given, k, part(z, ACCELERATION))
+    k = put(given, k, part(z, mem.BEFORE))
+    k = put(given, k, part(z, mem.ACCELERATION))
     if m > 0:
         k = put(given, k, end[5 * n + m + p : 7 * n + m + p])
-        k = put(given, k, part(z, LAM))
-        k = put(given, k, x[z.i[O_LAM0] : z.i[O_LAM0] + m])
-        k = put(given, k, x[z.i[O_LAM1] : z.i[O_LAM1] + m])
+        k = put(given, k, part(z, mem.LAM))
+        k = put(given, k, x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m])
+        k = put(given, k, x[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + m])
     if p > 0:
-        k = put(given, k, x[z.i[O_RK] : z.i[O_RK] + n])
-        k = put(given, k, part(z, REACTION_K))
-        k = put(given, k, part(z, MU))
-        k = put(given, k, x[z.i[O_MU] : z.i[O_MU] + p])
-    if z.i[VARIABLE]:
-        put(given, k, part(z, END_INVERSE_MASS))
+        k = put(given, k, x[z.i[mem.O_RK] : z.i[mem.O_RK] + n])
+        k = put(given, k, part(z, mem.REACTION_K))
+        k = put(given, k, part(z, mem.MU))
+        k = put(given, k, x[z.i[mem.O_MU] : z.i[mem.O_MU] + p])
+    if z.i[mem.VARIABLE]:
+        put(given, k, part(z, mem.END_INVERSE_MASS))
 
 
 @compiled
 def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
     """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    rights, off, h, m = part(z, PAIR_RIGHT), part(z, LEVELS), half(z, RECORD, slot)[MADE_H], z.i[M]
+    rights, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), half(z, mem.RECORD, slot)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
-            rights[2 * (z.i[O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
-        rights[2 * (z.i[O_LAM1] + i) + which] = sign * off[m + i] / h
-    for i in range(z.i[P]):
-        rights[2 * (z.i[O_MU] + i) + which] = sign * off[2 * m + i] / h
+            rights[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
+        rights[2 * (z.i[mem.O_LAM1] + i) + which] = sign * off[m + i] / h
+    for i in range(z.i[mem.P]):
+        rights[2 * (z.i[mem.O_MU] + i) + which] = sign * off[2 * m + i] / h
 
 
 @compiled
 def levels_at(z: Any, t: Any) -> None:
     """The constraint levels at t and the q, v in PLACE."""
-    part(z, PLACE)[0] = t
-    at = address(z, PLACE)
-    call(z, C_LEVELS, LEVELS, (at, at + 8, at + 8 + 8 * z.i[N]))
+    part(z, mem.PLACE)[0] = t
+    at = address(z, mem.PLACE)
+    call(z, mem.C_LEVELS, mem.LEVELS, (at, at + 8, at + 8 + 8 * z.i[mem.N]))
 
 
 @compiled
@@ -123,9 +76,14 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[N], part(z, RAW), half(z, RECORD, slot)[MADE_H], part(z, CONSTANTS)
-    error, rights, solutions, changes = part(z, ERROR), part(z, PAIR_RIGHT), part(z, PAIR_SOLUTION), part(z, PAIR_CHANGE)
-    in_q, in_v = o[BETA] * (made / h) * (made / h), made * o[GAMMA]
+    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), half(z, mem.RECORD, slot)[mem.MADE_H], part(z, mem.CONSTANTS)
+    error, rights, solutions, changes = (
+        part(z, mem.ERROR),
+        part(z, mem.PAIR_RIGHT),
+        part(z, mem.PAIR_SOLUTION),
+        part(z, mem.PAIR_CHANGE),
+    )
+    in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
     for i in range(rights.size):
         rights[i] = 0.0
     for i in range(n):
@@ -133,12 +91,12 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     respond(z, slot)
     for i in range(n):
         error[i] = changes[2 * i]
-        if z.i[O_RK] >= 0:
-            error[i] -= 0.5 * made * made * solutions[2 * (z.i[O_RK] + i)]
+        if z.i[mem.O_RK] >= 0:
+            error[i] -= 0.5 * made * made * solutions[2 * (z.i[mem.O_RK] + i)]
     for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
         rights[2 * i], rights[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
-    if z.i[M] + z.i[P] > 0:
-        place, end = part(z, PLACE), part(z, END)
+    if z.i[mem.M] + z.i[mem.P] > 0:
+        place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
         levels_at(z, t1)
@@ -150,7 +108,7 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     off = 0.0
     for i in range(n):
         error[n + i] = changes[2 * (n + i)]
-    weights = part(z, WEIGHTS)
+    weights = part(z, mem.WEIGHTS)
     size = weighted_rms(error, weights)
     if inside:
         for i in range(2 * n):
@@ -171,19 +129,19 @@ def weighted_rms(x: Any, weights: Any) -> Any:
 @compiled
 def levels_inside(z: Any, h: Any) -> None:
     """The constraint levels of dense output inside the step, where its v errs most."""
-    n, end, q, v, place = z.i[N], part(z, END), part(z, Q), part(z, V), part(z, PLACE)
+    n, end, q, v, place = z.i[mem.N], part(z, mem.END), part(z, mem.Q), part(z, mem.V), part(z, mem.PLACE)
     for i in range(n):
         place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i], v[i], end[n + i])
-    levels_at(z, part(z, NUMBER)[T] + GAUSS * h)
+    levels_at(z, part(z, mem.NUMBER)[mem.T] + GAUSS * h)
 
 
 @compiled
 def weigh(z: Any, q1: Any, v1: Any) -> Any:
     """Put what is allowed of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
-    n, q, v, number, weights = z.i[N], part(z, Q), part(z, V), part(z, NUMBER), part(z, WEIGHTS)
-    rtol, atol = part(z, RTOL), part(z, ATOL)
+    n, q, v, number, weights = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.NUMBER), part(z, mem.WEIGHTS)
+    rtol, atol = part(z, mem.RTOL), part(z, mem.ATOL)
     of_q = of_v = math.inf
-    size_q, size_v = max(number[SIZE_Q], largest(q1)), max(number[SIZE_V], largest(v1))
+    size_q, size_v = max(number[mem.SIZE_Q], largest(q1)), max(number[mem.SIZE_V], largest(v1))
     for i in range(n):
         weights[i] = allowed(rtol[i], atol[i], q[i], q1[i])
         weights[n + i] = allowed(rtol[n + i], atol[n + i], v[i], v1[i])
@@ -197,29 +155,29 @@ def weigh(z: Any, q1: Any, v1: Any) -> Any:
 @compiled
 def roundoff(z: Any, h: Any) -> Any:
     """The size of the roundoff of q and v, (H26); in a step of h [s] v is also a difference of q over h."""
-    n, q, v, error = z.i[N], part(z, Q), part(z, V), part(z, ERROR)
+    n, q, v, error = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.ERROR)
     relative, _ = weigh(z, q, v)
     for i in range(n):
         error[i] = EPS * abs(q[i])
         error[n + i] = max(EPS * abs(v[i]), error[i] / abs(h))
-    return weighted_rms(error, part(z, WEIGHTS)) / relative
+    return weighted_rms(error, part(z, mem.WEIGHTS)) / relative
 
 
 @compiled
 def estimate(z: Any) -> Any:
     """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
-    n, end, number, tried = z.i[N], part(z, END), part(z, NUMBER), part(z, ATTEMPT)
-    h, t1, slot = tried[H_TRIED], tried[T_END], int(tried[SLOT])
+    n, end, number, tried = z.i[mem.N], part(z, mem.END), part(z, mem.NUMBER), part(z, mem.ATTEMPT)
+    h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     describe(z, h, t1)
-    call(z, C_RAW, RAW, (address(z, RAW_GIVEN),))
+    call(z, mem.C_RAW, mem.RAW, (address(z, mem.RAW_GIVEN),))
     if slot < 0:  # (H21): nothing moved
         return 0.0
     relative, size_q = weigh(z, end[:n], end[n : 2 * n])
-    weights, least = part(z, WEIGHTS), math.inf
+    weights, least = part(z, mem.WEIGHTS), math.inf
     for i in range(n):
         least = min(least, weights[n + i])
-    inside = z.i[M] + z.i[P] > 0 and EPS * size_q <= ROUNDOFF * abs(h) * least  # else v there is roundoff over h
-    kept = int(number[FACTOR])
+    inside = z.i[mem.M] + z.i[mem.P] > 0 and EPS * size_q <= ROUNDOFF * abs(h) * least  # else v there is roundoff over h
+    kept = int(number[mem.FACTOR])
     found, off = filtered(z, slot, t1, h, inside)
     size = found / relative
     if kept >= 0 and kept != slot:  # the matrix before it: stiffness met in this very step is no filter

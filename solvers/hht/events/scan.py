@@ -5,31 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solvers.hht.step import memory as mem
 from solvers.hht.step.calls import invoke
 from solvers.hht.step.compiled import compiled, crosses, cubic
-from solvers.hht.step.memory import (
-    ATTEMPT,
-    CONVERGED,
-    DIRECTIONS,
-    END,
-    EVENT,
-    EVENT_CODE,
-    EVENT_FOUND,
-    EVENT_NONFINITE,
-    EVENT_VALUES,
-    EVENTS_KNOWN,
-    LOOKS,
-    NUMBER,
-    PLACE,
-    SAMPLE_TIMES,
-    SAMPLE_VALUES,
-    SAMPLES,
-    T_END,
-    N,
-    Q,
-    T,
-    V,
-)
 from solvers.hht.step.sections import address, indices, part
 
 EXTRA = 3  # samples of a step beside those inside: its start, a place just behind it, its end
@@ -44,34 +22,45 @@ def scan(z: Any, counts: Any) -> Any:
     After a start or a change the values there are not known: one near zero counts as zero, and the motion leaves it
     without an event.
     """
-    directions, times, values, first, found = indices(z, DIRECTIONS), part(z, SAMPLE_TIMES), part(z, SAMPLE_VALUES), 0, False
+    directions, times, values, first, found = (
+        indices(z, mem.DIRECTIONS),
+        part(z, mem.SAMPLE_TIMES),
+        part(z, mem.SAMPLE_VALUES),
+        0,
+        False,
+    )
     for e in range(directions.size):
-        count = indices(z, SAMPLES)[e] + EXTRA
+        count = indices(z, mem.SAMPLES)[e] + EXTRA
         if not sample(z, e, first, count, counts):
-            return EVENT_NONFINITE
+            return mem.EVENT_NONFINITE
         for k in range(first + 1, first + count):
             found |= times[k] != times[k - 1] and crosses(values[k - 1], values[k], directions[e])
         first += count
-    return EVENT_FOUND if found else CONVERGED
+    return mem.EVENT_FOUND if found else mem.CONVERGED
 
 
 @compiled
 def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
     """The values of event ``e`` along the step into the samples from ``first`` on; False where one is not finite."""
-    times, values, t0, t1 = part(z, SAMPLE_TIMES), part(z, SAMPLE_VALUES), part(z, NUMBER)[T], part(z, ATTEMPT)[T_END]
-    begins, scale = z.i[EVENTS_KNOWN] == 0, 0.0
+    times, values, t0, t1 = (
+        part(z, mem.SAMPLE_TIMES),
+        part(z, mem.SAMPLE_VALUES),
+        part(z, mem.NUMBER)[mem.T],
+        part(z, mem.ATTEMPT)[mem.T_END],
+    )
+    begins, scale = z.i[mem.EVENTS_KNOWN] == 0, 0.0
     for k in range(count):
         at = first + k
         times[at] = t0 + LEAVING * (t1 - t0) if k == 1 and begins else t0
         if k > 1:
             times[at] = t1 if k == count - 1 else t0 + (k - 1) / (count - 2) * (t1 - t0)
         if k > 1 or begins:
-            counts[LOOKS] += 1
+            counts[mem.LOOKS] += 1
             values[at] = value_at(z, e, times[at])
             if not math.isfinite(values[at]):
                 return False
         else:
-            values[at] = part(z, EVENT_VALUES)[e]
+            values[at] = part(z, mem.EVENT_VALUES)[e]
         scale = max(scale, abs(values[at]))
     if begins and abs(values[first]) <= ZERO * scale:
         values[first] = 0.0
@@ -81,25 +70,32 @@ def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
 @compiled
 def value_at(z: Any, e: Any, t: Any) -> Any:
     """The value of event ``e`` at t in the attempt."""
-    n, place, end, q, v, t0 = z.i[N], part(z, PLACE), part(z, END), part(z, Q), part(z, V), part(z, NUMBER)[T]
-    t1 = part(z, ATTEMPT)[T_END]
+    n, place, end, q, v, t0 = (
+        z.i[mem.N],
+        part(z, mem.PLACE),
+        part(z, mem.END),
+        part(z, mem.Q),
+        part(z, mem.V),
+        part(z, mem.NUMBER)[mem.T],
+    )
+    t1 = part(z, mem.ATTEMPT)[mem.T_END]
     h = t1 - t0
     place[0] = t
     for i in range(n):
         place[1 + i], place[1 + n + i] = end[i], end[n + i]
         if t != t1:
             place[1 + i], place[1 + n + i] = cubic((t - t0) / h, h, q[i], end[i], v[i], end[n + i])
-    at, code = address(z, PLACE), indices(z, EVENT_CODE)
-    part(z, EVENT)[0] = math.nan
-    invoke(code[2 * e], (address(z, EVENT), code[2 * e + 1], at, at + 8, at + 8 + 8 * n))
-    return part(z, EVENT)[0]
+    at, code = address(z, mem.PLACE), indices(z, mem.EVENT_CODE)
+    part(z, mem.EVENT)[0] = math.nan
+    invoke(code[2 * e], (address(z, mem.EVENT), code[2 * e + 1], at, at + 8, at + 8 + 8 * n))
+    return part(z, mem.EVENT)[0]
 
 
 @compiled
 def keep_values(z: Any) -> None:
     """The values at the end of the attempt are those at the start of the next."""
-    first, values = 0, part(z, SAMPLE_VALUES)
-    for e in range(indices(z, DIRECTIONS).size):
-        first += indices(z, SAMPLES)[e] + EXTRA
-        part(z, EVENT_VALUES)[e] = values[first - 1]
-    z.i[EVENTS_KNOWN] = 1
+    first, values = 0, part(z, mem.SAMPLE_VALUES)
+    for e in range(indices(z, mem.DIRECTIONS).size):
+        first += indices(z, mem.SAMPLES)[e] + EXTRA
+        part(z, mem.EVENT_VALUES)[e] = values[first - 1]
+    z.i[mem.EVENTS_KNOWN] = 1

@@ -14,24 +14,11 @@ from solvers.hht.linear.lapack import address_of
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order
 from solvers.hht.linear.superlu import SuperLU, fill
-from solvers.hht.step.memory import (
-    DGETRF,
-    DGETRS,
-    KIND,
-    KIND_BAND,
-    KIND_CALLBACK,
-    KIND_DENSE,
-    KIND_INVERSE,
-    LAPACK,
-    OWN,
-    VALUES,
-    Memory,
-    integer_view,
-    view,
-)
+from solvers.hht.step import memory as mem
+from solvers.hht.step.memory import Memory, integer_view, view
 
 KINDS = ("auto", "dense", "band", "sparse")
-CODES = {"inverse": KIND_INVERSE, "band": KIND_BAND, "dense": KIND_DENSE, "sparse": KIND_CALLBACK}
+CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}
 NARROW = 64  # diagonals up to which a band is taken without a look at what SuperLU would fill
 BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
@@ -100,10 +87,10 @@ class Analysis:
 
     def fill(self, z: Memory) -> None:
         """Put what does not change into the loops' memory."""
-        view(z, VALUES)[:] = self.constants
-        z.i[KIND], z.i[OWN] = CODES[self.kind], self.own
-        z.i[DGETRF], z.i[DGETRS] = address_of("dgetrf"), address_of("dgetrs")
-        integer_view(z, LAPACK)[:] = self.size, 1, ord("N"), 0
+        view(z, mem.VALUES)[:] = self.constants
+        z.i[mem.KIND], z.i[mem.OWN] = CODES[self.kind], self.own
+        z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
+        integer_view(z, mem.LAPACK)[:] = self.size, 1, ord("N"), 0
 
     def outside(self) -> SuperLU | None:
         """What keeps factorisations in Python."""

@@ -11,72 +11,9 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.linear.band import factor_blocks, solve_blocks
+from solvers.hht.step import memory as mem
 from solvers.hht.step.calls import invoke, view
 from solvers.hht.step.compiled import compiled, inlined
-from solvers.hht.step.memory import (
-    BLOCKS,
-    C_EARLY,
-    C_EARLY_MATRIX,
-    C_FACTOR,
-    C_MATRIX,
-    C_RESIDUAL,
-    C_SOLVE,
-    COLUMNS,
-    COMPUTED,
-    CONVERGED,
-    COUPLED,
-    COUPLINGS,
-    DGETRF,
-    DGETRS,
-    EARLY,
-    EARLY_MATRIX,
-    FACTOR_TOLD,
-    FACTORISATIONS,
-    FRESH,
-    INCREMENT,
-    INSIDE,
-    INVERSE,
-    INVERTED,
-    JACOBIANS,
-    KIND,
-    KIND_BAND,
-    KIND_CALLBACK,
-    KIND_DENSE,
-    KIND_INVERSE,
-    LAPACK,
-    LEAST_PIVOT,
-    MADE_AT,
-    MADE_H,
-    MAP_COLUMNS,
-    MAP_STARTS,
-    MAPS,
-    NONFINITE,
-    OUTSIDE,
-    OWN,
-    PAIR_CHANGE,
-    PAIR_RIGHT,
-    PAIR_SOLUTION,
-    PAIR_WORK,
-    PIVOTS,
-    PLACES,
-    RANK,
-    RECORD,
-    RESIDUAL,
-    RIGHT,
-    ROWS,
-    SINGULAR,
-    SIZE,
-    SLOT_ASKED,
-    SLOTS,
-    STARTS,
-    STEP,
-    STORAGE,
-    USES,
-    VALUES,
-    WORK,
-    N,
-    X,
-)
 from solvers.hht.step.sections import (
     address,
     call,
@@ -99,118 +36,122 @@ FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as
 @compiled
 def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
     """The matrix at the iterate, into ``slot``, with what :func:`correct` takes; a failure's name, or CONVERGED."""
-    counts[JACOBIANS] += 1
-    made = half(z, MADE_AT, slot)
-    given = made.size - z.i[SIZE]
-    put(made, put(made, 0, part(z, X)), view(z.w, z.i[2 * STEP], given))
-    ended = inverse_at(z, slot) if z.i[KIND] == KIND_INVERSE else factorise(z, slot)
-    counts[FACTORISATIONS] += 1
-    record = half(z, RECORD, slot)
-    record[MADE_H], record[INVERTED] = h, 0.0
-    record[USES] = 1.0 if z.i[KIND] == KIND_INVERSE else 0.0
+    counts[mem.JACOBIANS] += 1
+    made = half(z, mem.MADE_AT, slot)
+    given = made.size - z.i[mem.SIZE]
+    put(made, put(made, 0, part(z, mem.X)), view(z.w, z.i[2 * mem.STEP], given))
+    ended = inverse_at(z, slot) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, slot)
+    counts[mem.FACTORISATIONS] += 1
+    record = half(z, mem.RECORD, slot)
+    record[mem.MADE_H], record[mem.INVERTED] = h, 0.0
+    record[mem.USES] = 1.0 if z.i[mem.KIND] == mem.KIND_INVERSE else 0.0
     return ended
 
 
 @compiled
 def inverse_at(z: Any, slot: Any) -> Any:
     """A small system's correction with the matrix at the iterate, and its inverse into ``slot``."""
-    fresh, size = part(z, FRESH), z.i[SIZE]
-    x, given = address(z, X), address(z, STEP)
-    call(z, C_EARLY_MATRIX, EARLY_MATRIX, (x, given))
-    call(z, C_MATRIX, FRESH, (x, given, address(z, EARLY_MATRIX)))
+    fresh, size = part(z, mem.FRESH), z.i[mem.SIZE]
+    x, given = address(z, mem.X), address(z, mem.STEP)
+    call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
+    call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
-        return SINGULAR if fresh[fresh.size - 1] < math.inf else NONFINITE
-    increment, inverse, maps = part(z, INCREMENT), half(z, INVERSE, slot), half(z, MAPS, slot)
+        return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
+    increment, inverse, maps = part(z, mem.INCREMENT), half(z, mem.INVERSE, slot), half(z, mem.MAPS, slot)
     put(increment, 0, fresh[: size + 2])
     put(inverse, 0, fresh[size + 2 : size + 2 + inverse.size])
     put(maps, 0, fresh[size + 2 + inverse.size : size + 2 + inverse.size + maps.size])
-    return CONVERGED
+    return mem.CONVERGED
 
 
 @compiled
 def factorise(z: Any, slot: Any) -> Any:
     """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
-    values, computed, slots, size = part(z, VALUES), part(z, COMPUTED), indices(z, SLOTS), z.i[SIZE]
-    x, given = address(z, X), address(z, STEP)
-    if z.i[C_EARLY_MATRIX]:
-        call(z, C_EARLY_MATRIX, EARLY_MATRIX, (x, given))
-    call(z, C_MATRIX, COMPUTED, (x, given, address(z, EARLY_MATRIX)))
+    values, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
+    x, given = address(z, mem.X), address(z, mem.STEP)
+    if z.i[mem.C_EARLY_MATRIX]:
+        call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
+    call(z, mem.C_MATRIX, mem.COMPUTED, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(computed):
-        return NONFINITE
+        return mem.NONFINITE
     for k in range(slots.size):
         values[slots[k]] = computed[k]
-    put(part(z, RESIDUAL), 0, values[:size])
-    entries, maps, own = values[size:], half(z, MAPS, slot), z.i[OWN]
+    put(part(z, mem.RESIDUAL), 0, values[:size])
+    entries, maps, own = values[size:], half(z, mem.MAPS, slot), z.i[mem.OWN]
     put(maps, 0, entries[own : own + maps.size])
-    if z.i[KIND] == KIND_BAND:
+    if z.i[mem.KIND] == mem.KIND_BAND:
         return factor_band(z, slot, entries)
-    return factor_dense(z, slot, entries) if z.i[KIND] == KIND_DENSE else factor_outside(z, slot)
+    return factor_dense(z, slot, entries) if z.i[mem.KIND] == mem.KIND_DENSE else factor_outside(z, slot)
 
 
 @compiled
 def factor_band(z: Any, slot: Any, entries: Any) -> Any:
     """Blocks of bands, and what couples them."""
-    inside, places, storage = indices(z, INSIDE), indices(z, PLACES), half(z, STORAGE, slot)
+    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), half(z, mem.STORAGE, slot)
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
-    least = factor_blocks(storage, half_of_indices(z, PIVOTS, slot), indices(z, BLOCKS))
-    outside, couplings, record = indices(z, OUTSIDE), half(z, COUPLINGS, slot), half(z, RECORD, slot)
+    least = factor_blocks(storage, half_of_indices(z, mem.PIVOTS, slot), indices(z, mem.BLOCKS))
+    outside, couplings, record = indices(z, mem.OUTSIDE), half(z, mem.COUPLINGS, slot), half(z, mem.RECORD, slot)
     for k in range(outside.size):
         couplings[k] = entries[outside[k]]
-    record[LEAST_PIVOT], record[RANK] = least, z.i[SIZE] if least > 0.0 else z.i[SIZE] - 1
-    return CONVERGED if least > 0.0 else SINGULAR
+    record[mem.LEAST_PIVOT], record[mem.RANK] = least, z.i[mem.SIZE] if least > 0.0 else z.i[mem.SIZE] - 1
+    return mem.CONVERGED if least > 0.0 else mem.SINGULAR
 
 
 @compiled
 def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
     """LAPACK's LU with partial pivoting of the full matrix, column by column."""
-    inside, places, storage, size = indices(z, INSIDE), indices(z, PLACES), half(z, STORAGE, slot), z.i[SIZE]
+    inside, places, storage, size = indices(z, mem.INSIDE), indices(z, mem.PLACES), half(z, mem.STORAGE, slot), z.i[mem.SIZE]
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
-    order, info, matrix = index_address(z, LAPACK, 0), index_address(z, LAPACK, 3), half_address(z, STORAGE, slot)
-    invoke(z.i[DGETRF], (order, order, matrix, order, index_address(z, PIVOTS, slot * size), info))
-    record, least, most, rank = half(z, RECORD, slot), abs(storage[0]), 0.0, 0
+    order, info, matrix = (
+        index_address(z, mem.LAPACK, 0),
+        index_address(z, mem.LAPACK, 3),
+        half_address(z, mem.STORAGE, slot),
+    )
+    invoke(z.i[mem.DGETRF], (order, order, matrix, order, index_address(z, mem.PIVOTS, slot * size), info))
+    record, least, most, rank = half(z, mem.RECORD, slot), abs(storage[0]), 0.0, 0
     for j in range(size):
         pivot = abs(storage[j * (size + 1)])
         least, most = min(least, pivot), max(most, pivot)
     for j in range(size):
         rank += 1 if abs(storage[j * (size + 1)]) > FULL_RANK * EPS * most else 0
-    record[LEAST_PIVOT], record[RANK] = least, rank
-    return CONVERGED if least > 0.0 else SINGULAR
+    record[mem.LEAST_PIVOT], record[mem.RANK] = least, rank
+    return mem.CONVERGED if least > 0.0 else mem.SINGULAR
 
 
 @compiled
 def factor_outside(z: Any, slot: Any) -> Any:
     """A factorisation that Python keeps."""
-    part(z, SLOT_ASKED)[0], part(z, FACTOR_TOLD)[0] = slot, 0.0
-    call(z, C_FACTOR, FACTOR_TOLD, (address(z, SLOT_ASKED), address(z, VALUES) + 8 * z.i[SIZE]))
-    told, record = part(z, FACTOR_TOLD), half(z, RECORD, slot)
-    record[LEAST_PIVOT], record[RANK] = told[1], told[2]
-    return CONVERGED if told[0] > 0.0 else SINGULAR
+    part(z, mem.SLOT_ASKED)[0], part(z, mem.FACTOR_TOLD)[0] = slot, 0.0
+    call(z, mem.C_FACTOR, mem.FACTOR_TOLD, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
+    told, record = part(z, mem.FACTOR_TOLD), half(z, mem.RECORD, slot)
+    record[mem.LEAST_PIVOT], record[mem.RANK] = told[1], told[2]
+    return mem.CONVERGED if told[0] > 0.0 else mem.SINGULAR
 
 
 @inlined
 def solve_width(width: Any, z: Any, slot: Any, right: Any, work: Any, out: Any) -> None:
     """``out``: the inverse of the matrix in ``slot`` times one or two right-hand sides, entry beside entry."""
-    kind = z.i[KIND]
-    if kind == KIND_INVERSE:
+    kind = z.i[mem.KIND]
+    if kind == mem.KIND_INVERSE:
         times_inverse(width, z, slot, right, out)
-    elif kind == KIND_BAND:
+    elif kind == mem.KIND_BAND:
         solve_blocks(
             width,
             right,
-            indices(z, ROWS),
-            indices(z, COLUMNS),
-            half(z, STORAGE, slot),
-            half_of_indices(z, PIVOTS, slot),
-            indices(z, BLOCKS),
-            indices(z, STARTS),
-            indices(z, COUPLED),
-            half(z, COUPLINGS, slot),
+            indices(z, mem.ROWS),
+            indices(z, mem.COLUMNS),
+            half(z, mem.STORAGE, slot),
+            half_of_indices(z, mem.PIVOTS, slot),
+            indices(z, mem.BLOCKS),
+            indices(z, mem.STARTS),
+            indices(z, mem.COUPLED),
+            half(z, mem.COUPLINGS, slot),
             work,
             out,
         )
@@ -222,30 +163,30 @@ def solve_width(width: Any, z: Any, slot: Any, right: Any, work: Any, out: Any) 
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    solve_width(1, z, slot, right, part(z, WORK), out)
+    solve_width(1, z, slot, right, part(z, mem.WORK), out)
 
 
 @compiled
 def solve_full(z: Any, slot: Any, width: Any, which: Any, right: Any, out: Any) -> None:
     """One right-hand side with LAPACK's factors, or with those that Python keeps."""
-    work, size = part(z, WORK), z.i[SIZE]
+    work, size = part(z, mem.WORK), z.i[mem.SIZE]
     for i in range(size):
         work[i] = right[width * i + which]
-    if z.i[KIND] == KIND_DENSE:
+    if z.i[mem.KIND] == mem.KIND_DENSE:
         order, one, no, info = (
-            index_address(z, LAPACK, 0),
-            index_address(z, LAPACK, 1),
-            index_address(z, LAPACK, 2),
-            index_address(z, LAPACK, 3),
+            index_address(z, mem.LAPACK, 0),
+            index_address(z, mem.LAPACK, 1),
+            index_address(z, mem.LAPACK, 2),
+            index_address(z, mem.LAPACK, 3),
         )
-        matrix, pivots = half_address(z, STORAGE, slot), index_address(z, PIVOTS, slot * size)
-        invoke(z.i[DGETRS], (no, order, one, matrix, order, pivots, address(z, WORK), order, info))
+        matrix, pivots = half_address(z, mem.STORAGE, slot), index_address(z, mem.PIVOTS, slot * size)
+        invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
         for i in range(size):
             out[width * i + which] = work[i]
         return
-    part(z, SLOT_ASKED)[0] = slot
-    call(z, C_SOLVE, RIGHT, (address(z, SLOT_ASKED), address(z, WORK)))
-    solution = part(z, RIGHT)
+    part(z, mem.SLOT_ASKED)[0] = slot
+    call(z, mem.C_SOLVE, mem.RIGHT, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
+    solution = part(z, mem.RIGHT)
     for i in range(size):
         out[width * i + which] = solution[i]
 
@@ -253,12 +194,12 @@ def solve_full(z: Any, slot: Any, width: Any, which: Any, right: Any, out: Any) 
 @compiled
 def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
     """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
-    record, size = half(z, RECORD, slot), z.i[SIZE]
-    record[USES] += 1.0
-    if size > PRODUCT or z.i[KIND] == KIND_CALLBACK or record[USES] <= OFTEN * size:
+    record, size = half(z, mem.RECORD, slot), z.i[mem.SIZE]
+    record[mem.USES] += 1.0
+    if size > PRODUCT or z.i[mem.KIND] == mem.KIND_CALLBACK or record[mem.USES] <= OFTEN * size:
         solve(z, slot, right, out)
         return
-    if record[INVERTED] == 0.0:
+    if record[mem.INVERTED] == 0.0:
         invert(z, slot)
     times_inverse(1, z, slot, right, out)
 
@@ -266,7 +207,7 @@ def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
 @inlined
 def times_inverse(width: Any, z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out``: the product of the kept inverse with one or two vectors, entry beside entry."""
-    columns, size = half(z, INVERSE, slot), z.i[SIZE]
+    columns, size = half(z, mem.INVERSE, slot), z.i[mem.SIZE]
     for i in range(width * size):
         out[i] = 0.0
     for j in range(size):
@@ -280,18 +221,18 @@ def times_inverse(width: Any, z: Any, slot: Any, right: Any, out: Any) -> None:
 @compiled
 def invert(z: Any, slot: Any) -> None:
     """The inverse of the matrix in ``slot``, column by column."""
-    right, columns, size = part(z, RIGHT), half(z, INVERSE, slot), z.i[SIZE]
+    right, columns, size = part(z, mem.RIGHT), half(z, mem.INVERSE, slot), z.i[mem.SIZE]
     for j in range(size):
         for i in range(size):
             right[i] = 1.0 if i == j else 0.0
         solve(z, slot, right, columns[j * size : (j + 1) * size])
-    half(z, RECORD, slot)[INVERTED] = 1.0
+    half(z, mem.RECORD, slot)[mem.INVERTED] = 1.0
 
 
 @compiled
 def moved_by(z: Any, slot: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    starts, columns, maps, n = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot), z.i[N]
+    starts, columns, maps, n = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), half(z, mem.MAPS, slot), z.i[mem.N]
     in_q = in_v = 0.0
     for i in range(2 * n):
         total = 0.0
@@ -310,9 +251,9 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 @compiled
 def respond(z: Any, slot: Any) -> None:
     """What the two right-hand sides in PAIR_RIGHT make of the unknowns, PAIR_SOLUTION, and of q1 and v1, PAIR_CHANGE."""
-    solution, changes, n = part(z, PAIR_SOLUTION), part(z, PAIR_CHANGE), z.i[N]
-    solve_width(2, z, slot, part(z, PAIR_RIGHT), part(z, PAIR_WORK), solution)
-    starts, columns, maps = indices(z, MAP_STARTS), indices(z, MAP_COLUMNS), half(z, MAPS, slot)
+    solution, changes, n = part(z, mem.PAIR_SOLUTION), part(z, mem.PAIR_CHANGE), z.i[mem.N]
+    solve_width(2, z, slot, part(z, mem.PAIR_RIGHT), part(z, mem.PAIR_WORK), solution)
+    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), half(z, mem.MAPS, slot)
     for i in range(2 * n):
         first = second = 0.0
         for e in range(starts[i], starts[i + 1]):
@@ -327,33 +268,33 @@ def correct(z: Any, slot: Any, evaluated: Any) -> Any:
 
     ``evaluated``: the residual is there, or of a small system the correction itself.
     """
-    increment = part(z, INCREMENT)
-    if z.i[KIND] == KIND_INVERSE:
+    increment = part(z, mem.INCREMENT)
+    if z.i[mem.KIND] == mem.KIND_INVERSE:
         if not evaluated:
-            inverse, maps = half_address(z, INVERSE, slot), half_address(z, MAPS, slot)
-            x, given, early = address(z, X), address(z, STEP), address(z, EARLY)
-            call(z, C_RESIDUAL, INCREMENT, (x, inverse, maps, given, early))
-            half(z, RECORD, slot)[USES] += 1.0
-        return increment[z.i[SIZE]], increment[z.i[SIZE] + 1]
+            inverse, maps = half_address(z, mem.INVERSE, slot), half_address(z, mem.MAPS, slot)
+            x, given, early = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
+            call(z, mem.C_RESIDUAL, mem.INCREMENT, (x, inverse, maps, given, early))
+            half(z, mem.RECORD, slot)[mem.USES] += 1.0
+        return increment[z.i[mem.SIZE]], increment[z.i[mem.SIZE] + 1]
     if not evaluated:
-        call(z, C_RESIDUAL, RESIDUAL, (address(z, X), address(z, STEP), address(z, EARLY)))
-    solve_often(z, slot, part(z, RESIDUAL), increment)
+        call(z, mem.C_RESIDUAL, mem.RESIDUAL, (address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)))
+    solve_often(z, slot, part(z, mem.RESIDUAL), increment)
     return moved_by(z, slot, increment)
 
 
 @inlined
 def early(z: Any) -> None:
     """What every iterate's residual needs of the known values; a function in Python computes it anew each time."""
-    x, given = address(z, X), address(z, STEP)
-    if z.i[KIND] == KIND_INVERSE:  # x and what else varies are given, and not looked at
-        call(z, C_EARLY, EARLY, (x, x, x, given))
-    elif z.i[C_EARLY]:
-        call(z, C_EARLY, EARLY, (x, given))
+    x, given = address(z, mem.X), address(z, mem.STEP)
+    if z.i[mem.KIND] == mem.KIND_INVERSE:  # x and what else varies are given, and not looked at
+        call(z, mem.C_EARLY, mem.EARLY, (x, x, x, given))
+    elif z.i[mem.C_EARLY]:
+        call(z, mem.C_EARLY, mem.EARLY, (x, given))
 
 
 @compiled
 def step_back(z: Any) -> None:
     """x less the increment."""
-    x, increment = part(z, X), part(z, INCREMENT)
+    x, increment = part(z, mem.X), part(z, mem.INCREMENT)
     for i in range(x.size):
         x[i] -= increment[i]

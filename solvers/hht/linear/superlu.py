@@ -35,7 +35,7 @@ class SuperLU:
     def factor(self, slot: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
         values = entries[self._sorted]  # those of the maps follow
-        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size))
+        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size), copy=True)
         matrix.eliminate_zeros()
         try:
             made = splu(matrix, permc_spec="COLAMD")

@@ -26,43 +26,12 @@ from solvers.hht.run.march import Control, look, march, remake, take, try_step
 from solvers.hht.run.recover import Recovery
 from solvers.hht.run.shortest import Shortest
 from solvers.hht.run.transfer import load, store
-from solvers.hht.step.memory import (
-    ATOL,
-    ATTEMPT,
-    CODE,
-    CONSTANTS,
-    CONVERGED,
-    COUNTS,
-    END,
-    END_INVERSE_MASS,
-    ENDED,
-    EVALUATIONS,
-    EVENT_CODE,
-    EVENT_VALUES,
-    EVENTS_KNOWN,
-    FALLBACK,
-    FUNCTIONS,
-    H_TRIED,
-    KIND,
-    KIND_CALLBACK,
-    MAX_DAMPED,
-    MAX_HALVINGS,
-    MAX_ITERATIONS,
-    NEWTON_CONSTANTS,
-    RESCALE_A,
-    RTOL,
-    SPENT,
-    T_END,
-    TRAPEZOIDAL,
-    Memory,
-    X,
-    integer_view,
-    view,
-)
+from solvers.hht.step import memory as mem
+from solvers.hht.step.memory import Memory, integer_view, view
 from solvers.hht.step.state import State
 
 UNLIMITED = 2**62
-ATTEMPTED = (ATTEMPT, X, END, END_INVERSE_MASS)  # sections that hold an attempt
+ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS)  # sections that hold an attempt
 
 
 class Engine:
@@ -160,14 +129,14 @@ class Engine:
         else:
             z, self.tried = self._prepared(state, values, controlled=control.controlled), False
             made = self._call(march, z, control, lengths, ends, rows, before_raising=lambda made: made == 0)
-            ended = int(z.i[ENDED])
+            ended = int(z.i[mem.ENDED])
             self.work.add("steps_accepted", made)
         self._stopped = None
         if made:
             state = self._held = store(z, controlled=state.memory is not None)
-            self._stopped = None if ended == CONVERGED else (state, ended)
-            return state, made, CONVERGED
-        if ended == SPENT:
+            self._stopped = None if ended == mem.CONVERGED else (state, ended)
+            return state, made, mem.CONVERGED
+        if ended == mem.SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
         return state, made, ended
 
@@ -176,7 +145,7 @@ class Engine:
         self.work.check_time()
         self.tried = True
         ended = self._call(try_step, self._memory(), float(h), float(t1))
-        if ended == SPENT:
+        if ended == mem.SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
         return ended
 
@@ -210,7 +179,7 @@ class Engine:
 
     def numbers(self) -> Vector:
         """The ATTEMPT section of the memory."""
-        return view(self._memory(), ATTEMPT)
+        return view(self._memory(), mem.ATTEMPT)
 
     def section(self, name: int) -> Vector:
         """A section of the memory."""
@@ -218,7 +187,7 @@ class Engine:
 
     def event_values(self) -> Vector:
         """(k,) of the event functions at the state in the memory."""
-        return view(self._memory(), EVENT_VALUES).copy()
+        return view(self._memory(), mem.EVENT_VALUES).copy()
 
     def give_up_derivatives(self, state: State) -> bool:
         """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
@@ -228,9 +197,9 @@ class Engine:
         declared_ones = self.functions, self._fallback, self._z, self._outside
         names = self.distrust()
         self._prepared(replace(state, factorised=None), None, controlled=state.memory is not None)
-        ended = self._call(try_step, self._memory(), float(numbers[H_TRIED]), float(numbers[T_END]))
+        ended = self._call(try_step, self._memory(), float(numbers[mem.H_TRIED]), float(numbers[mem.T_END]))
         self._held = None
-        if ended == CONVERGED:
+        if ended == mem.CONVERGED:
             warnings.warn(
                 f"Newton's iteration failed with the declared {names} and converged without; derived ones are used "
                 "from here on. `hhtbench check` shows the wrong entries.",
@@ -283,11 +252,11 @@ class Engine:
         """The loops' memory with constants and addresses, but for those of the error and the events."""
         z = self.functions.memory(len(self.events.events), self.events.samples)
         c, o = self.method.coefficients, self.functions.newton
-        view(z, CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in NEWTON_CONSTANTS)]
-        z.i[RESCALE_A], z.i[TRAPEZOIDAL] = self.method.rescale_a, self.method.start == "trapezoidal"
-        z.i[MAX_ITERATIONS], z.i[MAX_DAMPED], z.i[MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
+        view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
+        z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = self.method.rescale_a, self.method.start == "trapezoidal"
+        z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
         codes = self.functions.codes(self.callbacks) | Shortest(self).codes(self.callbacks)
-        if z.i[KIND] == KIND_CALLBACK and self._outside is not None:
+        if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
             codes |= self._outside.codes(self.callbacks, self.functions.analysis.rows.size)
         self._put(z, codes)
         self.events.fill(z)
@@ -295,14 +264,14 @@ class Engine:
 
     def _put(self, z: Memory, codes: dict[str, tuple[int, int]]) -> None:
         for name, pair in codes.items():
-            at = CODE + 2 * FUNCTIONS.index(name)
+            at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
             z.i[at : at + 2] = pair
 
     def _prepared(self, state: State, values: Vector | None, *, controlled: bool) -> Memory:
         """The memory with ``state`` in it."""
         self._raise_cause()
         z = self._memory()
-        if controlled and not z.i[CODE + 2 * FUNCTIONS.index("raw")]:
+        if controlled and not z.i[mem.CODE + 2 * mem.FUNCTIONS.index("raw")]:
             self._put(z, self.functions.error_codes(self.callbacks))
         if self._held is not state:
             if state.factorised is not None:
@@ -310,22 +279,22 @@ class Engine:
                 ended = self._call(remake, z, state.factorised.at, float(state.factorised.h))
                 self.work.tally.clear()  # that work was counted before
                 self.work.tally.update(before)
-                state_in = state if ended == CONVERGED else replace(state, factorised=None)
+                state_in = state if ended == mem.CONVERGED else replace(state, factorised=None)
             else:
                 state_in = state
             load(z, state_in)
             self._held = state
-        z.i[FALLBACK] = self._fallback is not None and self._not_suspect is not state
-        z.i[EVENTS_KNOWN] = values is not None
+        z.i[mem.FALLBACK] = self._fallback is not None and self._not_suspect is not state
+        z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
-            view(z, EVENT_VALUES)[:] = values
-        integer_view(z, EVENT_CODE)[:] = self.events.codes()
+            view(z, mem.EVENT_VALUES)[:] = values
+        integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
         return z
 
     def tolerate(self, rtol: Vector, atol: Vector) -> None:
         """The weights of the error norm, (2n,) each."""
         z = self._memory()
-        view(z, RTOL)[:], view(z, ATOL)[:] = rtol, atol
+        view(z, mem.RTOL)[:], view(z, mem.ATOL)[:] = rtol, atol
 
     def _call(
         self,
@@ -335,13 +304,15 @@ class Engine:
         before_raising: Callable[[int], bool] = lambda made: True,
     ) -> int:
         """Call one of the loops; what a function in Python has raised in it is raised again."""
-        tally, limit = np.zeros(len(COUNTS), dtype=np.int64), self.work.max_evaluations
-        z.i[EVALUATIONS] = UNLIMITED if limit is None or not self.points else limit - self.work.tally["residual_evaluations"]
+        tally, limit = np.zeros(len(mem.COUNTS), dtype=np.int64), self.work.max_evaluations
+        z.i[mem.EVALUATIONS] = (
+            UNLIMITED if limit is None or not self.points else limit - self.work.tally["residual_evaluations"]
+        )
         with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
             result = int((entry.function if self._plain else entry)(z, *arguments, tally) or 0)
         told = self.callbacks.take_nonfinite()
         self.nonfinite = told[-1] if told else None
-        tallied = dict(zip(COUNTS, tally.tolist(), strict=True))
+        tallied = dict(zip(mem.COUNTS, tally.tolist(), strict=True))
         if not self.points:  # a NumPy system's callbacks count themselves
             tallied |= {"residual_evaluations": 0, "nonfinite_evaluations": len(told)}
         for name, amount in tallied.items():

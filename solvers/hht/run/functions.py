@@ -30,7 +30,8 @@ from solvers.hht.equations.corrections import (
 from solvers.hht.equations.layout import Layout
 from solvers.hht.equations.local_error import SCALARS, inputs, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
-from solvers.hht.step.memory import BASE, CALLS_PYTHON, INTEGER_BASE, NOISY, O_R1, Memory, Sizes, allocate
+from solvers.hht.step import memory as mem
+from solvers.hht.step.memory import Memory, Sizes, allocate
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which machine code without loops pays
@@ -88,7 +89,7 @@ class Functions:
         with _lock:
             self._blank = self._blank or self._memory(0, 0)
         z = Memory(self._blank.w.copy(), self._blank.i.copy())
-        z.i[BASE], z.i[INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
+        z.i[mem.BASE], z.i[mem.INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
         return z
 
     def _memory(self, events: int, samples: int) -> Memory:
@@ -117,9 +118,9 @@ class Functions:
         offsets, at = {}, 0
         for name, length in layout.unknowns.items():
             offsets[name], at = at, at + length
-        z.i[O_R1 : O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
-        z.i[CALLS_PYTHON] = self.in_python or self.callbacks is not None
-        z.i[NOISY] = self.newton.matrix_cost > 0.0
+        z.i[mem.O_R1 : mem.O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
+        z.i[mem.CALLS_PYTHON] = self.in_python or self.callbacks is not None
+        z.i[mem.NOISY] = self.newton.matrix_cost > 0.0
         return z
 
     def extra_sizes(self) -> dict[str, int]:

@@ -9,21 +9,10 @@ from solvers.hht.control.controller import advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan
 from solvers.hht.linear.matrix import early, renew
+from solvers.hht.step import memory as mem
 from solvers.hht.step.attempt import attempt
 from solvers.hht.step.compiled import called
-from solvers.hht.step.memory import (
-    ATTEMPT,
-    CONVERGED,
-    ENDED,
-    ERROR_SIZE,
-    FACTOR,
-    NUMBER,
-    SLOT,
-    STEP,
-    Memory,
-    T,
-    X,
-)
+from solvers.hht.step.memory import Memory
 from solvers.hht.step.sections import part, put, view
 
 
@@ -53,13 +42,13 @@ def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: Fl
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.
     """
-    z.i[ENDED] = CONVERGED
+    z.i[mem.ENDED] = mem.CONVERGED
     for i in range(rows.shape[0]):
-        if c.controlled and part(z, NUMBER)[T] == c.stop:
+        if c.controlled and part(z, mem.NUMBER)[mem.T] == c.stop:
             return i
         k = 0 if c.controlled else i
-        z.i[ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
-        if z.i[ENDED] != CONVERGED:
+        z.i[mem.ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
+        if z.i[mem.ENDED] != mem.CONVERGED:
             return i
     return rows.shape[0]
 
@@ -68,8 +57,8 @@ def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: Fl
 def try_step(z: Memory, h: float, t1: float, counts: IntArray) -> Any:
     """How an attempt at a step of h [s] to t1 ended; nothing is accepted, the next attempt begins with its factorisation."""
     ended = attempt(z, h, t1, counts)
-    if ended == CONVERGED and part(z, ATTEMPT)[SLOT] >= 0.0:
-        part(z, NUMBER)[FACTOR] = part(z, ATTEMPT)[SLOT]
+    if ended == mem.CONVERGED and part(z, mem.ATTEMPT)[mem.SLOT] >= 0.0:
+        part(z, mem.NUMBER)[mem.FACTOR] = part(z, mem.ATTEMPT)[mem.SLOT]
     return ended
 
 
@@ -83,15 +72,15 @@ def look(z: Memory, counts: IntArray) -> Any:
 def take(z: Memory, c: Control, row: FloatMatrix, estimates: bool, counts: IntArray) -> None:
     """Accept the attempt, and where ``estimates`` and the error matters tell that first."""
     if estimates and c.controlled:
-        part(z, ATTEMPT)[ERROR_SIZE] = estimate(z)
+        part(z, mem.ATTEMPT)[mem.ERROR_SIZE] = estimate(z)
     conclude(z, c, row[0], counts)
 
 
 @called
 def remake(z: Memory, made_at: FloatArray, h: float, counts: IntArray) -> Any:
     """Make the matrix of a saved state again, from where it was made, into slot 0; the state in memory is lost."""
-    size = part(z, X).size
-    put(part(z, X), 0, made_at[:size])
-    put(view(z.w, z.i[2 * STEP], made_at.size - size), 0, made_at[size:])
+    size = part(z, mem.X).size
+    put(part(z, mem.X), 0, made_at[:size])
+    put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
     early(z)
     return renew(z, 0, h, counts)

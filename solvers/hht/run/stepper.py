@@ -23,16 +23,7 @@ from solvers.hht.run.engine import Engine
 from solvers.hht.run.failures import failure_of
 from solvers.hht.run.march import Control
 from solvers.hht.run.start import first_state, project
-from solvers.hht.step.memory import (
-    CONVERGED,
-    EVENT_FOUND,
-    EVENT_NONFINITE,
-    PLACE,
-    SAMPLE_TIMES,
-    SAMPLE_VALUES,
-    SUSPECT,
-    T_END,
-)
+from solvers.hht.step import memory as mem
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
@@ -108,14 +99,14 @@ class Stepper:
         self.plan.made(made)
         if made and self.events:
             watch = replace(watch, values=engine.event_values())
-        if ended == CONVERGED:
+        if ended == mem.CONVERGED:
             return Passage(state, made, watch)
-        if ended == SUSPECT:
+        if ended == mem.SUSPECT:
             engine.give_up_derivatives(before)
             return self._advance(before, watch, stop, rows)
-        if ended == EVENT_NONFINITE:
+        if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
-        if ended == EVENT_FOUND:
+        if ended == mem.EVENT_FOUND:
             return self._with_events(state, watch, stop, rows)
         return Passage(state, 0, watch, failure=failure_of(engine, self.plan, state, ended))
 
@@ -128,7 +119,7 @@ class Stepper:
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
         n = self.engine.structure.n
-        (t,), q, v = np.split(self.engine.section(PLACE), [1, 1 + n])
+        (t,), q, v = np.split(self.engine.section(mem.PLACE), [1, 1 + n])
         for event in self.events:
             value_of(event, float(t), q, v, self.engine.work)
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
@@ -167,8 +158,8 @@ class Stepper:
         whole = now = engine.attempted()
         for _ in range(CUTS):
             output = along(before, now)
-            times, values = engine.section(SAMPLE_TIMES).copy(), engine.section(SAMPLE_VALUES).copy()
-            found = _with_cut(crossings(self.events, times, values, output, engine.work), cut, float(now[0][T_END]))
+            times, values = engine.section(mem.SAMPLE_TIMES).copy(), engine.section(mem.SAMPLE_VALUES).copy()
+            found = _with_cut(crossings(self.events, times, values, output, engine.work), cut, float(now[0][mem.T_END]))
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:
@@ -181,29 +172,29 @@ class Stepper:
                 if cut is not None:
                     self.plan.cut_short()
                 return self._passed(state, output, found, replace(watch, values=engine.event_values()))
-            if self._piled(earlier, before, float(whole[0][T_END]), watch):
-                name, t = self.events[earlier.index].name, float(earlier.attempt[0][T_END])
+            if self._piled(earlier, before, float(whole[0][mem.T_END]), watch):
+                name, t = self.events[earlier.index].name, float(earlier.attempt[0][mem.T_END])
                 text = f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}"
                 return Passage(before, 0, watch, failure=Failure(Status.time_resolution, text))
             now, cut = earlier.attempt, earlier
             engine.put_back(now)
-            if engine.look() == EVENT_NONFINITE:
+            if engine.look() == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        h = float(whole[0][T_END]) - before.t
+        h = float(whole[0][mem.T_END]) - before.t
         text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
         return Passage(before, 0, watch, failure=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
     def _piled(self, cut: Cut, before: State, end: float, watch: Watch) -> bool:
         """Whether the event that made the state ``before`` comes again in no time, in a step that was to reach ``end``."""
         again = cut.index in watch.changed and self.events[cut.index].change is not None
-        return again and abs(float(cut.attempt[0][T_END]) - before.t) < PILED * abs(end - before.t)
+        return again and abs(float(cut.attempt[0][mem.T_END]) - before.t) < PILED * abs(end - before.t)
 
     def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
 
         What only the interpolant crosses is removed from ``found``.
         """
-        while (first := self._first_stop(found, counts)) is not None and first.t != now[0][T_END]:
+        while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
             attempt = step_to(self.engine, self.events[first.index], first, before, now)
             if attempt is not None:
                 return Cut(attempt, first.index)

@@ -8,68 +8,9 @@ import numpy as np
 
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
+from solvers.hht.step import memory as mem
 from solvers.hht.step.calls import view
 from solvers.hht.step.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.step.memory import (
-    ACCELERATION_LEVEL,
-    ALPHA,
-    ATTEMPT,
-    C_ACCELERATION,
-    C_END,
-    C_INVERSE_MASS,
-    C_SHORTEST,
-    CALLS_PYTHON,
-    CONSTANTS,
-    CONTRACTION,
-    CONVERGED,
-    EARLY,
-    END,
-    END_INVERSE_MASS,
-    FACTOR,
-    H_TRIED,
-    INVERSE_MASS,
-    KIND,
-    KIND_INVERSE,
-    KNOWN,
-    LAM,
-    MU,
-    NONFINITE,
-    NONFINITES,
-    NUMBER,
-    O_LAM0,
-    O_LAM1,
-    O_MU,
-    O_R1,
-    O_RK,
-    PLACE,
-    RATE,
-    RECORD,
-    RESCALE_A,
-    RESIDUALS,
-    RESTARTS,
-    SHORTEST,
-    SIZE_Q,
-    SIZE_V,
-    SLOT,
-    SPENT,
-    STEP,
-    T_END,
-    TRAPEZOIDAL,
-    VARIABLE,
-    VDOT,
-    X_EARLIER,
-    X_LAST,
-    A,
-    F,
-    H,
-    M,
-    N,
-    P,
-    Q,
-    T,
-    V,
-    X,
-)
 from solvers.hht.step.newton import damped, newton, whole
 from solvers.hht.step.sections import address, call, finite, half, largest, part, put
 
@@ -79,11 +20,11 @@ WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weight
 @compiled
 def start_weights(z: Any, h: Any) -> Any:
     """Weights of a - f, of f and of a1 in a0, :func:`solvers.hht.weights.start_of_step`; 1 first: a itself."""
-    last = part(z, NUMBER)[H]
-    if last == 0.0 and z.i[TRAPEZOIDAL]:
-        of_f, from_end = trapezoidal_start(part(z, CONSTANTS)[ALPHA], 1.0)
+    last = part(z, mem.NUMBER)[mem.H]
+    if last == 0.0 and z.i[mem.TRAPEZOIDAL]:
+        of_f, from_end = trapezoidal_start(part(z, mem.CONSTANTS)[mem.ALPHA], 1.0)
         return 0.0, of_f, from_end
-    if last != 0.0 and z.i[RESCALE_A]:
+    if last != 0.0 and z.i[mem.RESCALE_A]:
         return rescaled(1.0, 0.0, h, last), 1.0, 0.0
     return 1.0, 1.0, 0.0
 
@@ -91,9 +32,9 @@ def start_weights(z: Any, h: Any) -> Any:
 @compiled
 def guess(z: Any, h: Any) -> None:
     """Unknowns to begin with: extrapolated from steps of this length, else those of the last."""
-    x, last, earlier, number = part(z, X), part(z, X_LAST), part(z, X_EARLIER), part(z, NUMBER)
-    size, count = x.size, int(number[KNOWN]) - 1
-    if count > 0 and number[H] == h:
+    x, last, earlier, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
+    size, count = x.size, int(number[mem.KNOWN]) - 1
+    if count > 0 and number[mem.H] == h:
         weights = WEIGHTS_OF[best_degree(last, earlier, count)]
         for i in range(size):
             x[i] = weights[0] * last[i]
@@ -101,7 +42,7 @@ def guess(z: Any, h: Any) -> None:
             if weights[1 + k] != 0.0:
                 for i in range(size):
                     x[i] += weights[1 + k] * earlier[k * size + i]
-    elif number[KNOWN] > 0.0:
+    elif number[mem.KNOWN] > 0.0:
         put(x, 0, last)
     else:
         plain_guess(z, x)
@@ -154,19 +95,19 @@ def best_degree_of_few(last: Any, earlier: Any, count: Any) -> Any:
 @compiled
 def plain_guess(z: Any, x: Any) -> None:
     """Unknowns from the state alone: its accelerations and multipliers."""
-    vdot, f, told = part(z, VDOT), part(z, F), z.i[M] == 0 or z.i[P] == 0
-    put(x, 0, part(z, A))
-    for i in range(z.i[N]):
+    vdot, f, told = part(z, mem.VDOT), part(z, mem.F), z.i[mem.M] == 0 or z.i[mem.P] == 0
+    put(x, 0, part(z, mem.A))
+    for i in range(z.i[mem.N]):
         reaction = vdot[i] - f[i] if told else 0.0
-        if z.i[O_R1] >= 0:
-            x[z.i[O_R1] + i] = reaction
-        if z.i[O_RK] >= 0:
-            x[z.i[O_RK] + i] = reaction
-    if z.i[O_LAM0] >= 0:
-        put(x, z.i[O_LAM0], part(z, LAM))
-        put(x, z.i[O_LAM1], part(z, LAM))
-    if z.i[O_MU] >= 0:
-        put(x, z.i[O_MU], part(z, MU))
+        if z.i[mem.O_R1] >= 0:
+            x[z.i[mem.O_R1] + i] = reaction
+        if z.i[mem.O_RK] >= 0:
+            x[z.i[mem.O_RK] + i] = reaction
+    if z.i[mem.O_LAM0] >= 0:
+        put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
+        put(x, z.i[mem.O_LAM1], part(z, mem.LAM))
+    if z.i[mem.O_MU] >= 0:
+        put(x, z.i[mem.O_MU], part(z, mem.MU))
 
 
 @compiled
@@ -176,120 +117,125 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     A first failure is retried from the plain guess with fresh matrices, by whole and then by damped increments: one value
     that is not finite, or a bad extrapolation, costs a retry and not the run.
     """
-    number, tried = part(z, NUMBER), part(z, ATTEMPT)
-    size_q, size_v, speed, acceleration = number[SIZE_Q], number[SIZE_V], largest(part(z, V)), largest(part(z, VDOT))
-    tried[H_TRIED], tried[T_END] = h, t1
-    if z.i[M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v) and shortest(z, counts):
-        return CONVERGED
-    step = part(z, STEP)
+    number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
+    size_q, size_v, speed, acceleration = (
+        number[mem.SIZE_Q],
+        number[mem.SIZE_V],
+        largest(part(z, mem.V)),
+        largest(part(z, mem.VDOT)),
+    )
+    tried[mem.H_TRIED], tried[mem.T_END] = h, t1
+    if z.i[mem.M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v) and shortest(z, counts):
+        return mem.CONVERGED
+    step = part(z, mem.STEP)
     step[0], step[1] = h, t1
     step[2], step[3], step[4] = start_weights(z, h)
     early(z)
-    accelerated = abs(h) * max(acceleration, largest(part(z, F)), largest(part(z, A)))
+    accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    kept = int(number[FACTOR])
+    kept = int(number[mem.FACTOR])
     guess(z, h)
     ended, slot, rate = newton(z, kept, h, typical_q, typical_v, counts)
     ended = finished(z, ended, t1, counts)
-    if ended not in (CONVERGED, SPENT):
-        counts[RESTARTS] += 1
+    if ended not in (mem.CONVERGED, mem.SPENT):
+        counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
         restart_guess(z, h, counts)
         ended, slot, rate = whole(z, kept, h, typical_q, typical_v, counts)
         ended = finished(z, ended, t1, counts)
-    if ended not in (CONVERGED, SPENT):
+    if ended not in (mem.CONVERGED, mem.SPENT):
         early(z)
-        plain_guess(z, part(z, X))
+        plain_guess(z, part(z, mem.X))
         ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
         ended = finished(z, ended, t1, counts)
-    tried[SLOT], tried[CONTRACTION] = slot, rate
+    tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
 
 
 @compiled
 def restart_guess(z: Any, h: Any, counts: Any) -> None:
     """The plain guess; after a far shorter step the multipliers are roundoff over its h^2, and found anew."""
-    if z.i[M] + z.i[P] > 0 and 0.0 < abs(part(z, NUMBER)[H]) < MUCH_SHORTER * abs(h):
-        number, place = part(z, NUMBER), part(z, PLACE)
-        place[0] = number[T]
-        put(place, put(place, 1, part(z, Q)), part(z, V))
-        if acceleration_level(z, address(z, LAM), address(z, MU), counts):
-            found, n, m = part(z, ACCELERATION_LEVEL), z.i[N], z.i[M]
-            put(part(z, VDOT), 0, found[1 : 1 + n])
-            put(part(z, LAM), 0, found[1 + n : 1 + n + m])
-            put(part(z, MU), 0, found[1 + n + m :])
-    plain_guess(z, part(z, X))
+    if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < abs(part(z, mem.NUMBER)[mem.H]) < MUCH_SHORTER * abs(h):
+        number, place = part(z, mem.NUMBER), part(z, mem.PLACE)
+        place[0] = number[mem.T]
+        put(place, put(place, 1, part(z, mem.Q)), part(z, mem.V))
+        if acceleration_level(z, address(z, mem.LAM), address(z, mem.MU), counts):
+            found, n, m = part(z, mem.ACCELERATION_LEVEL), z.i[mem.N], z.i[mem.M]
+            put(part(z, mem.VDOT), 0, found[1 : 1 + n])
+            put(part(z, mem.LAM), 0, found[1 + n : 1 + n + m])
+            put(part(z, mem.MU), 0, found[1 + n + m :])
+    plain_guess(z, part(z, mem.X))
 
 
 @compiled
 def acceleration_level(z: Any, lam: Any, mu: Any, counts: Any) -> Any:
     """Whether the acceleration level at PLACE determines v' and multipliers, near those at two addresses, (H16)."""
-    counts[RESIDUALS] += 1
-    part(z, ACCELERATION_LEVEL)[0] = 0.0
-    at = address(z, PLACE)
-    call(z, C_ACCELERATION, ACCELERATION_LEVEL, (at, at + 8, at + 8 + 8 * z.i[N], lam, mu))
-    return part(z, ACCELERATION_LEVEL)[0] > 0.0
+    counts[mem.RESIDUALS] += 1
+    part(z, mem.ACCELERATION_LEVEL)[0] = 0.0
+    at = address(z, mem.PLACE)
+    call(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, (at, at + 8, at + 8 + 8 * z.i[mem.N], lam, mu))
+    return part(z, mem.ACCELERATION_LEVEL)[0] > 0.0
 
 
 @compiled
 def shortest(z: Any, counts: Any) -> Any:
     """Whether a step that moves q by less than its roundoff is made along v and the acceleration, (H21)."""
-    counts[RESIDUALS] += 1
-    number, n, x, end, found = part(z, NUMBER), z.i[N], part(z, X), part(z, END), part(z, SHORTEST)
+    counts[mem.RESIDUALS] += 1
+    number, n, x, end, found = part(z, mem.NUMBER), z.i[mem.N], part(z, mem.X), part(z, mem.END), part(z, mem.SHORTEST)
     found[0] = 0.0
-    call(z, C_SHORTEST, SHORTEST, (address(z, NUMBER), address(z, ATTEMPT)))
+    call(z, mem.C_SHORTEST, mem.SHORTEST, (address(z, mem.NUMBER), address(z, mem.ATTEMPT)))
     if not found[0] > 0.0:
         return False
-    known = found.size - 1 - part(z, END_INVERSE_MASS).size
+    known = found.size - 1 - part(z, mem.END_INVERSE_MASS).size
     put(end, 0, found[1 : 1 + known])
-    put(part(z, END_INVERSE_MASS), 0, found[1 + known :])
+    put(part(z, mem.END_INVERSE_MASS), 0, found[1 + known :])
     for i in range(known, end.size):
         end[i] = 0.0
-    if number[KNOWN] > 0.0:
-        put(x, 0, part(z, X_LAST))
+    if number[mem.KNOWN] > 0.0:
+        put(x, 0, part(z, mem.X_LAST))
     else:
         plain_guess(z, x)
-    multipliers = found[1 + 4 * n : 1 + 4 * n + z.i[M]]
-    put(x, z.i[O_LAM0], multipliers)
-    put(x, z.i[O_LAM1], multipliers)
-    if z.i[P] > 0:
-        put(x, z.i[O_MU], found[1 + 4 * n + z.i[M] : 1 + 4 * n + z.i[M] + z.i[P]])
-    tried = part(z, ATTEMPT)
-    tried[SLOT], tried[CONTRACTION] = -1.0, 0.0
+    multipliers = found[1 + 4 * n : 1 + 4 * n + z.i[mem.M]]
+    put(x, z.i[mem.O_LAM0], multipliers)
+    put(x, z.i[mem.O_LAM1], multipliers)
+    if z.i[mem.P] > 0:
+        put(x, z.i[mem.O_MU], found[1 + 4 * n + z.i[mem.M] : 1 + 4 * n + z.i[mem.M] + z.i[mem.P]])
+    tried = part(z, mem.ATTEMPT)
+    tried[mem.SLOT], tried[mem.CONTRACTION] = -1.0, 0.0
     return True
 
 
 @compiled
 def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
     """The state after a step whose unknowns converged, into END; how the attempt ended in the end."""
-    if ended == CONVERGED:
-        x, given, known = address(z, X), address(z, STEP), address(z, EARLY)
-        if z.i[KIND] == KIND_INVERSE:
-            call(z, C_END, END, (x, x, x, given, known))
+    if ended == mem.CONVERGED:
+        x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
+        if z.i[mem.KIND] == mem.KIND_INVERSE:
+            call(z, mem.C_END, mem.END, (x, x, x, given, known))
         else:
-            call(z, C_END, END, (x, given, known))
-        if z.i[VARIABLE]:
-            place = part(z, PLACE)
+            call(z, mem.C_END, mem.END, (x, given, known))
+        if z.i[mem.VARIABLE]:
+            place = part(z, mem.PLACE)
             place[0] = t1
-            put(place, 1, part(z, END)[: z.i[N]])
-            call(z, C_INVERSE_MASS, END_INVERSE_MASS, (address(z, PLACE), address(z, PLACE) + 8))
-        if not finite(part(z, END_INVERSE_MASS)) or (z.i[CALLS_PYTHON] and not finite(part(z, END))):
-            ended = NONFINITE
-    if ended == NONFINITE:
-        counts[NONFINITES] += 1
+            put(place, 1, part(z, mem.END)[: z.i[mem.N]])
+            call(z, mem.C_INVERSE_MASS, mem.END_INVERSE_MASS, (address(z, mem.PLACE), address(z, mem.PLACE) + 8))
+        if not finite(part(z, mem.END_INVERSE_MASS)) or (z.i[mem.CALLS_PYTHON] and not finite(part(z, mem.END))):
+            ended = mem.NONFINITE
+    if ended == mem.NONFINITE:
+        counts[mem.NONFINITES] += 1
     return ended
 
 
 @compiled
 def accept(z: Any, row: Any) -> None:
     """Make the end of the attempt the state, and write it to ``row`` as :class:`~solvers.hht.history.History` keeps it."""
-    n, m, p, x, end, number = z.i[N], z.i[M], z.i[P], part(z, X), part(z, END), part(z, NUMBER)
-    tried = part(z, ATTEMPT)
-    h, t1, slot = tried[H_TRIED], tried[T_END], int(tried[SLOT])
+    n, m, p, x, end, number = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.NUMBER)
+    tried = part(z, mem.ATTEMPT)
+    h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     row[0], row[1] = t1, h
-    same = number[KNOWN] > 0.0 and number[H] == h and slot >= 0
-    earlier, last, size = part(z, X_EARLIER), part(z, X_LAST), x.size
-    known = min(number[KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
+    same = number[mem.KNOWN] > 0.0 and number[mem.H] == h and slot >= 0
+    earlier, last, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), x.size
+    known = min(number[mem.KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
     if same:
         for i in range(HIGHEST * size - 1, size - 1, -1):
             earlier[i] = earlier[i - size]
@@ -297,13 +243,16 @@ def accept(z: Any, row: Any) -> None:
     put(last, 0, x)
     k = put(row, 2, end[: 3 * n])
     if m > 0:
-        k = put(row, k, x[z.i[O_LAM0] : z.i[O_LAM0] + m])
+        k = put(row, k, x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m])
     put(row, k, end[4 * n : 4 * n + m + p])
-    put(view(z.w, z.i[2 * Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
-    if z.i[VARIABLE]:
-        put(part(z, INVERSE_MASS), 0, part(z, END_INVERSE_MASS))
-    number[T], number[H], number[KNOWN] = t1, h, known
+    put(view(z.w, z.i[2 * mem.Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
+    if z.i[mem.VARIABLE]:
+        put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
+    number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
     if slot >= 0:
-        half(z, RECORD, slot)[RATE] = tried[CONTRACTION]
-        number[FACTOR] = slot
-    number[SIZE_Q], number[SIZE_V] = max(number[SIZE_Q], largest(end[:n])), max(number[SIZE_V], largest(end[n : 2 * n]))
+        half(z, mem.RECORD, slot)[mem.RATE] = tried[mem.CONTRACTION]
+        number[mem.FACTOR] = slot
+    number[mem.SIZE_Q], number[mem.SIZE_V] = (
+        max(number[mem.SIZE_Q], largest(end[:n])),
+        max(number[mem.SIZE_V], largest(end[n : 2 * n])),
+    )

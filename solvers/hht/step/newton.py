@@ -12,48 +12,9 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
+from solvers.hht.step import memory as mem
 from solvers.hht.step.calls import view
 from solvers.hht.step.compiled import compiled, digits, has_digit
-from solvers.hht.step.memory import (
-    BASE_X,
-    BLINDED,
-    CONSTANTS,
-    CONVERGED,
-    DIVERGED,
-    EVALUATIONS,
-    FULL,
-    INCREMENT,
-    LEAST_RATE,
-    MADE_H,
-    MARGIN,
-    MATRIX_COST,
-    MAX_DAMPED,
-    MAX_HALVINGS,
-    MAX_ITERATIONS,
-    NEWTON,
-    NOISE_MARGIN,
-    NOISE_Q,
-    NOISE_V,
-    NOISY,
-    NONFINITE,
-    NONFINITES,
-    OTHER_STEP,
-    RATE,
-    RECORD,
-    REFRESH_RATE,
-    RESIDUALS,
-    SECOND,
-    SOLVES,
-    SPENT,
-    STAGNATION,
-    STALLED,
-    TOLERANCE,
-    UNDISTURBED,
-    WORST_RATE,
-    N,
-    Q,
-    X,
-)
 from solvers.hht.step.sections import half, part, put
 
 
@@ -88,54 +49,54 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
 
     The kept matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
     """
-    o = part(z, CONSTANTS)
+    o = part(z, mem.CONSTANTS)
     slot, spare = kept, 1 - kept if kept >= 0 else 0
-    if slot >= 0 and abs(half(z, RECORD, slot)[MADE_H] - h) > o[OTHER_STEP] * abs(h):
+    if slot >= 0 and abs(half(z, mem.RECORD, slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
         slot = -1
-    worst = half(z, RECORD, slot)[RATE] if slot >= 0 else 0.0
+    worst = half(z, mem.RECORD, slot)[mem.RATE] if slot >= 0 else 0.0
     fresh = stood = typical = False
     last, before, first, taken = math.inf, math.inf, 0.0, 0
-    per_q, per_v, ended = 0.0, 0.0, DIVERGED
-    for _ in range(z.i[MAX_ITERATIONS]):
-        counts[NEWTON] += 1
+    per_q, per_v, ended = 0.0, 0.0, mem.DIVERGED
+    for _ in range(z.i[mem.MAX_ITERATIONS]):
+        counts[mem.NEWTON] += 1
         if not spend(z, counts):
-            return SPENT, -1, 0.0
+            return mem.SPENT, -1, 0.0
         if slot < 0:
             ended = renew(z, spare, h, counts)
-            if ended != CONVERGED:
+            if ended != mem.CONVERGED:
                 return ended, -1, 0.0
             slot, worst, fresh, last = spare, 0.0, True, math.inf
-        in_q, in_v = corrected(z, slot, ended == CONVERGED, counts)
-        ended = DIVERGED
+        in_q, in_v = corrected(z, slot, ended == mem.CONVERGED, counts)
+        ended = mem.DIVERGED
         finite = math.isfinite(in_q + in_v)
         if finite and not typical:
             per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
         moved = max(in_q * per_q, in_v * per_v)
         if not (finite and math.isfinite(moved)):
             if fresh:
-                return NONFINITE, -1, 0.0
-            counts[NONFINITES] += 1
+                return mem.NONFINITE, -1, 0.0
+            counts[mem.NONFINITES] += 1
             slot, typical = -1, False
             continue
         last, before = min(last, before), math.inf
         rate = moved / last if math.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
-        slowest = max(rate, worst, o[LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
+        slowest = max(rate, worst, o[mem.LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
         taken = taken + 1 if last < math.inf else 0
         first = first if taken > 0 else moved
         decision = judged(z, slot, moved, rate, slowest, first, taken, fresh, stood, per_q, per_v, counts)
         if decision == GIVE_UP:
-            return DIVERGED, -1, 0.0
+            return mem.DIVERGED, -1, 0.0
         if decision != RENEW_HERE:
             step_back(z)
         if decision == DONE:
-            return CONVERGED, slot, slowest
+            return mem.CONVERGED, slot, slowest
         if decision == GO_ON:
             last = moved
             continue
         slot = -1
         if decision == STALL:
             stood, before = True, moved
-    return DIVERGED, -1, 0.0
+    return mem.DIVERGED, -1, 0.0
 
 
 @compiled
@@ -154,20 +115,20 @@ def judged(
     counts: Any,
 ) -> Any:
     """What follows after an increment of size ``moved``, ``rate`` times the last one (0: the first by this matrix)."""
-    o, enough = part(z, CONSTANTS), enough_for(z, slot, per_q, per_v)
-    if converged(moved, slowest if rate != 0.0 else 0.0, enough, o[MARGIN]):
+    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, per_q, per_v)
+    if converged(moved, slowest if rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
         return DONE
-    if fresh and rate >= o[STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts):
+    if fresh and rate >= o[mem.STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts):
         return DONE if stood else STALL  # with a matrix at the very iterate too: roundoff is left
     if taken == 0:
         return GO_ON
     if fresh:
-        return GIVE_UP if rate > o[WORST_RATE] else GO_ON
-    if o[MATRIX_COST] > 0.0:  # told by the mean rate: single ratios alternate
+        return GIVE_UP if rate > o[mem.WORST_RATE] else GO_ON
+    if o[mem.MATRIX_COST] > 0.0:  # told by the mean rate: single ratios alternate
         mean = (moved / first) ** (1.0 / taken)
-        outworn = rate >= 1.0 or math.log(enough / moved) < o[MATRIX_COST] * math.log(mean)
+        outworn = rate >= 1.0 or math.log(enough / moved) < o[mem.MATRIX_COST] * math.log(mean)
     else:
-        outworn = rate > o[REFRESH_RATE] and moved * rate > o[MARGIN] * enough  # else one more ends it
+        outworn = rate > o[mem.REFRESH_RATE] and moved * rate > o[mem.MARGIN] * enough  # else one more ends it
     if not outworn:
         return GO_ON
     return RENEW if rate < 1.0 else RENEW_HERE
@@ -176,14 +137,14 @@ def judged(
 @compiled
 def whole(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
     """The same with a fresh matrix each time and whole increments, as long as every second is half as long, (H29)."""
-    spare, second = 1 - kept if kept >= 0 else 0, part(z, CONSTANTS)[SECOND]
+    spare, second = 1 - kept if kept >= 0 else 0, part(z, mem.CONSTANTS)[mem.SECOND]
     last, before, typical, per_q, per_v = math.inf, math.inf, False, 0.0, 0.0
-    for _ in range(z.i[MAX_ITERATIONS]):
+    for _ in range(z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
-            return SPENT, -1, 0.0
-        counts[NEWTON] += 1
+            return mem.SPENT, -1, 0.0
+        counts[mem.NEWTON] += 1
         ended = renew(z, spare, h, counts)
-        if ended != CONVERGED:
+        if ended != mem.CONVERGED:
             return ended, -1, 0.0
         in_q, in_v = corrected(z, spare, True, counts)
         if not typical:
@@ -191,85 +152,85 @@ def whole(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> A
         moved = max(in_q * per_q, in_v * per_v)
         if is_last(z, spare, moved, moved / last, per_q, per_v, counts):
             step_back(z)
-            return CONVERGED, spare, 0.0
+            return mem.CONVERGED, spare, 0.0
         if not (math.isfinite(in_q + in_v) and moved <= second * before):
-            return DIVERGED, -1, 0.0
+            return mem.DIVERGED, -1, 0.0
         step_back(z)
         last, before = moved, last
-    return DIVERGED, -1, 0.0
+    return mem.DIVERGED, -1, 0.0
 
 
 @compiled
 def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
     """The same with a fresh matrix each time and increments halved while the next one is not smaller."""
-    x, spare = part(z, X), 1 - kept if kept >= 0 else 0
+    x, spare = part(z, mem.X), 1 - kept if kept >= 0 else 0
     last, rate, typical, halvings, per_q, per_v = math.inf, 0.0, False, 0, 0.0, 0.0
-    for _ in range(z.i[MAX_DAMPED]):
+    for _ in range(z.i[mem.MAX_DAMPED]):
         if not spend(z, counts):
-            return SPENT, -1, 0.0
+            return mem.SPENT, -1, 0.0
         ended = renew(z, spare, h, counts)
-        if ended != CONVERGED:
+        if ended != mem.CONVERGED:
             return ended, -1, 0.0
-        counts[NEWTON] += 1
+        counts[mem.NEWTON] += 1
         in_q, in_v = corrected(z, spare, True, counts)
         if not math.isfinite(in_q + in_v):
-            return NONFINITE, -1, 0.0
+            return mem.NONFINITE, -1, 0.0
         if not typical:
             per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
         moved = max(in_q * per_q, in_v * per_v)
         rate = moved / last if last < math.inf and halvings == 0 else 0.0  # a halved increment tells no rate
         if is_last(z, spare, moved, rate, per_q, per_v, counts):
             step_back(z)
-            return CONVERGED, spare, 0.0
-        put(part(z, BASE_X), 0, x)
-        put(part(z, FULL), 0, part(z, INCREMENT))
+            return mem.CONVERGED, spare, 0.0
+        put(part(z, mem.BASE_X), 0, x)
+        put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
         halvings = halved(z, spare, moved, counts)
         if halvings < 0:
             return -1 - halvings, -1, 0.0
         last = moved
-    return DIVERGED, -1, 0.0
+    return mem.DIVERGED, -1, 0.0
 
 
 @compiled
 def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
     """How often the increment in FULL is halved until the next one is smaller; -1 less how it ended where it never is."""
-    x, base, full, increment = part(z, X), part(z, BASE_X), part(z, FULL), part(z, INCREMENT)
+    x, base, full, increment = part(z, mem.X), part(z, mem.BASE_X), part(z, mem.FULL), part(z, mem.INCREMENT)
     size, part_of, next_size = length(full, x.size), 1.0, 0.0
-    for halving in range(z.i[MAX_HALVINGS]):
+    for halving in range(z.i[mem.MAX_HALVINGS]):
         if not spend(z, counts):
-            return -1 - SPENT
+            return -1 - mem.SPENT
         for i in range(x.size):
             x[i] = base[i] - full[i] * part_of
         part_of *= 0.5
         corrected(z, slot, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
-        if next_size < size or moved <= part(z, CONSTANTS)[BLINDED]:
+        if next_size < size or moved <= part(z, mem.CONSTANTS)[mem.BLINDED]:
             return halving
-    return -1 - (DIVERGED if math.isfinite(next_size) else NONFINITE)
+    return -1 - (mem.DIVERGED if math.isfinite(next_size) else mem.NONFINITE)
 
 
 @compiled
 def spend(z: Any, counts: Any) -> Any:
     """One more evaluation of the residual; False where none is left."""
-    if counts[RESIDUALS] >= z.i[EVALUATIONS]:
+    if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
         return False
-    counts[RESIDUALS] += 1
+    counts[mem.RESIDUALS] += 1
     return True
 
 
 @compiled
 def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
     """A correction, and where roundoff is measured what that makes of one with a new matrix."""
-    counts[SOLVES] += 1
+    counts[mem.SOLVES] += 1
     in_q, in_v = correct(z, slot, evaluated)
-    if evaluated and z.i[NOISY]:
-        counts[RESIDUALS] += 1
-        counts[SOLVES] += 1
-        put(part(z, FULL), 0, part(z, INCREMENT))
-        record = half(z, RECORD, slot)
-        put(part(z, UNDISTURBED), 0, view(z.w, z.i[2 * Q], 4 * z.i[N]))
-        record[NOISE_Q], record[NOISE_V] = disturbance(z, slot, -1)
+    if evaluated and z.i[mem.NOISY]:
+        counts[mem.RESIDUALS] += 1
+        counts[mem.SOLVES] += 1
+        put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
+        record = half(z, mem.RECORD, slot)
+        put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
+        record[mem.NOISE_Q], record[mem.NOISE_V] = disturbance(z, slot, -1)
         settle(z)
     return in_q, in_v
 
@@ -277,37 +238,37 @@ def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
 @compiled
 def enough_for(z: Any, slot: Any, per_q: Any, per_v: Any) -> Any:
     """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
-    o, record = part(z, CONSTANTS), half(z, RECORD, slot)
-    if not z.i[NOISY]:
-        return o[TOLERANCE]
-    return max(o[TOLERANCE], o[NOISE_MARGIN] * max(record[NOISE_Q] * per_q, record[NOISE_V] * per_v))
+    o, record = part(z, mem.CONSTANTS), half(z, mem.RECORD, slot)
+    if not z.i[mem.NOISY]:
+        return o[mem.TOLERANCE]
+    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * per_q, record[mem.NOISE_V] * per_v))
 
 
 @compiled
 def is_last(z: Any, slot: Any, moved: Any, rate: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
     """Whether the increment, by a matrix at the iterate and ``rate`` times the last one (0: the first), ends it."""
-    o, enough = part(z, CONSTANTS), enough_for(z, slot, per_q, per_v)
-    if converged(moved, max(rate, o[LEAST_RATE]) if rate != 0.0 else 0.0, enough, o[MARGIN]):
+    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, per_q, per_v)
+    if converged(moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
         return True
-    return rate >= o[STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts)
+    return rate >= o[mem.STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts)
 
 
 @compiled
 def is_roundoff(z: Any, slot: Any, moved: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
     """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30)."""
-    o, evaluations = part(z, CONSTANTS), 2 * digits(z.i[N])
-    if moved <= o[STAGNATION] or counts[RESIDUALS] + evaluations >= z.i[EVALUATIONS]:
-        return moved <= o[STAGNATION]
-    counts[RESIDUALS] += evaluations
-    counts[SOLVES] += evaluations
+    o, evaluations = part(z, mem.CONSTANTS), 2 * digits(z.i[mem.N])
+    if moved <= o[mem.STAGNATION] or counts[mem.RESIDUALS] + evaluations >= z.i[mem.EVALUATIONS]:
+        return moved <= o[mem.STAGNATION]
+    counts[mem.RESIDUALS] += evaluations
+    counts[mem.SOLVES] += evaluations
     noise = 0.0
-    put(part(z, UNDISTURBED), 0, view(z.w, z.i[2 * Q], 4 * z.i[N]))
-    put(part(z, FULL), 0, part(z, INCREMENT))
+    put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
+    put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
     for k in range(evaluations):
         in_q, in_v = disturbance(z, slot, k)
         noise = max(noise, in_q * per_q, in_v * per_v)
     settle(z)
-    return moved <= o[NOISE_MARGIN] * noise
+    return moved <= o[mem.NOISE_MARGIN] * noise
 
 
 @compiled
@@ -317,14 +278,14 @@ def disturbance(z: Any, slot: Any, k: Any) -> Any:
     Those of UNDISTURBED whose number has the binary digit k // 2 equal to k % 2, (H30), or for k = -1 a drawing of lots;
     all away from zero, since the roundoff of regular values is not of both signs alike.
     """
-    n, state, kept = z.i[N], view(z.w, z.i[2 * Q], 4 * z.i[N]), part(z, UNDISTURBED)
+    n, state, kept = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
     for i in range(state.size):
         moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
         state[i] = kept[i] * (1.0 + EPS) if moves else kept[i]
     early(z)
     correct(z, slot, False)
-    increment, full = part(z, INCREMENT), part(z, FULL)
-    for i in range(part(z, X).size):
+    increment, full = part(z, mem.INCREMENT), part(z, mem.FULL)
+    for i in range(part(z, mem.X).size):
         increment[i] -= full[i]
     return moved_by(z, slot, increment)
 
@@ -332,8 +293,8 @@ def disturbance(z: Any, slot: Any, k: Any) -> Any:
 @compiled
 def settle(z: Any) -> None:
     """The state and the increment as they were before disturbances."""
-    put(view(z.w, z.i[2 * Q], 4 * z.i[N]), 0, part(z, UNDISTURBED))
-    put(part(z, INCREMENT), 0, part(z, FULL))
+    put(view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), 0, part(z, mem.UNDISTURBED))
+    put(part(z, mem.INCREMENT), 0, part(z, mem.FULL))
     early(z)
 
 

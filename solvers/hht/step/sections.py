@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solvers.hht.step import memory as mem
 from solvers.hht.step.calls import invoke, view
 from solvers.hht.step.compiled import compiled, inlined
-from solvers.hht.step.memory import BASE, CALLS_PYTHON, INTEGER, INTEGER_BASE
 
 
 @inlined
@@ -26,32 +26,32 @@ def half(z: Any, name: Any, slot: Any) -> Any:
 @inlined
 def indices(z: Any, name: Any) -> Any:
     """The integers of a section."""
-    return view(z.i, z.i[2 * (INTEGER + name)], z.i[2 * (INTEGER + name) + 1])
+    return view(z.i, z.i[2 * (mem.INTEGER + name)], z.i[2 * (mem.INTEGER + name) + 1])
 
 
 @inlined
 def half_of_indices(z: Any, name: Any, slot: Any) -> Any:
     """One of the two slots of a section of integers."""
-    count = z.i[2 * (INTEGER + name) + 1] // 2
-    return view(z.i, z.i[2 * (INTEGER + name)] + slot * count, count)
+    count = z.i[2 * (mem.INTEGER + name) + 1] // 2
+    return view(z.i, z.i[2 * (mem.INTEGER + name)] + slot * count, count)
 
 
 @inlined
 def address(z: Any, name: Any) -> Any:
     """Where a section of floats begins in the machine's memory."""
-    return z.i[BASE] + 8 * z.i[2 * name]
+    return z.i[mem.BASE] + 8 * z.i[2 * name]
 
 
 @inlined
 def half_address(z: Any, name: Any, slot: Any) -> Any:
     """Where one of the two slots of a section of floats begins in the machine's memory."""
-    return z.i[BASE] + 8 * (z.i[2 * name] + slot * (z.i[2 * name + 1] // 2))
+    return z.i[mem.BASE] + 8 * (z.i[2 * name] + slot * (z.i[2 * name + 1] // 2))
 
 
 @inlined
 def index_address(z: Any, name: Any, offset: Any) -> Any:
     """Where an entry of a section of integers stands in the machine's memory."""
-    return z.i[INTEGER_BASE] + 8 * (z.i[2 * (INTEGER + name)] + offset)
+    return z.i[mem.INTEGER_BASE] + 8 * (z.i[2 * (mem.INTEGER + name)] + offset)
 
 
 @compiled
@@ -89,7 +89,7 @@ def call(z: Any, code: Any, out: Any, arguments: Any) -> None:
 
     A callback into Python writes its result last: what it leaves undone, after an exception, stays NaN.
     """
-    if z.i[CALLS_PYTHON]:
+    if z.i[mem.CALLS_PYTHON]:
         erase(part(z, out))
     invoke(z.i[code], (address(z, out), z.i[code + 1]) + arguments)  # noqa: RUF005 - Numba unpacks no tuples
 
