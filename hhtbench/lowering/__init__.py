@@ -1,7 +1,7 @@
 """Turns physics into callables: every derived function, by one of several routes with the same values.
 
 ``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` a function of it as a fast call
-from Python.  Beside it HHT's compiled loops take machine code by its address from ``native``, and
+from Python.  Beside it HHT's loops take machine code by its address from ``native``, and
 :mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
 """
 

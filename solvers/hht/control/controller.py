@@ -8,11 +8,11 @@ from typing import Any
 from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, CRUMB, NOISE
 from solvers.hht.events.scan import keep_values, scan
-from solvers.hht.step import memory as mem
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import spacing
+from solvers.hht.loops.compiled import compiled, fit, growth, representable
+from solvers.hht.loops.sections import address, part, put
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
-from solvers.hht.step.calls import spacing
-from solvers.hht.step.compiled import compiled, fit, growth, representable
-from solvers.hht.step.sections import address, part, put
 
 REMAINDER = -1.0  # in the place of an error: a step far shorter than what was asked for has none
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
-from solvers.hht.step import memory as mem
-from solvers.hht.step.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.step.sections import address, call, half, largest, part, put
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
+from solvers.hht.loops.sections import address, call, half, largest, part, put
 
 
 @compiled

@@ -116,13 +116,6 @@ def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
     return packed[:size], packed[size:].reshape(-1, size)
 
 
-def step_end(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
-    """q1 and v1 of the converged unknowns, with position constraints also R0 and R1: one vector (2n,) or (4n,)."""
-    place = stages(dynamics, layout, layout.split(x), layout.known(packed))
-    parts = [place.q1, place.v1]
-    return dynamics.xp.concatenate([*parts, place.start_reaction, place.end_reaction] if layout.structure.m else parts)
-
-
 def _matrix_rows(
     dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
 ) -> list[Any]:

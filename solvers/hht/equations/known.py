@@ -5,45 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import Dynamics
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.formulas import rescaled, trapezoidal_start
 from solvers.hht.equations.layout import Layout
-from solvers.hht.step.state import State
-
-
-def start_of_step(method: Method, state: State, h: float) -> tuple[Vector, float]:
-    """a0 (n,) and the weight with which a1 takes part in it, (H11), (H12)."""
-    if state.h is None:
-        if method.start != "trapezoidal":
-            return state.a, 0.0
-        return trapezoidal_start(method.coefficients.alpha, state.f)
-    return (rescaled(state.a, state.f, h, state.h) if method.rescale_a else state.a), 0.0
-
-
-def first_acceleration(method: Method, state: State, h: float, a1: Vector) -> Vector:
-    """The a0 that a step of length ``h`` [s] from ``state`` to ``a1`` was made with."""
-    a0, from_end = start_of_step(method, state, h)
-    return a0 + from_end * a1 if from_end else a0
-
-
-def known_values(
-    method: Method, layout: Layout, inverse_mass: Callable[..., Any], state: State, h: float, t1: float
-) -> dict[str, Any]:
-    """The values that :meth:`Layout.pack` packs for the step from ``state`` to ``t1``.
-
-    ``inverse_mass(t, q)`` is called only where a reaction is taken at a place known in advance and the mass varies.
-    """
-    a0, from_end = start_of_step(method, state, h)
-    step = {"t": state.t, "h": h, "t1": t1, "from_end": from_end}
-    place = {"q": state.q, "v": state.v, "f": state.f, "a0": a0, "inverse_mass": state.inverse_mass}
-    return weighted(method, layout, inverse_mass, step | place)
 
 
 def packed_known(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
-    """:func:`known_values`, packed, from :func:`start_of`."""
+    """What :func:`weighted` gives for the step and the state in ``given``, packed by :meth:`Layout.pack`."""
     start = start_of(layout, given, dynamics.xp)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
     return layout.pack(values, dynamics.xp)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import Structure
-from solvers.hht.equations.formulas import EPS, digits, has_digit
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,6 @@ class Layout:
     scalars: tuple[str, ...] = field(init=False, compare=False)  #: known numbers, in order
     arrays: dict[str, tuple[int, ...]] = field(init=False, compare=False)  #: known arrays and their shapes, in order
     size: int = field(init=False, compare=False)  #: number of unknowns
-    packed_size: int = field(init=False, compare=False)  #: length of the packed known values
 
     def __post_init__(self) -> None:
         unknowns = _unknowns(self.structure, self.end_unknown)
@@ -41,7 +37,6 @@ class Layout:
             "scalars": scalars,
             "arrays": arrays,
             "size": sum(unknowns.values()),
-            "packed_size": len(scalars) + sum(math.prod(shape) for shape in arrays.values()),
         }.items():
             object.__setattr__(self, name, value)
 
@@ -57,26 +52,6 @@ class Layout:
             there[list(self.inverse_places)] = True
             inverse = xp.where(there, inverse, 0.0)
         return inverse.reshape(self.structure.n, -1)
-
-    def disturbed(self, vector: np.ndarray) -> np.ndarray:
-        """The packed known values with array entries moved by one roundoff or not, by a fixed drawing of lots.
-
-        All away from zero: the roundoff of regular values is not of both signs alike (of a chain at rest it was ten times
-        what signs drawn by lot made of it).
-        """
-        return vector * _lots(vector.size, len(self.scalars))
-
-    def disturbances(self, vector: Vector) -> Iterator[Vector]:
-        """The packed known values with some of the coordinates moved by one roundoff, (H30)."""
-        n, start = self.structure.n, len(self.scalars)
-        for digit in range(digits(n)):
-            for value in (0, 1):
-                moved, at = vector.copy(), start
-                for shape in self.arrays.values():
-                    if shape == (n,):
-                        moved[at : at + n][has_digit(np.arange(n), digit, value)] *= 1.0 + EPS
-                    at += math.prod(shape)
-                yield moved
 
     def known(self, vector: Any) -> dict[str, Any]:
         """The inverse of :meth:`pack`."""
@@ -95,13 +70,6 @@ class Layout:
             result[name] = vector[offset : offset + size]
             offset += size
         return result
-
-
-@functools.lru_cache(maxsize=8)
-def _lots(size: int, exact: int) -> np.ndarray:
-    factors = 1.0 + np.random.default_rng(0).choice([0.0, EPS], size)
-    factors[:exact] = 1.0
-    return factors
 
 
 def _unknowns(s: Structure, end_unknown: bool) -> dict[str, int]:

@@ -26,12 +26,6 @@ def inputs(layout: Layout) -> dict[str, int]:
     return sizes | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {})
 
 
-def pack(layout: Layout, xp: Any, scalars: Mapping[str, float], arrays: Mapping[str, Any]) -> Any:
-    """The vector that :func:`raw_errors` takes."""
-    head = xp.asarray([scalars[name] for name in SCALARS])
-    return xp.concatenate([head, *[xp.ravel(xp.asarray(arrays[name])) for name in inputs(layout)]])
-
-
 def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
     """Imbalances that make the errors of q1 and of v1, unfiltered, and f + r at the end of the step: (3n,).
 

@@ -16,7 +16,7 @@ from hhtbench.lowering import Native, native
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.events.event import Event, number_of
 from solvers.hht.events.scan import EXTRA
-from solvers.hht.step.memory import DIRECTIONS, SAMPLES, Memory, integer_view
+from solvers.hht.loops.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 
 def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:

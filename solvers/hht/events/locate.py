@@ -10,7 +10,7 @@ from hhtbench.arguments import Vector
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.crossings import Crossing, zero
 from solvers.hht.events.event import Event, value_of
-from solvers.hht.step.memory import CONVERGED, T_END
+from solvers.hht.loops.memory import CONVERGED, T_END
 from solvers.hht.step.state import State
 
 if TYPE_CHECKING:

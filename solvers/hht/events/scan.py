@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.step import memory as mem
-from solvers.hht.step.calls import invoke
-from solvers.hht.step.compiled import compiled, crosses, cubic
-from solvers.hht.step.sections import address, indices, part
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import invoke
+from solvers.hht.loops.compiled import compiled, crosses, cubic
+from solvers.hht.loops.sections import address, indices, part
 
 EXTRA = 3  # samples of a step beside those inside: its start, a place just behind it, its end
 LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up

@@ -14,8 +14,8 @@ from solvers.hht.linear.lapack import address_of
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order
 from solvers.hht.linear.superlu import SuperLU, fill
-from solvers.hht.step import memory as mem
-from solvers.hht.step.memory import Memory, integer_view, view
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, integer_view, view
 
 KINDS = ("auto", "dense", "band", "sparse")
 CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}

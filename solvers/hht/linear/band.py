@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.step.compiled import compiled, inlined
+from solvers.hht.loops.compiled import compiled, inlined
 
 
 @compiled

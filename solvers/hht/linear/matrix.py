@@ -11,10 +11,10 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.linear.band import factor_blocks, solve_blocks
-from solvers.hht.step import memory as mem
-from solvers.hht.step.calls import invoke, view
-from solvers.hht.step.compiled import compiled, inlined
-from solvers.hht.step.sections import (
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import invoke, view
+from solvers.hht.loops.compiled import compiled, inlined
+from solvers.hht.loops.sections import (
     address,
     call,
     finite,

@@ -21,13 +21,13 @@ from solvers._finite import explain_nonfinite, inverse_mass_at
 from solvers._start import points_of
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.events.compiled import EventFunctions
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.march import Control, look, march, remake, take, try_step
 from solvers.hht.run.recover import Recovery
 from solvers.hht.run.shortest import Shortest
 from solvers.hht.run.transfer import load, store
-from solvers.hht.step import memory as mem
-from solvers.hht.step.memory import Memory, integer_view, view
 from solvers.hht.step.state import State
 
 UNLIMITED = 2**62

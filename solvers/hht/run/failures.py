@@ -9,8 +9,8 @@ from solvers._start import Failure
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
+from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
-from solvers.hht.step import memory as mem
 from solvers.hht.step.state import State
 
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one

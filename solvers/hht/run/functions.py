@@ -30,8 +30,8 @@ from solvers.hht.equations.corrections import (
 from solvers.hht.equations.layout import Layout
 from solvers.hht.equations.local_error import SCALARS, inputs, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
-from solvers.hht.step import memory as mem
-from solvers.hht.step.memory import Memory, Sizes, allocate
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, Sizes, allocate
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which machine code without loops pays

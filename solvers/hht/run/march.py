@@ -9,11 +9,11 @@ from solvers.hht.control.controller import advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan
 from solvers.hht.linear.matrix import early, renew
-from solvers.hht.step import memory as mem
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import called
+from solvers.hht.loops.memory import Memory
+from solvers.hht.loops.sections import part, put, view
 from solvers.hht.step.attempt import attempt
-from solvers.hht.step.compiled import called
-from solvers.hht.step.memory import Memory
-from solvers.hht.step.sections import part, put, view
 
 
 class Control(NamedTuple):

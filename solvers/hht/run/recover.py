@@ -14,17 +14,17 @@ from hhtbench.lowering import Dynamics, native
 from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.kkt import kkt_terms
-from solvers.hht.step.calls import invoke
-from solvers.hht.step.compiled import called, compiled
-from solvers.hht.step.sections import largest as top
-from solvers.hht.step.sections import put
+from solvers.hht.loops.calls import invoke
+from solvers.hht.loops.compiled import called, compiled
+from solvers.hht.loops.sections import largest as top
+from solvers.hht.loops.sections import put
 
 FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
 FIRST = 512  # rows of the first call, and FEW of a NumPy system
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 MAX_ITERATIONS = 25
 CONVERGED = 1e-13
-WELL_POSED = 1e-8  # smallest over largest pivot of the scaled matrix; below it the host engine looks closer
+WELL_POSED = 1e-8  # smallest over largest pivot of the scaled matrix; below it the general solver looks closer
 
 
 @called

@@ -19,11 +19,11 @@ from solvers.hht.control.plan import Plan
 from solvers.hht.events.crossings import Crossing, crossings
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, NotMade, along, step_to
+from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.failures import failure_of
 from solvers.hht.run.march import Control
 from solvers.hht.run.start import first_state, project
-from solvers.hht.step import memory as mem
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from solvers.hht.equations.formulas import HIGHEST
-from solvers.hht.step import memory as mem
-from solvers.hht.step.memory import Memory as Arrays
-from solvers.hht.step.memory import view
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory as Arrays
+from solvers.hht.loops.memory import view
 from solvers.hht.step.state import Factorised, Memory, State
 
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
-from solvers.hht.step import memory as mem
-from solvers.hht.step.calls import view
-from solvers.hht.step.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import view
+from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.loops.sections import address, call, finite, half, largest, part, put
 from solvers.hht.step.newton import damped, newton, whole
-from solvers.hht.step.sections import address, call, finite, half, largest, part, put
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
 @compiled
 def start_weights(z: Any, h: Any) -> Any:
-    """Weights of a - f, of f and of a1 in a0, :func:`solvers.hht.weights.start_of_step`; 1 first: a itself."""
+    """Weights of a - f, of f and of a1 in a0, (H11), (H12); 1 first: a itself."""
     last = part(z, mem.NUMBER)[mem.H]
     if last == 0.0 and z.i[mem.TRAPEZOIDAL]:
         of_f, from_end = trapezoidal_start(part(z, mem.CONSTANTS)[mem.ALPHA], 1.0)

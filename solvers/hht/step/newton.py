@@ -12,10 +12,10 @@ from typing import Any
 
 from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
-from solvers.hht.step import memory as mem
-from solvers.hht.step.calls import view
-from solvers.hht.step.compiled import compiled, digits, has_digit
-from solvers.hht.step.sections import half, part, put
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import view
+from solvers.hht.loops.compiled import compiled, digits, has_digit
+from solvers.hht.loops.sections import half, part, put
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,9 @@ from solvers.hht.equations import formulas
 
 HERE = Path(__file__).parents[1]
 SOURCES = (
-    HERE / "step",
-    *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "control/estimate", "control/controller")),
-    *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/recover")),
+    HERE / "loops",
+    *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "step/newton", "step/attempt")),
+    *(HERE / f"{name}.py" for name in ("control/estimate", "control/controller", "events/scan", "run/march", "run/recover")),
     Path(formulas.__file__),
 )
 called = entries(HERE / "compiled", *SOURCES)  #: what Python calls

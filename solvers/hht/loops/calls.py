@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.lowering.compile.loops import Intrinsic
 
-_SOURCE = "solvers.hht.step.intrinsics"
+_SOURCE = "solvers.hht.loops.intrinsics"
 
 
 @lru_cache

@@ -1,13 +1,13 @@
-"""Sections of the loops' memory, and small loops over them; ``z`` is a :class:`~solvers.hht.step.memory.Memory`."""
+"""Sections of the loops' memory, and small loops over them; ``z`` is a :class:`~solvers.hht.loops.memory.Memory`."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from solvers.hht.step import memory as mem
-from solvers.hht.step.calls import invoke, view
-from solvers.hht.step.compiled import compiled, inlined
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.calls import invoke, view
+from solvers.hht.loops.compiled import compiled, inlined
 
 
 @inlined

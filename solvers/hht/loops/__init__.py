@@ -1,0 +1,1 @@
+"""What every loop is written with: their memory, views of its sections, calls by address, the decorators."""
