@@ -154,7 +154,7 @@ def chosen(
         return Analysis("sparse", shape, *given)
     if linsolver == "band" or (measured and order.storage <= NARROW * size):
         return Analysis("band", shape, *given, order=order)
-    if order.storage > size * size:
+    if not measured and order.storage > size * size:
         return Analysis("dense", f"{shape}, more than the full matrix", *given)
     filled = fill(rows[:own], columns[:own], size) if measured else order.storage
     if measured and min(filled, order.storage) > CROWDED * size * size:

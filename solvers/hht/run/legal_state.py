@@ -11,6 +11,7 @@ from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.layout import Layout
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.stepping import Standing
+from solvers.hht.step.state import Factorised
 
 SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
 
@@ -57,8 +58,7 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
         "the direction of time must be 1, -1 or 0": s.direction not in (-1.0, 0.0, 1.0),
         f"the mass is {mass}": (state.inverse_mass is None) == (mass == "variable"),
         "sizes must not be negative": min(state.size_q, state.size_v) < 0,
-        "State.factorised must be of a step": state.factorised is not None
-        and not (_is_length(state.factorised.h, state.t) and min(state.factorised.rate, state.factorised.uses) >= 0),
+        "State.factorised must be of a step": state.factorised is not None and not _is_factorised(state.factorised, state.t),
         "the next step must be positive": memory is not None and not memory.h_next > 0.0,
         "tolerances must not be negative": s.tolerances is not None
         and min(s.tolerances.rtol.min(), s.tolerances.atol.min()) < 0.0,
@@ -67,6 +67,11 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
         "the last step must end at the state": not t.size or t[-1] != state.t,
     }
     return [text for text, broken in named.items() if broken]
+
+
+def _is_factorised(made: Factorised, t: float) -> bool:
+    """Whether it can have been made in a step that ended at ``t``."""
+    return _is_length(made.h, t) and len(made.noise) == 2 and min(made.rate, made.uses, *made.noise) >= 0
 
 
 def _is_length(h: float, t: float) -> bool:
