@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.lowering import compiling, flattening
+from hhtbench.lowering import flattening
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.native import compiler
+from hhtbench.lowering.compile import compiling
+from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.protocol import NumpySystem, System, parameter
 from solvers.hht.run import functions
 

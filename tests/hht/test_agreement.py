@@ -9,7 +9,7 @@ import pytest
 import hhtbench as hb
 from hhtbench import ProblemError, Status
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.native import compiler
+from hhtbench.lowering.scalar_compiler import compiler
 from problems.stiff_spring_pendulum import problem as stiff_spring
 from solvers.hht import HHT, Event
 from solvers.hht.run import functions

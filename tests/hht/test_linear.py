@@ -9,8 +9,8 @@ from scipy import sparse
 
 from hhtbench import load_problem
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.foreign import Callbacks
-from hhtbench.lowering.patterns import Pattern
+from hhtbench.lowering.compile.patterns import Pattern
+from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
 from problems import planar_chain
 from solvers.hht import HHT
