@@ -13,10 +13,10 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.protocol import NumpySystem
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers.hht import integrate
 from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.run import integrate
 
-SOLVERS = ["hht", "hht(engine=host)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]
+SOLVERS = ["hht", "hht(engine=python)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]
 
 
 TRACED = []

@@ -71,7 +71,7 @@ def test_solvers_of_the_library_rest_on_their_package_but_not_on_their_verificat
     from hhtbench.specs import parse_spec
 
     behind = sources.SourceReader().behind(parse_spec("andrews"), parse_spec("hht"))
-    assert {"solvers.hht.engine", "problems._common", "problems.andrews: references/andrews.json"} <= set(behind)
+    assert {"solvers.hht.run.engine", "problems._common", "problems.andrews: references/andrews.json"} <= set(behind)
     assert not [name for name in behind if ".verify" in name or "knife_edge" in name]
 
 

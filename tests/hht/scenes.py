@@ -6,7 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from hhtbench.lowering import flattening
+from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.compile import compiling
+from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.protocol import NumpySystem, System, parameter
+from solvers.hht.run import functions
 
 GRAVITY = 9.81
 ANGLE, SPEED = 1.0, 0.5  # of the pendulum at the start [rad, rad/s], counted from the lowest point
@@ -112,3 +117,10 @@ def same_bits(first, second):
     """Whether two solutions hold the same numbers, bit by bit."""
     names = ("t", "q", "v", "lam", "mu")
     return all(getattr(first, name).tobytes() == getattr(second, name).tobytes() for name in names)
+
+
+def forget_code(monkeypatch):
+    """For a test that changes a formula: it is traced anew here, and what was made of it is forgotten afterwards."""
+    kept = (functions, "_known"), (compiling, "_callables"), (compiler, "_memory"), (compiler, "_last"), (flattening, "_jitted")
+    for module, name in kept:
+        monkeypatch.setattr(module, name, Cache(100))

@@ -12,10 +12,9 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT
-from solvers.hht.control import ControlOptions, growth_factor
-from solvers.hht.equations.formulas import fit
+from solvers.hht.control.options import ControlOptions
+from solvers.hht.equations.formulas import fit, growth
 from solvers.hht.equations.local_error import parabola
-from solvers.hht.step.state import Memory
 from solvers.hht.verify.effectivity import ratios
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at
 
@@ -115,13 +114,12 @@ def test_stiff_springs_are_passed_over_at_the_accuracy_asked_for(stiffness, alph
 @settings(max_examples=300, deadline=None)
 def test_the_controller_never_grows_by_more_than_a_half(errors, rejected):
     """Row M10, whatever errors come."""
-    options, memory = ControlOptions(), None
+    options, last = ControlOptions(), -1.0
     for error, again in zip(errors, rejected, strict=False):
-        factor = growth_factor(options, error, memory, rejected=again)
+        factor = growth(options, error, last, again)
         assert options.shrink <= factor <= 1.5
         assert factor <= 1.0 or not again
-        nothing = np.zeros(1)
-        memory = Memory(h_next=1.0, last=1.0, earlier=nothing, acceleration=nothing, error=error)
+        last = error
 
 
 def stiff_matrix(alpha, ratio):

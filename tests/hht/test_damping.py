@@ -9,7 +9,6 @@ from hhtbench import load_solver
 from hhtbench.errors import ProblemError
 from hhtbench.registry import load_verification
 from hhtbench.report.figures import MOST_MARKS
-from solvers.hht import engines
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify import damping, damping_plots, guided, vibration
@@ -17,7 +16,7 @@ from solvers.hht.verify.closed import radius, roots, series, spectrum, swing_of
 from solvers.hht.verify.local import amplification_matrix
 from solvers.hht.verify.vibration import Driven, Guided, Mixed, Rolling, constrained, measured_matrix, oscillator
 from solvers.hht.verify.vibration_rows import matrix_rows, overshoot_row, rho_inf_row, swing_row, swing_rows
-from tests.hht.scenes import Q0, V0, pendulum, same_bits
+from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
 
 IMPLICIT = {"b": 0.0, "reaction": "implicit"}
 HALF = {"b": 0.25, "reaction": "implicit"}
@@ -200,7 +199,7 @@ def test_told_failure_is_no_wrong_step(monkeypatch):
 )
 def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, factor, rows):
     monkeypatch.setattr(Coefficients, weight, wrong(weight, factor))
-    monkeypatch.setattr(engines, "LARGEST", 0)  # machine code made before holds the honest weight
+    forget_code(monkeypatch)  # that made before holds the honest weight
     found = rows()
     assert found
     assert not any(row.passed for row in found)
@@ -210,7 +209,7 @@ def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
     monkeypatch.setattr(damping, "PARTS", (damping._rho_inf, damping._overshoot))
     monkeypatch.setattr(damping, "plots", tuple)
     assert damping.verify_damping().passed
-    monkeypatch.setattr(engines, "LARGEST", 0)
+    forget_code(monkeypatch)
     monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
     told = []
     evidence = damping.verify_damping(told.append)

@@ -14,11 +14,12 @@ from tests.hht.scenes import Q0, SYSTEMS, V0, pendulum, same_bits
 
 def test_without_events_nothing_is_looked_for_and_with_recorded_ones_no_step_changes(monkeypatch):
     for how in ({"step": 0.02}, {"rtol": 1e-4}):
-        watched = HHT(SYSTEMS["jax"], events=[height, lambda t, q, v: v[1]]).solve((0.0, 0.7), Q0, V0, **how)
+        events = [height, lambda t, q, v: v[1]]
+        watched = HHT(SYSTEMS["jax"], engine="python", events=events).solve((0.0, 0.7), Q0, V0, **how)
         assert watched.counters.event_evaluations > 0
         with monkeypatch.context() as patch:
-            patch.setattr("solvers.hht.watch.scan", None)
-            plain = HHT(SYSTEMS["jax"]).solve((0.0, 0.7), Q0, V0, **how)
+            patch.setattr("solvers.hht.control.controller.scan", None)
+            plain = HHT(SYSTEMS["jax"], engine="python").solve((0.0, 0.7), Q0, V0, **how)
         assert same_bits(watched, plain)
         assert plain.counters.event_evaluations == 0
         assert plain.t_events == plain.q_events == plain.v_events == ()

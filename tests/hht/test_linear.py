@@ -1,55 +1,72 @@
-"""Acceptance row J5: every kind of linear algebra gives the same steps; which one is chosen; factors outlive a pickle."""
+"""Acceptance row J5: every kind of linear algebra gives the same steps; which one is chosen; factors of any matrix."""
 
-import pickle
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import sparse
-from solvers.hht.blocks import find_order
-from solvers.hht.choose import analyse, choose
-from solvers.hht.engine import HostEngine, layout_of
-from solvers.hht.sparse import Band, Splu
 
 from hhtbench import load_problem
-from hhtbench.counting import Work
-from hhtbench.errors import ProblemError
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.patterns import Pattern
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.result import Status
 from problems import planar_chain
-from solvers._start import Place, dynamics_for
-from solvers.hht.options import HHTOptions
-from solvers.hht.run.start import first_state
-from solvers.hht.step.state import Step
+from solvers.hht import HHT
+from solvers.hht.linear.analysis import of_pattern
+from solvers.hht.linear.matrix import factor_band, factor_dense, factor_outside, moved_by, respond, solve, solve_often
+from solvers.hht.linear.order import find_order
+from solvers.hht.run import functions
+from solvers.hht.step.memory import (
+    CALLS_PYTHON,
+    CODE,
+    CONVERGED,
+    FUNCTIONS,
+    LEAST_PIVOT,
+    MAPS,
+    PAIR_CHANGE,
+    PAIR_RIGHT,
+    PAIR_SOLUTION,
+    RANK,
+    RECORD,
+    SINGULAR,
+    VALUES,
+    Sizes,
+    allocate,
+    view,
+)
+from solvers.hht.step.sections import half
 
 SAME = 1e-11
-METHOD = HHTOptions(alpha=-0.1).method()
 PROBLEMS = {
-    "planar_chain(n_links=6)": 1e-3,  # constant diagonal mass: coloured derivatives
+    "planar_chain(n_links=6)": 1e-3,  # constant diagonal mass
     "bead_chain(n_beads=3)": 1e-3,
     "rolling_disk_incline": 1e-3,  # both kinds of constraints
-    "jay_negrut_pendulum": 1e-3,  # variable mass: zeros are sifted from full matrices
+    "jay_negrut_pendulum": 1e-3,  # variable mass
+    "planar_chain(n_links=40)": 1e-4,  # functions in Python, coloured derivatives
 }
 KINDS = ("dense", "band", "sparse")
 
 
-def begun(problem, kind, h, method=METHOD):
-    place = Place(problem.t_span[0], problem.q0, problem.v0)
-    dynamics = dynamics_for(problem.system, place)
-    engine = HostEngine(dynamics, method, Work(), choice=choose(dynamics, layout_of(dynamics, method), kind))
-    return engine, first_state(engine, place, problem.lam_guess, problem.mu_guess, h)
+def begun(problem, kind, h):
+    hht = HHT(problem.system, alpha=-0.1, linsolver=kind)
+    status = hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=h, lam_guess=problem.lam_guess)
+    assert status is Status.success
+    return hht
 
 
 def stepped(problem, kind, h, count, forget=False):
-    engine, state = begun(problem, kind, h)
+    hht = begun(problem, kind, h)
     for _ in range(count):
-        taken = engine.step(replace(state, factor=None) if forget else state, h, state.t + h)
-        assert isinstance(taken, Step), taken
-        state = taken.state
-    return engine, state
+        if forget:
+            hht._standing = replace(hht._standing, state=replace(hht.state, factorised=None))
+        assert hht.step() is Status.success, hht.message
+    return hht
 
 
 def difference(one, other):
-    pairs = ((one.q, other.q), (one.v, other.v))
+    pairs = ((one.state.q, other.state.q), (one.state.v, other.state.v))
     return max(float(np.abs(x - y).max() / np.abs(y).max()) for x, y in pairs)
 
 
@@ -57,29 +74,83 @@ def difference(one, other):
 def test_every_kind_of_linear_algebra_gives_the_same_steps(name):
     problem, h = load_problem(name), PROBLEMS[name]
     runs = {kind: stepped(problem, kind, h, 20) for kind in KINDS}
-    assert {engine.choice.linear.kind for engine, _ in runs.values()} == set(KINDS)
-    for kind in KINDS[1:]:
-        assert difference(runs[kind][1], runs["dense"][1]) < SAME, kind
+    for kind in KINDS:
+        assert f"{kind} matrix" in runs[kind].engine_used
+        assert difference(runs[kind], runs["dense"]) < SAME, kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kept_factor_gives_the_same_steps_as_a_fresh_one(kind):
     problem = load_problem("planar_chain(n_links=6)")
-    (kept, one), (fresh, other) = (stepped(problem, kind, 1e-4, 20, forget=forget) for forget in (False, True))
-    assert kept.work.counters().factorisations < fresh.work.counters().factorisations
-    assert difference(one, other) < SAME
+    kept, fresh = (stepped(problem, kind, 1e-4, 20, forget=forget) for forget in (False, True))
+    assert kept.counters.factorisations < fresh.counters.factorisations == 20
+    assert difference(kept, fresh) < SAME
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_stepping_on_from_a_pickled_state_gives_the_same_bits(kind):
-    problem, h = load_problem("planar_chain(n_links=6)"), 1e-3
-    engine, state = stepped(problem, kind, h, 5)
-    copy = pickle.loads(pickle.dumps(state))
-    right = np.cos(np.arange(engine.layout.size))
-    assert np.array_equal(copy.factor.solve(right), state.factor.solve(right))
-    assert np.array_equal(copy.factor.change(right), state.factor.change(right))
-    one, other = (engine.step(s, h, s.t + h).state for s in (state, copy))
-    assert np.array_equal(one.q, other.q) and np.array_equal(one.unknowns, other.unknowns)
+@pytest.mark.parametrize("links", [6, 40])
+def test_a_factorisation_made_again_from_a_checkpoint_has_the_same_bits(links, kind):
+    problem, h = load_problem(f"planar_chain(n_links={links})"), 1e-4
+    whole = stepped(problem, kind, h, 5)
+    assert whole.state.factorised is not None
+    parts = HHT(problem.system, alpha=-0.1, linsolver=kind)
+    parts.resume(whole.checkpoint())
+    for _ in range(5):
+        assert whole.step() is parts.step() is Status.success
+        assert np.array_equal(whole.state.q, parts.state.q) and np.array_equal(whole.state.unknowns, parts.state.unknowns)
+    assert whole.counters == parts.counters
+
+
+# --- factors of any matrix
+
+
+class Factored:
+    """A matrix and maps below it in one slot of the loops' memory, whose own functions factorise and solve."""
+
+    def __init__(self, matrix, maps, kind, slot=1):
+        stacked, size = np.concatenate([matrix, maps]), len(matrix)
+        self.analysis, self.slot, self.callbacks = of_pattern(pattern_of(stacked), size, kind), slot, Callbacks()
+        assert self.analysis.kind == kind
+        self.z = self._memory(len(maps) // 2)
+        entries = stacked[np.nonzero(stacked)]
+        view(self.z, VALUES)[size:] = entries
+        half(self.z, MAPS, slot)[:] = entries[self.analysis.own :]
+        with self.callbacks if kind == "sparse" else nullcontext():
+            if kind == "sparse":
+                self.ended = factor_outside(self.z, slot)
+            else:
+                self.ended = (factor_band if kind == "band" else factor_dense)(self.z, slot, entries)
+        assert self.callbacks.take_cause() is None
+
+    def _memory(self, n):
+        a, sections = self.analysis, self.analysis.sections()
+        counts = {"matrix": a.own, "maps": a.rows.size - a.own, "couplings": len(sections.get("outside", ()))}
+        kept = {"storage": a.storage, "inverse": a.inverse, "sections": sections}
+        z = allocate(Sizes(n=n, m=0, p=0, size=a.size, inverse_mass=0, raw=0, **counts, **kept))
+        a.fill(z)
+        outside = a.outside()
+        if outside is not None:
+            z.i[CALLS_PYTHON] = 1
+            for name, pair in outside.codes(self.callbacks, a.rows.size).items():
+                at = CODE + 2 * FUNCTIONS.index(name)
+                z.i[at : at + 2] = pair
+        return z
+
+    def solve(self, right, how=solve):
+        out = np.zeros(right.size)
+        with self.callbacks:
+            how(self.z, self.slot, right, out)
+        return out
+
+    def pair(self, first, second):
+        """What two right-hand sides at once make of the unknowns and of the maps."""
+        view(self.z, PAIR_RIGHT)[:] = np.ravel(np.column_stack([first, second]))
+        with self.callbacks:
+            respond(self.z, self.slot)
+        return view(self.z, PAIR_SOLUTION).reshape(-1, 2).T, view(self.z, PAIR_CHANGE).reshape(-1, 2).T
+
+    def told(self, name):
+        return half(self.z, RECORD, self.slot)[name]
 
 
 def pattern_of(matrix):
@@ -99,34 +170,99 @@ def random_matrix(seed):
     return matrix if seed % 2 else matrix[lots.permutation(size)][:, lots.permutation(size)]
 
 
-@pytest.mark.parametrize("kind", ["band", "sparse"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(5))
-def test_factors_solve_what_they_were_made_of(kind, seed):
+@pytest.mark.parametrize("slot", [0, 1])
+def test_factors_solve_what_they_were_made_of(kind, seed, slot):
     matrix, maps = random_matrix(seed), np.eye(30)[:4] + 2.0 * np.eye(30)[4:8]
-    stacked = np.concatenate([matrix, maps])
-    analysis = analyse(pattern_of(stacked), 30, kind)
-    factor = analysis.factor(np.concatenate([np.zeros(4), stacked[np.nonzero(stacked)]]), 0.1)
-    right = np.arange(1.0, 31.0)
-    wanted = np.linalg.solve(matrix, right)
-    assert np.allclose(factor.solve(right), wanted, rtol=0, atol=1e-13 * np.linalg.cond(matrix) * np.abs(wanted).max())
-    assert np.allclose(factor.change(right), maps @ right)
-    assert np.allclose(factor.largest(right, 2), [np.abs(maps[:2] @ right).max(), np.abs(maps[2:] @ right).max()])
+    factored = Factored(matrix, maps, kind, slot)
+    assert factored.ended == CONVERGED
+    right, other = np.arange(1.0, 31.0), np.cos(np.arange(30.0))
+    wanted, theirs = np.linalg.solve(matrix, right), np.linalg.solve(matrix, other)
+    close = {"rtol": 0, "atol": 1e-13 * np.linalg.cond(matrix) * np.abs(wanted).max()}
+    np.testing.assert_allclose(factored.solve(right), wanted, **close)
+    solutions, changes = factored.pair(right, other)
+    np.testing.assert_allclose(solutions, [wanted, theirs], **close)
+    np.testing.assert_allclose(changes, solutions @ maps.T, rtol=1e-14)
+    moved = [np.abs(maps[:2] @ right).max(), np.abs(maps[2:] @ right).max()]
+    np.testing.assert_allclose(moved_by(factored.z, slot, right), moved)
 
 
-@pytest.mark.parametrize("kind", ["band", "sparse"])
+@pytest.mark.parametrize("kind", ["dense", "band"])
+def test_a_small_matrix_that_serves_often_is_inverted(kind):
+    matrix = random_matrix(1)
+    factored, right = Factored(matrix, np.eye(30)[:2], kind), np.arange(1.0, 31.0)
+    found = [factored.solve(right, solve_often) for _ in range(50)]
+    assert any(np.any(each != found[0]) for each in found), "by the inverse at last"
+    for each in found:
+        np.testing.assert_allclose(matrix @ each, right, rtol=0, atol=1e-12 * np.linalg.cond(matrix))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_slots_keep_two_factorisations(kind):
+    """The next one is made beside the one in use."""
+    first, second = random_matrix(1), 2.0 * random_matrix(1)
+    factored, right = Factored(first, np.eye(30)[:2], kind, slot=0), np.ones(30)
+    before = factored.solve(right)
+    entries = np.concatenate([second, np.eye(30)[:2]])
+    entries = entries[np.nonzero(entries)]
+    view(factored.z, VALUES)[30:] = entries
+    with factored.callbacks:
+        if kind == "sparse":
+            factor_outside(factored.z, 1)
+        else:
+            (factor_band if kind == "band" else factor_dense)(factored.z, 1, entries)
+    np.testing.assert_array_equal(factored.solve(right), before)
+    factored.slot = 1
+    np.testing.assert_allclose(factored.solve(right), before / 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_pattern_with_entries_that_vanish_serves_later_matrices(kind):
+    """A band of ones whose upper diagonal is zero at first."""
+    matrix = np.eye(30) + 0.5 * np.eye(30, k=1)
+    factored, right = Factored(matrix, np.eye(30)[:2], kind, slot=0), np.arange(1.0, 31.0)
+    stacked = np.concatenate([matrix, np.eye(30)[:2]])
+    at = np.nonzero(stacked)
+    for upper in (0.0, 0.5):
+        now = np.eye(30) + upper * np.eye(30, k=1)
+        entries = np.concatenate([now, np.eye(30)[:2]])[at]
+        view(factored.z, VALUES)[30:] = entries
+        with factored.callbacks:
+            if kind == "sparse":
+                factor_outside(factored.z, 0)
+            else:
+                (factor_band if kind == "band" else factor_dense)(factored.z, 0, entries)
+        np.testing.assert_allclose(now @ factored.solve(right), right, rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_factorisation_tells_its_least_pivot_and_its_rank(kind):
+    factored = Factored(np.diag([3.0, -0.25, 5.0, 1.0, 2.0]), np.eye(5)[:2], kind)
+    assert (factored.ended, factored.told(LEAST_PIVOT), factored.told(RANK)) == (CONVERGED, 0.25, 5)
+
+
+def test_a_pivot_of_roundoff_counts_as_lost_rank_in_a_full_matrix():
+    factored = Factored(np.diag([1.0, 1e-17, 1.0]), np.eye(3)[:2], "dense")
+    assert (factored.ended, factored.told(RANK)) == (CONVERGED, 2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_singular_matrix_has_no_factor(kind):
     matrix = np.diag(np.ones(5)) + np.diag(np.ones(4), 1)
     matrix[2, 2:4], matrix[3, 3] = (1.0, 2.0), 2.0
     matrix[3] = matrix[2]
-    stacked = np.concatenate([matrix, np.eye(5)[:2]])
-    entries = np.concatenate([np.zeros(2), stacked[np.nonzero(stacked)]])
-    assert analyse(pattern_of(stacked), 5, kind).factor(entries, 0.1) is None
+    factored = Factored(matrix, np.eye(5)[:2], kind)
+    assert factored.ended == SINGULAR
+    assert (factored.told(LEAST_PIVOT), factored.told(RANK)) == (0.0, 4)
 
 
 def test_a_value_that_is_not_finite_shows_in_the_largest_change():
-    stacked = np.concatenate([np.eye(3), np.eye(3)[:2]])
-    factor = analyse(pattern_of(stacked), 3, "band").factor(np.concatenate([np.zeros(2), np.ones(5)]), 0.1)
-    assert np.isnan(factor.largest(np.array([np.nan, 1.0, 1.0]), 1)).all()
+    factored = Factored(np.eye(3), np.eye(3)[:2], "band")
+    assert np.isnan(moved_by(factored.z, 1, np.array([np.nan, 1.0, 1.0]))).all()
+
+
+# --- which kind
 
 
 def stacked_pattern(matrix):
@@ -137,9 +273,8 @@ def test_the_kind_follows_size_band_and_fill():
     size = 400
     i, j = np.indices((size, size))
     chain, arrow = np.abs(i - j) <= 3, (i == j) | (i == 0) | (j == 0)
-    assert isinstance(analyse(stacked_pattern(chain), size, "auto"), Band)
-    assert isinstance(analyse(stacked_pattern(arrow), size, "auto"), Splu)
-    assert analyse(stacked_pattern(np.ones((size, size))), size, "auto").kind == "dense"
+    for matrix, kind in ((chain, "band"), (arrow, "sparse"), (np.ones((size, size)), "dense")):
+        assert of_pattern(stacked_pattern(matrix), size, "auto").kind == kind
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +284,7 @@ def long_chain():
 
 def test_blocks_that_follow_one_another_are_found(long_chain):
     """Constant forces: accelerations first, then lam0, then lam1; each a band of its own."""
-    blocks = long_chain[0].choice.linear.order.blocks
+    blocks = long_chain._engine.functions.analysis.order.blocks
     assert blocks[:, 1].tolist() == [600, 400, 400]
     assert blocks[:, 2:].max() <= 4
 
@@ -166,18 +301,16 @@ def test_a_long_sequence_of_blocks_stays_one():
     assert find_order(*both, 30).blocks[:, 1:].tolist() in ([[30, 1, 0]], [[30, 0, 1]])
 
 
-def test_small_systems_and_those_with_full_matrices_stay_dense():
-    engine, _ = begun(planar_chain.problem(n_links=6), "auto", 1e-3)
-    assert engine.choice.linear.kind == "dense" and "below" in engine.choice.linear.reason
-    with pytest.raises(ProblemError, match="linsolver must be one of auto, dense, band, sparse"):
-        begun(planar_chain.problem(n_links=6), "klu", 1e-3)
+def test_small_systems_without_machine_code_stay_dense(monkeypatch):
+    monkeypatch.setattr(functions, "LARGEST", 0)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    analysis = begun(planar_chain.problem(n_links=6), "auto", 1e-3)._engine.functions.analysis
+    assert analysis.kind == "dense" and "below" in analysis.reason
 
 
 def test_steps_of_short_links_converge_to_roundoff_and_the_chain_stays_whole(long_chain):
     """Links of 1/200 m: coordinates of 1 m hold angles to 1e-13 only; the measured roundoff ends the iteration."""
-    engine, state = long_chain
-    counted = engine.work.counters()
+    counted, state = long_chain.counters, long_chain.state
     assert counted.steps_rejected_newton == 0
     assert counted.newton_iterations < 8 * 10
-    levels = np.abs(np.asarray(engine.choice.products.constraint(state.t, state.q)))
-    assert levels.max() < 1e-14
+    assert np.abs(np.asarray(long_chain.system.constraint(state.t, state.q))).max() < 1e-14

@@ -35,7 +35,7 @@ def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
         ({"calc_initcond": "yes"}, TypeError, "calc_initcond must be True or False; got 'yes'"),
         ({"first_step": 1, "max_step": 0.5}, ProblemError, "must hold; got first_step=1, max_step=0.5"),
         ({"linsolver": "lu"}, ProblemError, "linsolver must be one of auto, dense, band, sparse; got 'lu'"),
-        ({"engine": None}, ProblemError, "engine must be one of auto, host, native; got None"),
+        ({"engine": None}, ProblemError, "engine must be one of compiled, python; got None"),
     ],
 )
 def test_a_wrong_value_is_refused_when_the_solver_is_made(make, options, error, text):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels
-from hhtbench.lowering.dynamics.dynamics import kkt, levels
+from hhtbench.lowering.dynamics import kkt, levels
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem, System, parameter

@@ -187,9 +187,9 @@ def test_a_failed_step_keeps_the_state_and_an_exception_too(accuracy):
 
 
 def test_without_events_nothing_is_looked_for_by_hand(monkeypatch):
-    monkeypatch.setattr("solvers.hht.watch.scan", None)
+    monkeypatch.setattr("solvers.hht.control.controller.scan", None)
     calls = Calls()
-    solver = begun(NumpySystem(**calls.wrap(PENDULUM)))
+    solver = begun(NumpySystem(**calls.wrap(PENDULUM)), engine="python")
     solver.step(0.05, "normal")
     assert solver.counters.event_evaluations == 0
     assert solver.counters.steps_accepted == 5

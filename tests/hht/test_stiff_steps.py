@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.lowering import Structure
 from problems.stiff_spring_pendulum import problem
 from solvers.hht import HHT
-from solvers.hht.equations.layout import Layout
+from solvers.hht.step import newton
+from solvers.hht.step.memory import COUNTS, EVALUATIONS, Q, Sizes, allocate
 
-ENGINES = ["native", "host"]
 TURNING = [(1e10, 100), (1e12, 200), (1e12, 20), (1e12, 10), (1e13, 27)]  # stiffness [N/m], steps in a second
 STARTING = [(1e10, 2.27e-5), (1e12, 1e-6), (1e12, 8.55e-6), (1e13, 3.92e-6)]  # stiffness, step [s]
 
@@ -29,11 +28,10 @@ class Pair(hb.System):
 
 @pytest.mark.parametrize("alpha", [0.0, -0.05, -0.3])
 @pytest.mark.parametrize(("stiffness", "steps"), TURNING)
-@pytest.mark.parametrize("engine", ENGINES)
-def test_a_stiff_spring_may_turn_in_a_step(engine, stiffness, steps, alpha):
+def test_a_stiff_spring_may_turn_in_a_step(stiffness, steps, alpha):
     """The error is the method's alone, 11 h^2 for the rigid rod and alpha = -0.3; both levels hold to roundoff."""
     scene, rigid = problem(stiffness=stiffness), problem(stiffness="inf").reference
-    solution = HHT(scene.system, alpha=alpha, engine=engine).solve((0.0, 1.0), scene.q0, scene.v0, steps=steps)
+    solution = HHT(scene.system, alpha=alpha).solve((0.0, 1.0), scene.q0, scene.v0, steps=steps)
     assert solution.success, solution.message
     assert np.abs(solution.q[-1] - rigid["q"][-1]).max() < 15.0 / steps**2
     rod, turning = solution.q[:, 2:] - solution.q[:, :2], solution.v[:, 2:] - solution.v[:, :2]
@@ -43,41 +41,33 @@ def test_a_stiff_spring_may_turn_in_a_step(engine, stiffness, steps, alpha):
 
 
 @pytest.mark.parametrize(("stiffness", "h"), STARTING)
-@pytest.mark.parametrize("engine", ENGINES)
-def test_roundoff_of_a_stiff_spring_is_no_failure_while_all_is_slow(engine, stiffness, h):
+def test_roundoff_of_a_stiff_spring_is_no_failure_while_all_is_slow(stiffness, h):
     """Just after a start from rest the noise of k l is far above 1e-8 of v: the masses fall freely all the same."""
     scene, steps = problem(stiffness=stiffness), 100
-    solution = HHT(scene.system, alpha=0.0, engine=engine).solve((0.0, steps * h), scene.q0, scene.v0, steps=steps)
+    solution = HHT(scene.system, alpha=0.0).solve((0.0, steps * h), scene.q0, scene.v0, steps=steps)
     assert solution.success, solution.message
     np.testing.assert_allclose(solution.v[-1, 1::2], -9.81 * steps * h, rtol=1e-6)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_a_stiff_spring_far_from_the_origin_has_the_roundoff_of_its_coordinates(engine):
-    far = HHT(Pair(x0=1e4), engine=engine).solve((0.0, 1e-3), [1e4, 0.0, 1e4 + 1.0, 0.0], [0.01, 0.0, -0.01, 0.0], steps=50)
+def test_a_stiff_spring_far_from_the_origin_has_the_roundoff_of_its_coordinates():
+    far = HHT(Pair(x0=1e4)).solve((0.0, 1e-3), [1e4, 0.0, 1e4 + 1.0, 0.0], [0.01, 0.0, -0.01, 0.0], steps=50)
     assert far.success, far.message
     np.testing.assert_allclose(far.v[-1, 1::2], -9.81e-3, rtol=1e-9)
 
 
-@pytest.mark.parametrize("stiffness", [1e10, 1e12])
-def test_the_loops_make_all_these_steps(monkeypatch, stiffness):
-    """None is left to the host engine."""
-    monkeypatch.setattr("solvers.hht.engine.HostEngine.step", None)
-    scene = problem(stiffness=stiffness)
-    hht = HHT(scene.system, alpha=0.0, engine="native")
-    for h, steps in ((0.05, 20), (0.01, 100), (0.005, 200), (1e-5, 200)):
-        assert hht.solve((0.0, h * steps), scene.q0, scene.v0, steps=steps).success
-
-
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8, 9])
-def test_of_any_two_coordinates_one_is_disturbed_alone(n):
-    """(H30); sums of both would hide the roundoff of what depends on their difference."""
-    layout = Layout(Structure(n=n, m=0, p=0, mass="identity"), moving=False, end_unknown=False)
-    known = np.ones(layout.packed_size)
-    moved = [layout.known(each) for each in layout.disturbances(known)]
-    for name in ("q_known", "v_known", "f0"):
-        changes = np.array([each[name] > 1.0 for each in moved])
-        assert changes.any(axis=0).all()
-        assert all((changes[:, i] & ~changes[:, j]).any() for i, j in combinations(range(n), 2))
-        assert all(each[name].max() <= 1.0 + np.finfo(float).eps for each in moved)
-    assert all(each["h"] == 1.0 for each in moved)
+def test_of_any_two_coordinates_one_is_disturbed_alone(monkeypatch, n):
+    """(H30), by one roundoff each; sums of both would hide the roundoff of what depends on their difference."""
+    z, seen = allocate(Sizes(n=n, m=0, p=0, size=n, inverse_mass=0, raw=0)), []
+    state = z.w[z.i[2 * Q] : z.i[2 * Q] + 4 * n]  # q, v, a, f
+    state[:], z.i[EVALUATIONS] = 1.0, 1000
+    monkeypatch.setattr(newton, "early", lambda z: None)
+    monkeypatch.setattr(newton, "correct", lambda *_: seen.append(state.copy()))
+    monkeypatch.setattr(newton, "moved_by", lambda *_: (0.0, 0.0))
+    newton.is_roundoff(z, 0, 1.0, 1.0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
+    changes = np.array(seen).reshape(-1, 4, n) - 1.0
+    assert set(changes.ravel()) <= {0.0, np.finfo(float).eps}
+    for moved in np.moveaxis(changes > 0.0, 1, 0):
+        assert moved.any(axis=0).all()
+        assert all((moved[:, i] & ~moved[:, j]).any() for i, j in combinations(range(n), 2))
+    assert (state == 1.0).all()

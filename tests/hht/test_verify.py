@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import solvers.hht.equations.known
 from hhtbench import load_problem
 from hhtbench.errors import ProblemError
+from solvers.hht.equations import known
 from solvers.hht.verify import constraints, figures, local, orders
 from solvers.hht.verify.measure import integrate, known_at, make_case, scaled_drift, slope
+from tests.hht.scenes import forget_code
 
 LEVELS = orders.Levels(constant=(50, 100, 200), periods=(20, 40), lost=(320, 640), b=0.3)
 ALL_METHODS = list(orders.methods())
@@ -132,14 +133,14 @@ def test_drift_is_seen_where_there_is_some(test1):
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_a_wrong_weight_is_seen_as_a_lost_order(test1, monkeypatch, factor):
     """The order test can fail: one percent in one weight is enough."""
-    honest = solvers.hht.weights.known_values
+    honest = known.weighted
 
-    def bent(*arguments, **options):
-        values = honest(*arguments, **options)
+    def bent(*arguments):
+        values = honest(*arguments)
         return {**values, "v_a": values["v_a"] * factor}
 
-    monkeypatch.setattr("solvers.hht.engine.known_values", bent)
-    monkeypatch.setattr("solvers.hht.engines.LARGEST", 0)  # the host engine's is bent
+    monkeypatch.setattr(known, "weighted", bent)
+    forget_code(monkeypatch)
     found, _ = orders.measured_orders(test1, [50, 100, 200], {"alpha": -0.15, "b": 0.0})
     assert min(found["q"], found["v"]) < 1.5
 

@@ -46,7 +46,7 @@ def test_systems_of_one_structure_share_code_whatever_their_functions():
     for length in (1.0, 1.0, 2.0):
         before = native_pieces()
         circle = lambda t, q, radius=length: np.array([(q @ q - radius**2) / 2])  # noqa: E731
-        solution = HHT(pendulum(constraint=circle), engine="native").solve((0.0, 0.1), length * Q0, V0, step=0.01)
+        solution = HHT(pendulum(constraint=circle)).solve((0.0, 0.1), length * Q0, V0, step=0.01)
         assert solution.success, solution.message
         np.testing.assert_allclose(np.sum(solution.q**2, axis=1), length**2, rtol=1e-13)
     assert native_pieces() == before
@@ -82,7 +82,7 @@ def test_a_hundred_interrupts_are_all_told(request):
             timers[-1].start()
         return np.array([0.0, -9.81])
 
-    solver = HHT(pendulum(force=force), engine="native")
+    solver = HHT(pendulum(force=force))
     for _ in range(100):
         calls.clear()
         try:

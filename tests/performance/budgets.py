@@ -24,7 +24,7 @@ from hhtbench.request import make_request
 
 SOLVERS = (
     "hht",
-    "hht(engine=host)",
+    "hht(engine=python)",
     "ida",
     "ida(form=index1)",
     "cvode",

@@ -25,7 +25,7 @@ MARGIN = 10.0  # of the larger of tolerance and eps t0 / span
 EPS = float(np.finfo(float).eps)
 SECONDS = 30.0  # of one solve: index 3 crawls
 SOLVERS = (
-    *("hht", "hht(alpha=-0.3)", "hht(engine=host)", "hht(reaction=midpoint)"),
+    *("hht", "hht(alpha=-0.3)", "hht(reaction=midpoint)"),
     *(f"ida(form={form})" for form in ("ggl", "index1", "integrated", "index2", "index3")),
     *(f"cvode(method={method})" for method in ("bdf", "adams")),
     *(f"scipy(method={method})" for method in ("Radau", "BDF", "LSODA", "DOP853")),

@@ -1,0 +1,343 @@
+"""One loop, however it is run: compiled or as plain Python, with machine code or with callbacks, in every linear algebra."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench import ProblemError, Status
+from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.scalar_compiler import compiler
+from problems.stiff_spring_pendulum import problem as stiff_spring
+from solvers.hht import HHT, Event
+from solvers.hht.run import functions
+from solvers.hht.run.stepper import Stepper
+from tests.hht.scenes import Q0, SYSTEMS, V0
+
+STEPS = 20
+CLOSE = 1e-9  # of the largest: roundoff of two ways to compute the same functions, carried over the steps
+RECOVERED = 1e-12  # of the largest: multipliers of the rows are found in another way around compiled loops
+NAMES = hb.list_problems()
+METHODS = [
+    {"alpha": -0.3},
+    {"alpha": -0.3, "b": 0.25},
+    {"alpha": -0.15, "reaction": "predictor"},
+    {"alpha": -0.15, "reaction": "midpoint"},
+    {"alpha": 0.0, "reaction": "midpoint_predictor"},
+    {"alpha": -0.1, "start": "shifted"},
+    {"alpha": -0.2, "start": "trapezoidal", "rescale_a": False},
+]
+MIXED = ["jay_negrut_pendulum", "andrews", "rolling_disk_incline", "jay_negrut_test1", "knife_edge", "oscillator_chain"]
+
+
+def solve(problem, span=None, options=None, **request):
+    guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+    hht = HHT(problem.system, **(options or {}))
+    return hht.solve(span or problem.t_span, problem.q0, problem.v0, **guesses, **request)
+
+
+def both(problem, span=None, options=None, **request):
+    """Compiled, and as plain Python."""
+    return [solve(problem, span, {**(options or {}), "engine": name}, **request) for name in ("compiled", "python")]
+
+
+def assert_bits(compiled, plain):
+    """Every step and every count are the same; the multipliers of rows, found after them, to roundoff."""
+    assert (compiled.status, compiled.message) == (plain.status, plain.message)
+    for name in ("t", "q", "v"):
+        np.testing.assert_array_equal(getattr(compiled, name), getattr(plain, name), err_msg=name)
+    assert compiled.counters == plain.counters
+    for name in ("lam", "mu"):
+        ours, theirs = getattr(compiled, name), getattr(plain, name)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=RECOVERED * np.abs(theirs).max(initial=0.0), err_msg=name)
+
+
+def assert_close(one, other, close=CLOSE):
+    assert one.status is other.status, (one.message, other.message)
+    assert one.t.size == other.t.size
+    assert one.counters.steps_accepted == other.counters.steps_accepted
+    for name in ("q", "v", "lam", "mu"):
+        ours, theirs = getattr(one, name), getattr(other, name)
+        bound = close * (1.0 if name in "qv" else 1e3) * max(float(np.abs(theirs).max(initial=0.0)), 1e-12)
+        assert np.abs(ours - theirs).max(initial=0.0) <= bound, name
+
+
+# --- compiled and plain Python
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_problem_moves_the_same_with_constant_steps_and_under_error_control(name):
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span
+    h = 1e-4 * (t1 - t0)
+    compiled, plain = both(problem, (t0, t0 + STEPS * h), step=h)
+    assert compiled.counters.steps_accepted == STEPS
+    assert_bits(compiled, plain)
+    compiled, plain = both(problem, rtol=1e-4, max_num_steps=STEPS)
+    assert compiled.counters.steps_accepted == STEPS
+    assert_bits(compiled, plain)
+
+
+def test_the_library_is_all_there():
+    assert len(NAMES) >= 32
+
+
+@pytest.mark.parametrize("options", METHODS, ids=str)
+@pytest.mark.parametrize("name", MIXED)
+def test_every_method_moves_the_same(name, options):
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span
+    lengths = 1e-4 * (t1 - t0) * np.resize([1.0, 1.0, 0.5, 1.4, 1.4, 1.4], STEPS)
+    assert_bits(*both(problem, (t0, t0 + float(lengths.sum())), options, steps=lengths))
+    assert_bits(*both(problem, None, options, rtol=1e-3, max_num_steps=STEPS))
+
+
+@pytest.mark.parametrize("how", [{"step": 1e-3}, {"rtol": 1e-4}], ids=str)
+def test_time_runs_backward_the_same(how):
+    assert_bits(*both(hb.load_problem("jay_negrut_pendulum"), (0.0, -0.05), **how))
+
+
+@pytest.mark.parametrize("kind", ["dense", "band", "sparse"])
+@pytest.mark.parametrize("links", [5, 40])
+def test_every_linear_algebra_moves_the_same(links, kind):
+    """Machine code for 5 links, callbacks into XLA for 40."""
+    problem = hb.load_problem(f"planar_chain(n_links={links})")
+    assert_bits(*both(problem, None, {"linsolver": kind}, rtol=1e-3, max_num_steps=5))
+
+
+def test_functions_in_python_move_the_same():
+    for how in ({"step": 0.01}, {"rtol": 1e-4}):
+        compiled, plain = (HHT(SYSTEMS["numpy"], engine=name).solve((0.0, 0.3), Q0, V0, **how) for name in ("compiled", "python"))
+        assert_bits(compiled, plain)
+
+
+@pytest.mark.parametrize("h", [1e-5, 8e-6])
+def test_a_mass_ratio_of_a_million_has_one_answer(h):
+    """A light mass between a stiff spring and a rod, where two engines once ended differently."""
+    scene = stiff_spring(stiffness=1e10, m1=1e-6)
+    assert_bits(*both(scene, (0.0, 1000 * h), {"alpha": 0.0}, steps=1000))
+
+
+@pytest.mark.parametrize(("name", "steps"), [("kapitza_pendulum", 60), ("planar_chain", 40)])
+def test_restarted_and_damped_iterations_are_the_same(name, steps):
+    """Small systems by whole corrections, larger ones by factors."""
+    compiled, plain = both(hb.load_problem(name), rtol=1e-2, max_num_steps=steps)
+    assert compiled.counters.steps_rejected_newton > 0
+    assert_bits(compiled, plain)
+
+
+def test_events_come_at_the_same_times():
+    height = Event(lambda t, q, v: q[1] + 0.3)
+    bounce = Event(lambda t, q, v: q[0] - 0.4, change=lambda t, q, v: (q, -v))
+    for how in ({"step": 0.01}, {"rtol": 1e-5}):
+        compiled, plain = (
+            HHT(SYSTEMS["jax"], engine=engine, events=[height, bounce]).solve((0.0, 2.0), Q0, V0, **how)
+            for engine in ("compiled", "python")
+        )
+        assert_bits(compiled, plain)
+        assert sum(t.size for t in compiled.t_events) > 1
+        for ours, theirs in zip(compiled.t_events, plain.t_events, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        assert compiled.counters.event_evaluations > 0
+
+
+@pytest.mark.parametrize("request_", [{"max_evaluations": 100}, {"max_num_steps": 17}], ids=str)
+def test_budgets_end_in_the_same_status_with_all_steps_kept(request_):
+    compiled, plain = both(hb.load_problem("jay_negrut_pendulum"), steps=1000, **request_)
+    assert compiled.status in (Status.evaluation_budget, Status.max_steps)
+    assert_bits(compiled, plain)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_time_budget_ends_either_loop_with_its_steps_kept(engine):
+    problem = hb.load_problem("jay_negrut_pendulum")
+    solution = solve(problem, None, {"engine": engine}, steps=20_000_000, t_eval=[0.0], max_seconds=0.2)
+    assert solution.status is Status.deadline
+    assert solution.counters.steps_accepted > 0
+
+
+class Vanishing(hb.System):
+    """A free mass whose force is no number beyond q = 1/2."""
+
+    def force(self, t, q, v):
+        return jnp.where(q < 0.5, -q, jnp.nan)
+
+
+def test_a_force_that_jumps_to_nan_ends_both_with_the_same_words_and_counters():
+    compiled, plain = (
+        HHT(Vanishing(), engine=engine).solve((0.0, 1.0), [0.0], [1.0], step=0.01) for engine in ("compiled", "python")
+    )
+    assert_bits(compiled, plain)
+    assert compiled.status is Status.nonfinite_callback
+    assert compiled.t[-1] == pytest.approx(0.52, abs=0.011)  # arcsin(1/2)
+
+
+# --- machine code and callbacks
+
+
+def called_back(monkeypatch):
+    """From here on no system is small enough for machine code of its steps."""
+    monkeypatch.setattr(functions, "LARGEST", 0)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+
+
+@pytest.mark.parametrize("name", [*MIXED, "planar_chain"])
+def test_functions_that_are_called_back_move_a_system_as_machine_code_does(monkeypatch, name):
+    """Values of every function of every problem are compared in tests/lowering/test_native_agreement.py."""
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span
+    h = 1e-4 * (t1 - t0)
+    constant, controlled = ((t0, t0 + 30 * h), {"step": h}), (problem.t_span, {"rtol": 1e-4, "max_num_steps": 30})
+    native = [solve(problem, span, **how) for span, how in (constant, controlled)]
+    called_back(monkeypatch)
+    other = [solve(problem, span, **how) for span, how in (constant, controlled)]
+    assert_close(native[0], other[0])
+    iterations = pytest.approx(other[0].counters.newton_iterations, rel=0.05, abs=3)  # the last one is often roundoff's choice
+    assert native[0].counters.newton_iterations == iterations
+    assert_close(native[1], other[1], close=1e-7)  # steps follow the error, roundoff follows them
+
+
+def used(system, q0=Q0, v0=V0, **options):
+    hht = HHT(system, **options)
+    assert hht.solve((0.0, 0.01), q0, v0, step=0.01).success
+    return hht.engine_used
+
+
+def test_the_engine_that_was_used_is_said(monkeypatch):
+    pendulum, chain = (hb.load_problem(name) for name in ("jay_negrut_pendulum", "planar_chain(n_links=40)"))
+    start = pendulum.q0, pendulum.v0
+    assert used(pendulum.system, *start) == "compiled loops, machine code, inverse matrix"
+    assert used(SYSTEMS["numpy"]) == "compiled loops, machine code, inverse matrix"
+    assert used(pendulum.system, *start, engine="python") == "plain Python loops, machine code, inverse matrix"
+    assert used(pendulum.system, *start, linsolver="sparse") == "compiled loops, machine code, sparse matrix"
+    assert used(chain.system, chain.q0, chain.v0) == "compiled loops, functions in Python, band matrix"
+    called_back(monkeypatch)
+    assert used(pendulum.system, *start) == "compiled loops, functions in Python, dense matrix"
+    with pytest.raises(ProblemError, match="engine must be one of compiled, python"):
+        HHT(pendulum.system, engine="fortran")
+
+
+class Free(hb.System):
+    """A mass on a spring, for one test only: what is known of its code stays with it."""
+
+    def force(self, t, q, v):
+        return -jnp.sin(q) * jnp.cos(q)
+
+
+def test_systems_of_too_many_operations_are_called_back(monkeypatch, tmp_path):
+    monkeypatch.setenv("HHTBENCH_CACHE", str(tmp_path))
+    monkeypatch.setattr(compiler, "MOST_OPERATIONS", 5)
+    assert used(Free(), [1.0], [0.0]) == "compiled loops, functions in Python, dense matrix"
+
+
+def test_a_matrix_that_serves_often_is_inverted_and_gives_the_same_motion(monkeypatch):
+    """7 unknowns: LAPACK's factors, and an inverse after 11 solves."""
+    problem = hb.load_problem("jay_negrut_pendulum")
+    direct = solve(problem, step=1e-3)
+    called_back(monkeypatch)
+    inverted = solve(problem, step=1e-3)
+    assert_close(direct, inverted)
+    assert inverted.counters.factorisations < inverted.counters.linear_solves / 22
+
+
+# --- what stays in the loops, and what does not
+
+
+def test_steps_without_an_event_stay_in_the_loops(monkeypatch):
+    """Not one of a thousand is looked at from Python."""
+    monkeypatch.setattr(Stepper, "_with_events", None)
+    far = Event(lambda t, q, v: q[0] - 1e3, samples=3)
+    solution = HHT(SYSTEMS["jax"], events=far).solve((0.0, 1.0), Q0, V0, steps=1000)
+    assert solution.counters.event_evaluations == 4 * 1000 + 2  # the start, and a look at where the motion leaves it to
+
+
+def test_a_function_that_keeps_something_between_calls_is_called_in_python():
+    calls = []
+    event = Event(lambda t, q, v: calls.append(float(t)) or q[0] - 1e3)
+    solution = HHT(SYSTEMS["jax"], events=event).solve((0.0, 0.2), Q0, V0, step=0.01)
+    assert solution.counters.event_evaluations == len(calls) > 20
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_an_event_over_a_number_that_changes_is_seen_to_change(engine):
+    """Its machine code holds the number: it stops at 0.1, which another event makes of it on the way, and not at -0.9."""
+    level = -0.9
+
+    def arm(t, q, v):
+        nonlocal level
+        level = 0.1
+        return q, v
+
+    events = [Event(lambda t, q, v: q[0] - 0.35, change=arm), Event(lambda t, q, v: q[0] - level, terminal=True)]
+    solution = HHT(SYSTEMS["jax"], engine=engine, events=events).solve((0.0, 3.0), Q0, V0, step=0.01)
+    assert solution.status is Status.event
+    assert solution.q[-1, 0] == pytest.approx(0.1, abs=1e-12)
+
+
+def test_stepping_by_hand_and_from_a_checkpoint_gives_the_bits_of_one_solve():
+    problem = hb.load_problem("andrews")
+    whole = HHT(problem.system).solve((0.0, 2e-3), problem.q0, problem.v0, rtol=1e-4)
+    hht = HHT(problem.system)
+    hht.init_step(0.0, problem.q0, problem.v0, rtol=1e-4)
+    rows = [hht.state.q]
+    while hht.state.t < 2e-3:
+        if len(rows) == 7:
+            saved, hht = hht.checkpoint(), HHT(problem.system)
+            hht.resume(saved)
+        hht.step(tstop=2e-3)
+        rows.append(hht.state.q)
+    assert np.array_equal(np.array(rows), whole.q)
+
+
+def test_threads_share_machine_code_and_not_the_memory_of_a_solve():
+    problem = hb.load_problem("jay_negrut_pendulum")
+    run = lambda _: HHT(problem.system).solve((0.0, 0.3), problem.q0, problem.v0, rtol=1e-5).q[-1]  # noqa: E731
+    alone = run(0)
+    with ThreadPoolExecutor(6) as pool:
+        assert all(np.array_equal(end, alone) for end in pool.map(run, range(24)))
+
+
+class TwoMasses(hb.System):
+    """Springs between two masses and a wall; the declared Jacobian says that there are none."""
+
+    stiffness: object = hb.parameter(1e6)
+
+    def force(self, t, q, v):
+        return jnp.stack([-self.stiffness * (2 * q[0] - q[1]), -self.stiffness * (q[1] - q[0])])
+
+    def force_jacobians(self, t, q, v):
+        return jnp.zeros((2, 2)), jnp.zeros((2, 2))
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_entries_that_a_wrong_jacobian_leaves_out_come_back_with_the_derived_one(engine):
+    with pytest.warns(UserWarning, match="failed with the declared force_jacobians and converged without"):
+        solution = HHT(TwoMasses(), alpha=-0.3, engine=engine).solve((0.0, 0.1), [1.0, 0.5], [0.0, 0.0], step=0.01)
+    assert solution.success
+
+
+class Ball(hb.System):
+    """A unit mass that falls onto a stiff ground."""
+
+    def force(self, t, q, v):
+        return jnp.where(q < 0.0, -1e8 * q, 0.0) - 9.81
+
+
+@pytest.mark.parametrize("level", [0.7, 0.5, 0.3])
+def test_the_matrix_of_a_step_that_ends_at_an_event_filters_the_next_error_too(level):
+    """The next step meets the ground: by the ground's own matrix alone it would look exact."""
+
+    def passes(t, q, v):
+        return q[0] - level
+
+    hht = HHT(Ball(), alpha=-0.1, events=Event(passes, terminal=True))
+    hht.init_step(0.0, np.array([1.0]), np.array([0.0]), rtol=1e-3)
+    while hht.step() is not Status.event:
+        pass
+    before = hht.state
+    hht.step()
+    after = hht.state
+    fall = before.q[0] + before.v[0] * after.h - 9.81 / 2 * after.h**2
+    assert after.q[0] == pytest.approx(fall, abs=1e-2), "the step that met the ground was taken again, shorter"
