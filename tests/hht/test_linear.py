@@ -18,7 +18,7 @@ from solvers.hht.linear.analysis import of_pattern
 from solvers.hht.linear.matrix import factor_band, factor_dense, factor_outside, moved_by, respond, solve, solve_often
 from solvers.hht.linear.order import find_order
 from solvers.hht.run import functions
-from solvers.hht.step.memory import (
+from solvers.hht.loops.memory import (
     CALLS_PYTHON,
     CODE,
     CONVERGED,
@@ -36,7 +36,7 @@ from solvers.hht.step.memory import (
     allocate,
     view,
 )
-from solvers.hht.step.sections import half
+from solvers.hht.loops.sections import half
 
 SAME = 1e-11
 PROBLEMS = {
