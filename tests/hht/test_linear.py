@@ -17,7 +17,6 @@ from solvers.hht import HHT
 from solvers.hht.linear.analysis import of_pattern
 from solvers.hht.linear.matrix import factor_band, factor_dense, factor_outside, moved_by, respond, solve, solve_often
 from solvers.hht.linear.order import find_order
-from solvers.hht.run import functions
 from solvers.hht.loops.memory import (
     CALLS_PYTHON,
     CODE,
@@ -37,6 +36,7 @@ from solvers.hht.loops.memory import (
     view,
 )
 from solvers.hht.loops.sections import half
+from solvers.hht.run import functions
 
 SAME = 1e-11
 PROBLEMS = {

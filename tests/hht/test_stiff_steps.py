@@ -9,8 +9,8 @@ import pytest
 import hhtbench as hb
 from problems.stiff_spring_pendulum import problem
 from solvers.hht import HHT
-from solvers.hht.step import newton
 from solvers.hht.loops.memory import COUNTS, EVALUATIONS, Q, Sizes, allocate
+from solvers.hht.step import newton
 
 TURNING = [(1e10, 100), (1e12, 200), (1e12, 20), (1e12, 10), (1e13, 27)]  # stiffness [N/m], steps in a second
 STARTING = [(1e10, 2.27e-5), (1e12, 1e-6), (1e12, 8.55e-6), (1e13, 3.92e-6)]  # stiffness, step [s]

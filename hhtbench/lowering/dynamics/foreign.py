@@ -104,7 +104,6 @@ class Callbacks:
 
         def compute(at: int) -> Any:
             values = np.array(given.from_address(at))
-            values.setflags(write=False)  # what is asked need not copy its arguments once more
             return None if self._is_nan(values) else function(float(values[0]), *[values[part] for part in parts])
 
         call = self._noting(compute, size)

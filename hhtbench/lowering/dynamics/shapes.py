@@ -71,16 +71,10 @@ def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) 
 
 def called(system: NumpySystem, function: str, t: Any, *arguments: Any) -> Any:
     """What a callback returns for read-only copies of its arguments and a plain float t."""
-    return getattr(system, function)(float(t), *map(_read_only, arguments))
-
-
-def _read_only(argument: Any) -> np.ndarray:
-    """Itself where nobody writes to it, else a copy."""
-    if type(argument) is np.ndarray and argument.dtype is FLOAT and not argument.flags.writeable:
-        return argument
-    copy = np.array(argument, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
+    copies = [np.array(argument, dtype=np.float64) for argument in arguments]
+    for copy in copies:
+        copy.setflags(write=False)
+    return getattr(system, function)(float(t), *copies)
 
 
 def checked_result(function: str, value: Any, expected: tuple[int, ...] | None, t: float) -> np.ndarray:

@@ -65,7 +65,7 @@ def unpack(data: Any, setup: dict[str, Any]) -> Standing:
     try:
         tree = json.loads(line, parse_constant=_no_number)
         made_with, standing = tree["setup"], _decoded(tree["standing"], _arrays(tree["arrays"], rest))
-    except (ValueError, KeyError, TypeError, ArithmeticError) as error:
+    except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
     for name, value in setup.items():
         found = made_with.get(name) if isinstance(made_with, dict) else None

@@ -276,7 +276,7 @@ class Engine:
         if self._held is not state:
             if state.factorised is not None:
                 before = self.work.tally.copy()
-                ended = self._call(remake, z, state.factorised.at, float(state.factorised.h))
+                ended = self._call(remake, z, state.factorised.at)
                 self.work.tally.clear()  # that work was counted before
                 self.work.tally.update(before)
                 state_in = state if ended == mem.CONVERGED else replace(state, factorised=None)

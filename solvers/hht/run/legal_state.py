@@ -8,18 +8,22 @@ import numpy as np
 
 from hhtbench.errors import ProblemError
 from solvers.hht.equations.formulas import HIGHEST
+from solvers.hht.equations.known import GIVEN, HEAD
 from solvers.hht.equations.layout import Layout
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.stepping import Standing
-from solvers.hht.step.state import Factorised
+from solvers.hht.step.state import Factorised, State
 
+BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state, which stand before its q and v
 SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
 
 
 def check(standing: Standing, engine: Engine, events: int) -> None:
     """Raise ProblemError unless ``standing`` is a legal state of steps by ``engine`` with as many events."""
     mass = engine.layout.structure.mass
-    wrong = _misshapen(standing, engine.layout, engine.functions.given[0], events) or _misfits(standing, mass, events)
+    wrong = _misshapen(standing, engine.layout, engine.functions.given[0], events) or _misfits(
+        standing, mass, engine.functions.given[0], events
+    )
     if wrong:
         raise ProblemError(f"the checkpoint does not fit this system: {wrong[0]}.")
 
@@ -49,7 +53,7 @@ def _misshapen(s: Standing, layout: Layout, given: int, events: int) -> list[str
     return found
 
 
-def _misfits(s: Standing, mass: str, events: int) -> list[str]:
+def _misfits(s: Standing, mass: str, given: int, events: int) -> list[str]:
     """What contradicts something else, in words."""
     state, memory, t = s.state, s.state.memory, s.last.t
     named = {
@@ -58,7 +62,8 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
         "the direction of time must be 1, -1 or 0": s.direction not in (-1.0, 0.0, 1.0),
         f"the mass is {mass}": (state.inverse_mass is None) == (mass == "variable"),
         "sizes must not be negative": min(state.size_q, state.size_v) < 0,
-        "State.factorised must be of a step": state.factorised is not None and not _is_factorised(state.factorised, state.t),
+        "State.factorised must be of a step": state.factorised is not None
+        and not _is_factorised(state.factorised, state, given),
         "the next step must be positive": memory is not None and not memory.h_next > 0.0,
         "tolerances must not be negative": s.tolerances is not None
         and min(s.tolerances.rtol.min(), s.tolerances.atol.min()) < 0.0,
@@ -69,9 +74,12 @@ def _misfits(s: Standing, mass: str, events: int) -> list[str]:
     return [text for text, broken in named.items() if broken]
 
 
-def _is_factorised(made: Factorised, t: float) -> bool:
-    """Whether it can have been made in a step that ended at ``t``."""
-    return _is_length(made.h, t) and len(made.noise) == 2 and min(made.rate, made.uses, *made.noise) >= 0
+def _is_factorised(made: Factorised, state: State, given: int) -> bool:
+    """Whether it can have been made in a step that ended at ``state``: changes of q and v are measured by it."""
+    n, size = state.q.size, made.at.size - given
+    h, (q, v) = float(made.at[size]), np.split(made.at[size + BEFORE : size + BEFORE + 2 * n], 2)
+    seen = float(np.abs(q).max()) <= state.size_q and float(np.abs(v).max()) <= state.size_v
+    return seen and _is_length(h, state.t) and len(made.noise) == 2 and min(made.rate, made.uses, *made.noise) >= 0
 
 
 def _is_length(h: float, t: float) -> bool:

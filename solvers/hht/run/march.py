@@ -77,10 +77,10 @@ def take(z: Memory, c: Control, row: FloatMatrix, estimates: bool, counts: IntAr
 
 
 @called
-def remake(z: Memory, made_at: FloatArray, h: float, counts: IntArray) -> Any:
+def remake(z: Memory, made_at: FloatArray, counts: IntArray) -> Any:
     """Make the matrix of a saved state again, from where it was made, into slot 0; the state in memory is lost."""
     size = part(z, mem.X).size
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
     early(z)
-    return renew(z, 0, h, counts)
+    return renew(z, 0, made_at[size], counts)

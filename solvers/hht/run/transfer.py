@@ -87,5 +87,5 @@ def _factorised(z: Arrays, slot: int) -> Factorised | None:
         return None
     record = np.split(view(z, mem.RECORD), 2)[slot]
     at = np.split(view(z, mem.MADE_AT), 2)[slot].copy()
-    h, rate, noise_q, noise_v = (float(record[i]) for i in (mem.MADE_H, mem.RATE, mem.NOISE_Q, mem.NOISE_V))
-    return Factorised(at=at, h=h, rate=rate, uses=int(record[mem.USES]), noise=(noise_q, noise_v))
+    rate, noise_q, noise_v = (float(record[i]) for i in (mem.RATE, mem.NOISE_Q, mem.NOISE_V))
+    return Factorised(at=at, rate=rate, uses=int(record[mem.USES]), noise=(noise_q, noise_v))

@@ -23,8 +23,7 @@ class Memory:
 class Factorised:
     """Where the kept factorisation of Newton's matrix was made: the same code makes the same bits of it again."""
 
-    at: Vector  #: the unknowns (size,), then the step and the state before it
-    h: float  #: signed step [s] it was made for
+    at: Vector  #: the unknowns (size,), then the step, its signed length [s] first, and the state before it
     rate: float  #: worst contraction per iteration seen with it
     uses: int  #: solves with it: a small matrix that serves often is inverted
     noise: tuple[float, float]  #: what one roundoff of the known values changes in q1 and v1; 0: not measured
