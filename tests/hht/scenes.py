@@ -121,6 +121,12 @@ def same_bits(first, second):
 
 def forget_code(monkeypatch):
     """For a test that changes a formula: it is traced anew here, and what was made of it is forgotten afterwards."""
-    kept = (functions, "_known"), (compiling, "_callables"), (compiler, "_memory"), (compiler, "_last"), (flattening, "_jitted")
+    kept = (
+        (functions, "_known"),
+        (compiling, "_callables"),
+        (compiler, "_memory"),
+        (compiler, "_last"),
+        (flattening, "_jitted"),
+    )
     for module, name in kept:
         monkeypatch.setattr(module, name, Cache(100))

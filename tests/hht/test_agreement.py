@@ -109,7 +109,9 @@ def test_every_linear_algebra_moves_the_same(links, kind):
 
 def test_functions_in_python_move_the_same():
     for how in ({"step": 0.01}, {"rtol": 1e-4}):
-        compiled, plain = (HHT(SYSTEMS["numpy"], engine=name).solve((0.0, 0.3), Q0, V0, **how) for name in ("compiled", "python"))
+        compiled, plain = (
+            HHT(SYSTEMS["numpy"], engine=name).solve((0.0, 0.3), Q0, V0, **how) for name in ("compiled", "python")
+        )
         assert_bits(compiled, plain)
 
 
@@ -194,7 +196,9 @@ def test_functions_that_are_called_back_move_a_system_as_machine_code_does(monke
     called_back(monkeypatch)
     other = [solve(problem, span, **how) for span, how in (constant, controlled)]
     assert_close(native[0], other[0])
-    iterations = pytest.approx(other[0].counters.newton_iterations, rel=0.05, abs=3)  # the last one is often roundoff's choice
+    iterations = pytest.approx(
+        other[0].counters.newton_iterations, rel=0.05, abs=3
+    )  # the last one is often roundoff's choice
     assert native[0].counters.newton_iterations == iterations
     assert_close(native[1], other[1], close=1e-7)  # steps follow the error, roundoff follows them
 

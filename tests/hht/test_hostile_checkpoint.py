@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import struct
 
 import numpy as np
 import pytest
@@ -47,7 +46,7 @@ def chain():
 HOSTILE = {
     "standing.type": ["_Reader", "object", "Run", "", None, 3, ["Standing"]],
     "standing.state.type": ["Place", "Standing"],
-    "standing.state.factor.type": ["Factor", "DenseFactor", "InverseFactor", "SpluFactor"],
+    "standing.state.factorised.type": ["State", "Memory", "Factor"],
     "standing.state.q": [1.0, None, {"type": "array", "number": -1}, {"type": "array", "number": 10**6}, {"type": "array"}],
     "standing.state.h": [0.0, "x", True, 10**400, 1],
     "standing.state.t": ["__import__('os').system('touch evil')", {"type": "eval"}, [1.0]],
@@ -60,7 +59,7 @@ HOSTILE = {
     "standing.tally": [{"type": "Counter", "__class__": 1}, {"type": "Counter", "newton_iterations": -1}, {}],
     "standing.watch.counts": [[0], [0, 0, 0], [0, 0.5]],
     "standing.watch.changed": [[7], [-1]],
-    "arrays": [[], [["|O", [2]]], [["<f8", [2**62]]], [["<f8", [-1]]], 3],
+    "arrays": [[], [["|O", [2]]], [["<i8", [2]]], [["<f8", [2**62]]], [["<f8", [-1]]], 3],
     "setup": [None, {}, []],
 }
 
@@ -83,23 +82,6 @@ def test_bytes_that_are_no_checkpoint_behind_a_right_checksum_are_refused(chain)
     for body in (b"", b"\n", b"{}\n", b"null\n", b"[" * 100_000, pickle.dumps(3), saved, b"NaN\n" + rest, b"\xff\n"):
         with pytest.raises(hb.ProblemError, match="none of this solver's"):
             make().resume(sealed(body))
-
-
-def test_a_factorisation_whose_places_lie_outside_is_refused(chain):
-    """Compiled loops go by them and look at no bound."""
-    make, saved = chain
-    tree, rest = parts_of(saved)
-    starts = np.cumsum([0, *(np.dtype(kind).itemsize * int(np.prod(shape)) for kind, shape in tree["arrays"])])
-    refused = 0
-    for number, (kind, shape) in enumerate(tree["arrays"]):
-        if "i" in kind and np.prod(shape):
-            for value in (-1, 2**31 - 1):
-                at, code = int(starts[number]), "<i" if kind == "<i4" else "<q"
-                bad = rest[:at] + struct.pack(code, value) + rest[at + struct.calcsize(code) :]
-                with pytest.raises(hb.ProblemError):
-                    make().resume(made_of(tree, bad))
-                refused += 1
-    assert refused >= 8
 
 
 def test_mutated_checkpoints_are_refused_or_legal(chain):
@@ -149,7 +131,7 @@ SPELLED = ("1e999", "-1e999", "1e-320", "0.0", "-1.0", "1e300")
 def test_a_number_too_large_is_refused_wherever_it_stands(chain):
     make, saved = chain
     count = len(list(leaves(parts_of(saved)[0]["standing"], is_float)))
-    assert count >= 12
+    assert count >= 10
     for i in range(count):
         for spelling in ("1e999", "-1e999"):
             tree, rest = parts_of(saved)
@@ -159,123 +141,98 @@ def test_a_number_too_large_is_refused_wherever_it_stands(chain):
                 make().resume(told(tree, rest))
 
 
-KEPT = {  # how -> what keeps a factorisation
-    "native, small": (SYSTEMS["jax"], Q0, V0, {}),
-    "host, dense": (SYSTEMS["numpy"], Q0, V0, {}),
-    **{
-        f"chain, {engine} {kind}": (*(getattr(links, name) for name in ("system", "q0", "v0")), {"engine": engine, **how})
-        for links in [hb.load_problem("planar_chain(n_links=5)")]
-        for engine, kind, how in (
-            ("native", "band", {}),
-            ("host", "band", {"linsolver": "band"}),
-            ("host", "sparse", {"linsolver": "sparse"}),
-        )
-    },
+LINKS = hb.load_problem("planar_chain(n_links=5)")
+CHAIN = LINKS.system, LINKS.q0, LINKS.v0
+KEPT = {  # what a factorisation is kept by
+    "inverse": (SYSTEMS["jax"], Q0, V0, {}),
+    "callbacks": (SYSTEMS["numpy"], Q0, V0, {}),
+    **{kind: (*CHAIN, {"linsolver": kind}) for kind in ("dense", "band", "sparse")},
 }
-MATRIX = {"InverseFactor": "inverse", "DenseFactor": "lu", "BandFactor": "storage", "SpluFactor": "matrix"}
 
 
 def forged(saved, change):
-    """A checkpoint after ``change(factor, get, put)``; the arrays of a record are got and put by its names."""
+    """A checkpoint after ``change(factorised, at)`` of where its matrix was made: (size,) unknowns, the step, the state."""
     tree, rest = parts_of(saved)
-    arrays, at = [], 0
-    for kind, shape in tree["arrays"]:
-        arrays.append(np.frombuffer(rest, kind, int(np.prod(shape)), at).reshape(shape).copy())
-        at += arrays[-1].nbytes
-
-    def get(record):
-        return arrays[record["number"]]
-
-    def put(record, value):
-        arrays[record["number"]] = np.ascontiguousarray(value)
-
-    change(tree["standing"]["state"]["factor"], get, put)
-    tree["arrays"] = [[array.dtype.str, array.shape] for array in arrays]
-    return made_of(tree, b"".join(array.tobytes() for array in arrays))
+    record, at, start = tree["standing"]["state"]["factorised"], None, 0
+    for number, (kind, shape) in enumerate(tree["arrays"]):
+        values = np.frombuffer(rest, kind, int(np.prod(shape)), start).copy()
+        if number == record["at"]["number"]:
+            at, place = values, slice(start, start + values.nbytes)
+        start += values.nbytes
+    change(record, at)
+    return made_of(tree, rest[: place.start] + at.tobytes() + rest[place.stop :])
 
 
-def scaled(name, by):
-    def change(factor, get, put):
-        record = factor[MATRIX[factor["type"]] if name == "matrix" else name]
-        record = record.get("data", record)
-        put(record, by * get(record))
+def scaled(by):
+    def change(factorised, at):
+        at *= by
 
     return change
 
 
-def no_map(factor, get, put):
-    maps = factor["maps"]
-    if maps["type"] == "array":
-        put(maps, 0.0 * get(maps))
-    else:
-        put(maps["data"], np.zeros(0))
-        put(maps["indices"], np.zeros(0, dtype=np.int32))
-        put(maps["indptr"], 0 * get(maps["indptr"]))
+def made_for(h):
+    """As if made for a step of h [s]: its changes of q and v would all be small."""
+
+    def change(factorised, at):
+        at[np.flatnonzero(at == factorised["h"])[0]] = h
+
+    return change
 
 
-def full_maps(factor, get, put):
-    maps = factor["maps"]
-    if maps["type"] == "array":
-        put(maps, 0.0 * get(maps))
-        return
-    rows, columns = get(maps["indptr"]).size - 1, maps["shape"][1]
-    put(maps["data"], np.ones(rows * columns))
-    put(maps["indices"], np.tile(np.arange(columns, dtype=np.int32), rows))
-    put(maps["indptr"], columns * np.arange(rows + 1, dtype=np.int32))
-
-
-def whole_numbers(factor, get, put):
-    record = factor["maps"].get("data", factor["maps"])
-    put(record, get(record).astype(np.int64))
-
-
-def no_increments(factor, get, put):
-    if factor["type"] == "DenseFactor":  # the upper factor
-        put(factor["lu"], get(factor["lu"]) * (1.0 + 1e300 * np.triu(np.ones(get(factor["lu"]).shape))))
-    else:  # storage of bands holds what divides
-        scaled("matrix", 1e300 if factor["type"] == "SpluFactor" else 1e-300)(factor, get, put)
+def far_away(factorised, at):
+    """Where all but the step is large, and so the entries of the matrix."""
+    others = at != factorised["h"]
+    assert not others.all()
+    at[others] *= 1e8
 
 
 def with_field(**values):
-    return lambda factor, get, put: factor.update(values)
+    return lambda factorised, at: factorised.update(values)
 
 
 FORGED = {
-    "maps of zero": scaled("maps", 0.0),
-    "maps without entries": no_map,
-    "maps with more entries": full_maps,
-    "maps of whole numbers": whole_numbers,
-    "increments of zero": no_increments,
-    "much roundoff": with_field(noise=[1e300, 1e300]),
+    "a place of zeros": scaled(0.0),
+    "a place far away": far_away,
+    "a place beyond numbers": scaled(1e150),
+    "a place nearby": scaled(1.1),
+    "for a short step": made_for(1e-150),
+    "for no step": made_for(0.0),
     "no length": with_field(h=5e-324),
-    "a short length": with_field(h=1e-18),
+    "another length": with_field(h=0.5),
+    "a rate of nothing": with_field(rate=0.0),
+    "a rate beyond one": with_field(rate=1e300),
+    "used for ages": with_field(uses=2**62),
 }
 
 
 @pytest.mark.filterwarnings("ignore:the system is a NumpySystem")
+@pytest.mark.parametrize("name", FORGED)
 @pytest.mark.parametrize("accuracy", ACCURACY)
 @pytest.mark.parametrize("kept", KEPT)
-def test_a_forged_factorisation_is_refused(kept, accuracy):
-    """Newton's iteration believes the kept one: it would call any guess a solution."""
+def test_a_forged_factorisation_is_refused_or_changes_no_motion(kept, accuracy, name):
+    """Newton's iteration believes the kept one: it could call any guess a solution."""
     system, q0, v0, how = KEPT[kept]
-    solver = begun(system, accuracy, q0, v0, **how)
+    solver, other = begun(system, accuracy, q0, v0, **how), HHT(system, **how)
     for _ in range(5):
         assert solver.step() is Status.success
-    saved = solver.checkpoint()
-    HHT(system, **how).resume(forged(saved, lambda *_: None))
-    accepted = []
-    for name, change in FORGED.items():
-        try:
-            HHT(system, **how).resume(forged(saved, change))
-        except hb.ProblemError:
-            continue
-        accepted.append(name)
-    assert not accepted
+    try:
+        other.resume(forged(solver.checkpoint(), FORGED[name]))
+    except hb.ProblemError:
+        return
+    close = {"rtol": 0, "atol": (1e-10 if accuracy == "constant" else 1e-4) * np.abs(solver.state.q).max()}
+    for _ in range(5 if accuracy == "constant" else 1):
+        assert solver.step() is Status.success
+        for _ in range(20):
+            assert other.step(tstop=solver.state.t) is Status.success, other.message
+            if other.state.t == solver.state.t:
+                break
+        assert other.state.t == solver.state.t
+        np.testing.assert_allclose(other.state.q, solver.state.q, **close)
 
 
-def test_a_trial_that_the_users_functions_break_leaves_the_run_as_it_was():
-    """What they raise is told by the step that meets it, not by ``resume``."""
-    calls = []
+def test_what_the_users_functions_raise_while_a_matrix_is_made_again_is_told_by_the_step():
+    """And not by ``resume``; the run stays as it was."""
+    calls, limit = [], 10**9
 
     def force(t, q, v):
         calls.append(t)
@@ -283,24 +240,22 @@ def test_a_trial_that_the_users_functions_break_leaves_the_run_as_it_was():
             raise RuntimeError("broken")
         return np.array([0.0, -9.81])
 
-    limit, system = 10**9, NumpySystem(**{**PENDULUM, "force": force})
-    whole = begun(system)
+    system = NumpySystem(**{**PENDULUM, "force": force})
+    whole, first, parts = begun(system), HHT(system), HHT(system)
     assert whole.step() is whole.step() is Status.success
-    saved = whole.checkpoint()
-    with pytest.warns(UserWarning, match="NumpySystem"):
-        HHT(system).resume(saved)
+    for solver in (first, parts):
+        with pytest.warns(UserWarning, match="NumpySystem"):
+            solver.resume(whole.checkpoint())
     before = len(calls)
-    other = HHT(system)
-    with pytest.warns(UserWarning, match="NumpySystem"):
-        other.resume(saved)
-    needed, calls[:] = len(calls) - before, []
-    limit = needed - 2
-    parts = HHT(system)
-    with pytest.warns(UserWarning, match="NumpySystem"):
-        parts.resume(saved)
-    assert len(calls) == limit + 1, "the trial was broken off"
+    assert first.step() is Status.success
+    needed = len(calls) - before
+    assert needed > 3
+    for more in (0, 1):  # in the matrix, and behind it
+        limit = len(calls) + more
+        with pytest.raises(RuntimeError, match="broken"):
+            parts.step()
     limit = 10**9
-    assert stepped(parts, 10) == stepped(whole, 10)
+    assert [state for state, *_ in stepped(parts, 10)] == [state for state, *_ in stepped(whole, 10)]
 
 
 def changed_shape(array, random):
@@ -352,7 +307,7 @@ NO_SHAPES = {
     "standing.tolerances.rtol": [0],
     "standing.last.t": [],
     "standing.state.earlier": [],
-    "standing.state.factor.order.blocks": [],
+    "standing.state.factorised.at": [0],
 }
 
 
@@ -360,15 +315,7 @@ NO_SHAPES = {
 def test_an_array_of_no_shape_is_refused(path, chain):
     make, saved = chain
     tree, rest = parts_of(saved)
-    tree["arrays"] += [["<i8" if "blocks" in path else "<f8", NO_SHAPES[path]]]
+    tree["arrays"] += [["<f8", NO_SHAPES[path]]]
     set_at(tree, path, {"type": "array", "number": len(tree["arrays"]) - 1})
     with pytest.raises(hb.ProblemError, match="does not fit"):
         make().resume(made_of(tree, rest + bytes(8 * int(np.prod(NO_SHAPES[path])))))
-
-
-def test_a_singular_matrix_for_superlu_is_refused():
-    system, q0, v0, how = KEPT["chain, host sparse"]
-    solver = begun(system, "constant", q0, v0, **how)
-    assert solver.step() is Status.success
-    with pytest.raises(hb.ProblemError, match="singular"):
-        solver.resume(forged(solver.checkpoint(), scaled("matrix", 0.0)))
