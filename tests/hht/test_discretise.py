@@ -9,7 +9,7 @@ import pytest
 
 import hhtbench as hb
 from solvers.hht import HHT
-from solvers.hht.equations.discretise import step_end, step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix, unpack_matrix
 
 METHODS = (
     {},
@@ -35,7 +35,7 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, met
     x = jnp.asarray(engine._plain_guess(state)) * (1 + 0.1 * generator.standard_normal(layout.size))
     residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, layout, x, known))
     matrix = jax.jacfwd(lambda y: step_residual(dynamics, layout, y, known))(x)
-    maps = jax.jacfwd(lambda y: step_end(dynamics, layout, y, known)[: 2 * layout.structure.n])(x)
+    maps = jax.jacfwd(lambda y: step_residual_and_ends(dynamics, layout, y, known)[layout.size :])(x)
     wanted = np.concatenate([matrix, maps])
     np.testing.assert_array_equal(residual, step_residual(dynamics, layout, x, known))
     np.testing.assert_allclose(

@@ -25,7 +25,7 @@ from solvers.forms.form import refusal
 from solvers.forms.layout import Layout as FormLayout
 from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
-from solvers.hht.equations.discretise import step_end, step_residual, step_residual_and_matrix
+from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
 from solvers.hht.equations.layout import Layout
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
@@ -71,7 +71,7 @@ def functions_of(problem, dynamics):
         layout = Layout(s, moving, moving and s.mass == "variable")
         step = lambda *point, layout=layout: step_arguments(layout, *point)  # noqa: E731
         add(step_residual, (layout,), step, name=f" {moving}")
-        add(step_end, (layout,), step, name=f" {moving}")
+        add(step_residual_and_ends, (layout,), step, name=f" {moving}")
         if small and (moving or turn % 3 == 0):
             add(step_residual_and_matrix, (layout,), step, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))
