@@ -151,7 +151,7 @@ KEPT = {  # what a factorisation is kept by
 
 
 def forged(saved, change):
-    """A checkpoint after ``change(factorised, at, step)`` of where its matrix was made: unknowns, from ``step`` on h and the rest."""
+    """A checkpoint after ``change(factorised, at, step)`` of where its matrix was made: from ``step`` on h and the rest."""
     tree, rest = parts_of(saved)
     record, at, start = tree["standing"]["state"]["factorised"], None, 0
     for number, (kind, shape) in enumerate(tree["arrays"]):
