@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from solvers.hht.native.march import march
 
 from hhtbench.lowering.compile import compiled_loops
 from hhtbench.lowering.compile import loops as module
@@ -22,6 +21,7 @@ from hhtbench.lowering.compile.loops import (
     entries,
     inner,
 )
+from solvers.hht.run.march import march
 
 HERE = Path(__file__)
 entry, within = entries(HERE.with_name("compiled"), HERE), inner()  # another folder in every test
@@ -176,11 +176,11 @@ sys.meta_path.insert(0, Refuse())
 from problems.jay_negrut_pendulum import problem
 from solvers.hht import HHT
 made = problem()
-HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, step=1e-3)
-print(HHT(made.system, engine="native").solve((0, 0.1), made.q0, made.v0, rtol=1e-4).status.label)
+HHT(made.system).solve((0, 0.1), made.q0, made.v0, step=1e-3)
+print(HHT(made.system).solve((0, 0.1), made.q0, made.v0, rtol=1e-4).status.label)
 """
 
 
-def test_the_native_engine_needs_no_numba(empty_cache):
+def test_the_loops_need_no_numba(empty_cache):
     done = subprocess.run([sys.executable, "-c", FIRST_SOLVE], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "success", done.stderr

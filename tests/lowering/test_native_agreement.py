@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from solvers.hht.engine import force_and_inverse_mass
 
 import hhtbench
 from hhtbench.lowering import NotNative, derive, native, route_of
@@ -27,6 +26,7 @@ from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
 from solvers.hht.equations.layout import Layout
+from solvers.hht.run.engine import force_and_inverse_mass
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order

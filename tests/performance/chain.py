@@ -22,8 +22,10 @@ import hhtbench  # noqa: F401 - 64 bit before anything else
 from hhtbench.counting import Work
 from problems import planar_chain
 from solvers._start import Place
+from solvers.hht.control.options import ControlOptions
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.begin import begin
+from solvers.hht.run.stepper import control_of
 
 try:
     import exudyn
@@ -64,22 +66,27 @@ def clocks() -> np.ndarray:
 
 
 class Ours:
-    """Steps of the host engine."""
+    """Steps of the compiled loops, one in a call."""
 
     def __init__(self, links: int, h: float) -> None:
         problem = planar_chain.problem(n_links=links)
         place = Place(0.0, problem.q0, problem.v0)
-        started = begin(problem.system, HHTOptions(rho_inf=RHO, engine="host"), place, (None, None), h, Work())
+        started = begin(problem.system, HHTOptions(rho_inf=RHO), place, (None, None), h, Work())
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
-        self.engine.step(self.state, h, h)  # compiles
+        self.control = control_of(ControlOptions(), math.inf, False, ())
+        self.rows = np.zeros((1, self.engine.columns))
+        self.engine.march(self.state, self.control, np.array([h]), np.array([h]), self.rows, None)  # compiles
 
     def step(self) -> None:
         """One step, timed."""
+        lengths, ends = np.array([self.h]), np.array([self.state.t + self.h])
         started = clocks()
-        taken = self.engine.step(self.state, self.h, self.state.t + self.h)
+        state, made, _ = self.engine.march(self.state, self.control, lengths, ends, self.rows, None)
         self.times.append(clocks() - started)
-        self.state = taken.state
+        if not made:
+            raise SystemExit(f"a step of {self.h} s from t = {self.state.t} failed")
+        self.state = state
 
 
 class Theirs:
@@ -165,7 +172,7 @@ def measure(case: Case) -> tuple[float, float]:
     ours_time = np.median(ours.times, axis=0)
     (ratio, on_clock), limit = ours_time / theirs_time, LIMITS.get(case.links, math.inf)
     verdict = "" if case.links not in LIMITS else ("holds" if fair and ratio <= limit else "BROKEN")
-    kind = ours.engine.choice.linear.kind
+    kind = ours.engine.functions.analysis.kind
     sys.stdout.write(
         f"{case.links:6d} links  {kind:6s} ours {1e6 * ours_time[0]:7.0f} us  exudyn {1e6 * theirs_time[0]:7.0f} us  "
         f"ratio {ratio:4.2f} of {limit:g} {verdict:6s} (clock {on_clock:4.2f})  {told}\n"

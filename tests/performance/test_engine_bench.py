@@ -106,5 +106,5 @@ def test_the_printed_table_holds_ratios_limits_and_the_verdict():
     text = printed({**SPEED, "runs": rows})
     assert "0.812 limit 1" in text
     assert "3 of 4 limits hold, 1 broken, 0 not measured" in text
-    assert "engine: native" in text
+    assert "engine: compiled" in text
     assert law("hht", 1, 2)[0].problem in text

@@ -43,7 +43,7 @@ COMPILED = {"scene": "pendulum", "limit": 1.5, "cached_limit": 0.2, "note": "", 
 CHAIN = {"h": 1e-4, "steps": 400, "note": "", "ours_s": 1e-6, "theirs_s": 2e-6, "clock_ratio": 0.5, "solver": "EXUdense"}
 SPEED = {
     "schema": 1,
-    "engine": "native",
+    "engine": "compiled",
     "created": "2026-11-22T01:00:00Z",
     "environment": {"python": "3.11", "processor": "<Test> & Co"},
     "seconds": 12.0,
@@ -78,7 +78,7 @@ def test_page_says_what_is_compared_and_shows_times_ratios_and_limits(page):
         "0.406 \N{MICRO SIGN}s",
         "EXUdense",
         "limit 1.5 s",
-        '"native"',
+        '"compiled"',
     ):
         assert text in page, text
     assert re.search(r'<td class="good short">0\.2<small>limit 0\.25', page)
@@ -139,7 +139,7 @@ def test_the_comparison_links_to_the_page_only_where_it_is(rows, tmp_path):
     assert not (tmp_path / "speed.html").exists(), "a page without its numbers would be an old one"
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"engine": "native", "steps": [{}]}'])
+@pytest.mark.parametrize("text", ["{", "[]", '{"engine": "compiled", "steps": [{}]}'])
 def test_a_file_that_is_not_speed_is_refused_with_the_way_out(tmp_path, text):
     (tmp_path / "speed.json").write_text(text, encoding="utf-8")
     with pytest.raises(ProblemError, match="make bench-engine"):

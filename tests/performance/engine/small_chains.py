@@ -14,11 +14,11 @@ import numpy as np
 from problems import planar_chain
 from tests.performance import chain
 from tests.performance.engine.clock import Time, in_turn
-from tests.performance.engine.ours import COMPILED, constant_steps
+from tests.performance.engine.ours import constant_steps
 
 LINKS = {1: 0.25, 10: 0.5}  # limits of the ratio
 H = 1e-4  # [s]
-STEPS = 4000 if COMPILED else 400
+STEPS = 4000
 SHORT = 10  # of the steps, in the run that is subtracted
 FINER = 16  # steps of the reference in one
 SAME_ERROR = 1.5  # ratio of errors up to which ours counts as not larger

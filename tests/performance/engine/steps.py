@@ -8,16 +8,15 @@ from typing import Any
 
 from tests.performance.engine.baselines import ALPHA, Case, End, build, cases, difference, take_steps
 from tests.performance.engine.clock import in_turn
-from tests.performance.engine.ours import COMPILED, constant_steps
+from tests.performance.engine.ours import constant_steps
 
 REPEATS = 7
-HOST_SHARE = 0.02  # of the steps, for an engine of hundreds of microseconds a step
 SAME = 1e-9  # relative difference of the two ends
 
 
 def measure_steps() -> list[dict[str, Any]]:
     """One line a scene; without a C compiler the lines say so."""
-    scenes = cases(1.0 if COMPILED else HOST_SHARE)
+    scenes = cases()
     with tempfile.TemporaryDirectory() as folder:
         try:
             functions = build(Path(folder))
@@ -34,7 +33,7 @@ def _line(case: Case, function: Any) -> dict[str, Any]:
         "start": lambda: _ours(case, 1),
         "c": lambda: take_steps(function, case),
     }
-    found = in_turn(actions, REPEATS if COMPILED else 1)
+    found = in_turn(actions, REPEATS)
     own = {clock: (getattr(found["ours"], clock) - getattr(found["start"], clock)) / case.steps for clock in ("cpu", "wall")}
     c_cpu, c_wall = found["c"].cpu / case.steps, found["c"].wall / case.steps
     apart = difference(ours, theirs)
@@ -60,7 +59,7 @@ def _line(case: Case, function: Any) -> dict[str, Any]:
 def _alone(case: Case, reason: str) -> dict[str, Any]:
     """Without the C version."""
     _ours(case, 1)
-    found = in_turn({"ours": lambda: _ours(case, case.steps), "start": lambda: _ours(case, 1)}, REPEATS if COMPILED else 1)
+    found = in_turn({"ours": lambda: _ours(case, case.steps), "start": lambda: _ours(case, 1)}, REPEATS)
     line = {"scene": case.name, "h": case.h, "steps": case.steps, "limit": case.limit, "note": reason}
     own = (found["ours"].cpu - found["start"].cpu) / case.steps
     missing = dict.fromkeys(("c_s", "ratio", "clock_ratio", "difference", "iterations", "c_iterations", "holds"))
