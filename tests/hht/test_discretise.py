@@ -10,6 +10,7 @@ import pytest
 import hhtbench as hb
 from solvers.hht import HHT
 from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.known import packed_known
 
 METHODS = (
     {},
@@ -28,11 +29,11 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, met
     hht = HHT(problem.system, alpha=-0.15, **method)
     h = (problem.t_span[1] - problem.t_span[0]) / 100
     hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=h, lam_guess=problem.lam_guess)
-    engine, state = hht._engine, hht.state
-    layout, dynamics = engine.layout, engine.dynamics
-    known = jnp.asarray(engine._packed(state, h, state.t + h))
-    generator = np.random.default_rng(0)
-    x = jnp.asarray(engine._plain_guess(state)) * (1 + 0.1 * generator.standard_normal(layout.size))
+    assert hht.step() is hb.Status.success
+    layout, dynamics, method = hht._engine.layout, hht._engine.dynamics, hht._engine.method
+    unknowns, given = np.split(hht.state.factorised.at, [layout.size])
+    known = packed_known(dynamics, method, layout, jnp.asarray(given))
+    x = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size))
     residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, layout, x, known))
     matrix = jax.jacfwd(lambda y: step_residual(dynamics, layout, y, known))(x)
     maps = jax.jacfwd(lambda y: step_residual_and_ends(dynamics, layout, y, known)[layout.size :])(x)
