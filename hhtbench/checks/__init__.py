@@ -10,7 +10,7 @@ from hhtbench.arguments import Vector
 from hhtbench.checks.conservation import conservation_rows
 from hhtbench.checks.data import data_rows, measured_rows
 from hhtbench.checks.derivatives import DERIVED, Sample, derivative_rows, given_derivatives
-from hhtbench.checks.reference import References, State
+from hhtbench.checks.reference import Probe, References
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.checks.scales import Sizes, sizes_of
 from hhtbench.checks.start import Start, consistency_rows, examine, guess_rows, mass_rows, regularity_rows
@@ -93,7 +93,7 @@ def _packed_sizes(sizes: Sizes) -> Vector:
     return np.concatenate([[sizes.t], sizes.q, sizes.v, sizes.lam, sizes.mu])
 
 
-def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[State]:
+def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:
     """The start and random states near it; none of the latter is at rest."""
     random = np.random.default_rng(SEED)
     multipliers = [
@@ -106,10 +106,10 @@ def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[State]:
     forward = 1.0 if problem.t_span[1] >= problem.t_span[0] else -1.0
     for point in points[1:]:
         point[0] = first[0] + forward * abs(point[0] - first[0])  # a force may be undefined before the start
-    return [State(point, random.uniform(0.5, 1.5, s.n)) for point in points]
+    return [Probe(point, random.uniform(0.5, 1.5, s.n)) for point in points]
 
 
-def _samples(dynamics: Dynamics, references: References, states: list[State]) -> tuple[Row, list[Sample]]:
+def _samples(dynamics: Dynamics, references: References, states: list[Probe]) -> tuple[Row, list[Sample]]:
     """References and given derivatives at every state where the system is defined; the start must be one."""
     given = given_derivatives(dynamics)
     samples, fault, left_out = [], "", 0

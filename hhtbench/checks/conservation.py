@@ -14,7 +14,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.deviation import OWN_ERROR
-from hhtbench.checks.reference import State, split
+from hhtbench.checks.reference import Probe, split
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.checks.scales import Sizes
 from hhtbench.evidence import Row
@@ -42,7 +42,7 @@ Point = tuple[float, Vector, Vector]  # t, q, v
 
 
 def conservation_rows(
-    dynamics: Dynamics, problem: Problem, sizes: Sizes, states: list[State], faults: dict[str, str]
+    dynamics: Dynamics, problem: Problem, sizes: Sizes, states: list[Probe], faults: dict[str, str]
 ) -> list[Row]:
     """Power balance at consistent states, and constancy of what is conserved along the known motion."""
     start = (problem.t_span[0], problem.q0, problem.v0)
@@ -59,7 +59,7 @@ def conservation_rows(
     return rows
 
 
-def _balance_row(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> Row:
+def _balance_row(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[Probe]) -> Row:
     fed = declared(problem.system, "power") is not None
     claim = "the energy changes by the declared power" if fed else "the rate of the energy is zero: no power is declared"
     limit = BALANCE if dynamics.xp is jnp else BY_DIFFERENCES
@@ -122,7 +122,7 @@ def _known_motion(problem: Problem) -> list[Point]:
     return [(float(t[i]), problem.reference["q"][i], problem.reference["v"][i]) for i in rows]
 
 
-def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[State]) -> list[float]:
+def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[Probe]) -> list[float]:
     """|d energy/dt - power| over the size of its terms, at the points of ``motion`` and at consistent ones near ``states``.
 
     Near rest the terms are roundoff; the largest kinetic energy per typical time [s] is the least size.
@@ -145,7 +145,7 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
     return [float(x) for x in apart / np.maximum(size, np.finfo(float).tiny)]
 
 
-def _made_up(dynamics: Dynamics, sizes: Sizes, states: list[State]) -> list[Point]:
+def _made_up(dynamics: Dynamics, sizes: Sizes, states: list[Probe]) -> list[Point]:
     """The ``states`` moved onto the constraints, where that succeeds."""
     levels = ConstraintLevels(dynamics, full=True)
     places = [split(dynamics.structure, state.z) for state in states]

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix
 from hhtbench.checks.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
-from hhtbench.checks.reference import Reference, References, State, part_rows, parts_of, split
+from hhtbench.checks.reference import Probe, Reference, References, part_rows, parts_of, split
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
@@ -108,7 +108,7 @@ class Sample:
     """Reference and given derivatives at one state."""
 
     label: str
-    state: State
+    state: Probe
     reference: Reference
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
 
@@ -131,7 +131,7 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
     return part_rows(s, derivative.part), sizes[derivative.by]
 
 
-def given_derivatives(dynamics: Dynamics) -> Callable[[State], dict[str, Matrix | str]]:
+def given_derivatives(dynamics: Dynamics) -> Callable[[Probe], dict[str, Matrix | str]]:
     """A function of the state that gives every derivative, or the reason why one cannot be had."""
     s = dynamics.structure
     names = names_of(s)
@@ -143,7 +143,7 @@ def given_derivatives(dynamics: Dynamics) -> Callable[[State], dict[str, Matrix 
             for name, flat in zip(names, np.split(compiled(state.z, state.x), bounds), strict=True)
         }
 
-    def one_by_one(state: State) -> dict[str, Matrix | str]:
+    def one_by_one(state: Probe) -> dict[str, Matrix | str]:
         found: dict[str, Matrix | str] = {}
         for name in names:
             outcome = attempt(lambda name=name: packed_derivatives(dynamics, (name,), state.z, state.x))  # type: ignore[misc]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.reference import Reference, References, State, blocks
+from hhtbench.checks.reference import Probe, Reference, References, blocks
 
 if TYPE_CHECKING:
     from hhtbench.checks.derivatives import Derivative
@@ -43,7 +43,7 @@ class Expected:
         return float(np.max(np.where(blurred > 0, blurred / np.where(size > 0, size, 1.0), 0.0), initial=0.0))
 
 
-def by_differences(derivative: Derivative, references: References, reference: Reference, state: State) -> Expected:
+def by_differences(derivative: Derivative, references: References, reference: Reference, state: Probe) -> Expected:
     """By differences, with the error that they show themselves."""
     where = blocks(references.structure)
     errors = reference.errors[derivative.part]
@@ -56,14 +56,14 @@ def by_differences(derivative: Derivative, references: References, reference: Re
 
 
 def by_complex_step(
-    derivative: Derivative, references: References, reference: Reference, state: State, row_size: Matrix
+    derivative: Derivative, references: References, reference: Reference, state: Probe, row_size: Matrix
 ) -> Expected:
     """By the complex step, its rows measured by ``row_size``."""
     return replace(_expected(derivative, references, reference, state, reference.complex_step), row_size=row_size)
 
 
 def _expected(
-    derivative: Derivative, references: References, reference: Reference, state: State, jacobians: dict[str, Matrix]
+    derivative: Derivative, references: References, reference: Reference, state: Probe, jacobians: dict[str, Matrix]
 ) -> Expected:
     where, part = blocks(references.structure), derivative.part
     jacobian = jacobians[part]

@@ -31,7 +31,7 @@ COMPLEX_STEP = 1e-20  # of the typical size: there is no cancellation to fear
 
 
 @dataclass(frozen=True)
-class State:
+class Probe:
     """A point at which derivatives are compared."""
 
     z: Vector  #: (1 + 2n + m + p,) t, q, v, lam, mu
@@ -125,14 +125,14 @@ class References:
         """Whether the system declares ``name``."""
         return declared(self._plain.system, name) is not None
 
-    def at(self, state: State) -> Reference:
+    def at(self, state: Probe) -> Reference:
         """Values and Jacobians at ``state``."""
         value = self.values(state)
         differences, errors = (self._split(self.names, x) for x in self._differences(state))
         found = self._split(self._complex_names, self._complex_step(state)) if self._complex else {}
         return Reference(value, differences, errors, found)
 
-    def values(self, state: State) -> dict[str, Vector]:
+    def values(self, state: Probe) -> dict[str, Vector]:
         """The parts at ``state``; entries may be NaN on the XLA route."""
         return self._split(self.names, np.asarray(self._values(state.z, state.x)))
 
@@ -140,7 +140,7 @@ class References:
         bounds = np.cumsum([part_rows(self.structure, name) for name in names])
         return dict(zip(names, np.split(stacked, bounds[:-1]), strict=True)) if names else {}
 
-    def _differences(self, state: State) -> tuple[Matrix, Matrix]:
+    def _differences(self, state: Probe) -> tuple[Matrix, Matrix]:
         """Fourth-order central differences, one column per entry of z, and their errors.
 
         The step is halved until truncation and roundoff are small together, or the best of all steps is taken.
@@ -162,12 +162,12 @@ class References:
                 break
         return best, error / self.scales
 
-    def _changes(self, state: State, steps: Vector) -> Matrix:
+    def _changes(self, state: Probe, steps: Vector) -> Matrix:
         """f(z + step) - f(z - step) along every entry of z."""
         sides = ((_moved(state.z, j, step), _moved(state.z, j, -step)) for j, step in enumerate(steps))
         return np.stack([np.subtract(*(self._values(z, state.x) for z in pair)) for pair in sides], axis=1)
 
-    def _noise(self, state: State, size: Matrix, jacobian: Matrix) -> Matrix:
+    def _noise(self, state: Probe, size: Matrix, jacobian: Matrix) -> Matrix:
         """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, as far as J tells."""
         terms = np.abs(jacobian) * np.maximum(np.abs(state.z), self.scales)
         noise = EPS * (size + np.fmax.reduce(terms, axis=1, keepdims=True))
@@ -192,7 +192,7 @@ class References:
             result[:, where] = np.max(matrix[:, where], axis=1, keepdims=True, initial=0.0)
         return result
 
-    def _complex_step(self, state: State) -> Matrix:
+    def _complex_step(self, state: Probe) -> Matrix:
         """Imaginary parts along every entry of z: the derivative without cancellation."""
         assert self._complex is not None  # noqa: S101 - for the type checker
         columns = []

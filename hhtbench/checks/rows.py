@@ -13,19 +13,19 @@ LONGEST = 240  # characters of a reason; a library's message may run over pages
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Attempted:
     """What a guarded call gave: a value, or the reason why there is none."""
 
     value: Any = None
     fault: str = ""
 
 
-def attempt(action: Callable[[], Any]) -> Outcome:
+def attempt(action: Callable[[], Any]) -> Attempted:
     """Call ``action``; whatever a user's function raises becomes a reason, so that the other rows are still measured."""
     try:
-        return Outcome(value=action())
+        return Attempted(value=action())
     except Exception as error:  # noqa: BLE001 - a check lists every fault instead of stopping at the first
-        return Outcome(fault=reason_of(error))
+        return Attempted(fault=reason_of(error))
 
 
 def reason_of(error: Exception) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.reference import State, split
+from hhtbench.checks.reference import Probe, split
 from hhtbench.checks.rows import attempt, not_measured
 from hhtbench.checks.scales import Sizes
 from hhtbench.evidence import Row
@@ -106,7 +106,7 @@ def _least_squares(matrix: Matrix, right: Vector) -> Vector:
     return np.asarray(np.linalg.lstsq(scaled, right / np.where(row > 0, row, 1.0), rcond=DEPENDENT)[0], dtype=np.float64)
 
 
-def mass_rows(dynamics: Dynamics, states: list[State], found: Start) -> list[Row]:
+def mass_rows(dynamics: Dynamics, states: list[Probe], found: Start) -> list[Row]:
     """The mass matrix is symmetric and has no negative direction."""
     if dynamics.structure.mass == "identity":
         return []

@@ -26,9 +26,9 @@ from solvers.hht.run.checkpoint import pack, unpack
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.legal_state import check
 from solvers.hht.run.make_engine import make_engine
-from solvers.hht.run.solve import Run, check_accuracy, check_request, end_times
+from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
 from solvers.hht.run.stepper import Stepper
-from solvers.hht.run.stepping import Standing, begun, make_goal, take
+from solvers.hht.run.stepping import IntegratorState, begun, make_goal, take
 from solvers.hht.step.state import State
 
 
@@ -66,7 +66,7 @@ class HHT:
         self.options = make_options(**options)
         self.events = make_events(events)
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
-        self._standing: Standing | None = None  # of stepping by hand
+        self._integrator: IntegratorState | None = None  # of stepping by hand
         self._engine: Engine | None = None
         self._message = ""
         self._busy = threading.Lock()
@@ -92,7 +92,7 @@ class HHT:
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         check_request(asked, place.q.size, t0, t1)
         with _Alone(self._busy, asked.max_seconds, began) as clock:
-            return Run(self, asked, t1, place, guesses, clock).solution()
+            return Integration(self, asked, t1, place, guesses, clock).solution()
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
@@ -124,12 +124,12 @@ class HHT:
         check_accuracy(asked, place.q.size)
         with _Alone(self._busy):
             started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
-            self._engine, self._standing = started.engine, None
+            self._engine, self._integrator = started.engine, None
             self._message = started.failure.message if started.failure else started.note
             if started.engine is not None and started.state is not None:
                 tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
-                standing = begun(place, started.state, h, tolerances, len(self.events))
-                self._standing = replace(standing, tally=Counter(started.engine.work.tally))
+                integrator = begun(place, started.state, h, tolerances, len(self.events))
+                self._integrator = replace(integrator, tally=Counter(started.engine.work.tally))
         return started.failure.status if started.failure else Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:
@@ -151,13 +151,13 @@ class HHT:
             ``event`` after a terminal event, with the state at it; a further call goes on from there.
         """
         with _Alone(self._busy):
-            standing = self._stands()
-            goal = make_goal(t, method, tstop, standing)
-            self._engine = self._engine or self._rebuild(standing)
-            standing, status = take(self._stepper(self._engine, standing), standing, goal)
+            integrator = self._stands()
+            goal = make_goal(t, method, tstop, integrator)
+            self._engine = self._engine or self._rebuild(integrator)
+            integrator, status = take(self._stepper(self._engine, integrator), integrator, goal)
             tally = Counter(self._engine.work.tally)
-            self._standing = replace(standing, distrusts=self._engine.distrusts, tally=tally)
-            self._message = standing.message
+            self._integrator = replace(integrator, distrusts=self._engine.distrusts, tally=tally)
+            self._message = integrator.message
         return status
 
     def interpolate(self, t: Any) -> DenseOutput:
@@ -184,7 +184,7 @@ class HHT:
         """Work done by stepping by hand since :meth:`init_step`, that before a checkpoint included."""
         if self._engine is not None:
             return self._engine.work.counters()
-        counted: dict[str, Any] = {} if self._standing is None else dict(self._standing.tally)
+        counted: dict[str, Any] = {} if self._integrator is None else dict(self._integrator.tally)
         return Counters(**counted)
 
     def checkpoint(self) -> bytes:
@@ -205,23 +205,23 @@ class HHT:
             The bytes are no checkpoint, damaged, of another version, of another system or solver, or no legal state.
         """
         setup = self._setup()
-        standing = unpack(data, setup)
+        integrator = unpack(data, setup)
         if setup["fingerprint"] is None:
             text = f"the system {self._named()[1]}, which has no fingerprint: that it is the checkpoint's system, with the"
             warnings.warn(f"{text} same numbers, is not checked.", UserWarning, stacklevel=2)
         with _Alone(self._busy):
             try:
-                engine = self._rebuild(standing)
+                engine = self._rebuild(integrator)
             except (ArithmeticError, LookupError, TypeError, ValueError) as error:
                 raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
-            check(standing, engine, len(self.events))
-            self._standing, self._engine, self._message = standing, engine, standing.message
+            check(integrator, engine, len(self.events))
+            self._integrator, self._engine, self._message = integrator, engine, integrator.message
 
     def restart(self, state: State, *, step: float | None = None) -> None:
         """Step on from ``state``, an earlier one or one that was saved, with ``step`` [s] or the step control in use."""
         if not isinstance(state, State):
             raise TypeError(f"restart takes a State (HHT.state); got {type(state).__name__}.")
-        old = self._standing
+        old = self._integrator
         if old is not None and state.q.shape != old.state.q.shape:
             raise ProblemError(f"restart takes a State with q of shape {old.state.q.shape}; got {state.q.shape}.")
         h = (old.step if old else None) if step is None else real_number("step", step, unit=" [s]")
@@ -229,23 +229,23 @@ class HHT:
             raise ProblemError("restart needs a step [s] other than zero; give step=h.")
         with _Alone(self._busy):
             place = Place(state.t, state.q, state.v) if old is None else old.place
-            standing = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
-            self._standing = standing if old is None else replace(standing, distrusts=old.distrusts, tally=old.tally)
+            integrator = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
+            self._integrator = integrator if old is None else replace(integrator, distrusts=old.distrusts, tally=old.tally)
 
-    def _rebuild(self, standing: Standing) -> Engine:
+    def _rebuild(self, integrator: IntegratorState) -> Engine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
-        work, controlled = Work(tally=Counter(standing.tally)), standing.tolerances is not None
-        engine = make_engine(self.system, self.options, standing.place, work, controlled=controlled)
-        if standing.distrusts:
+        work, controlled = Work(tally=Counter(integrator.tally)), integrator.tolerances is not None
+        engine = make_engine(self.system, self.options, integrator.place, work, controlled=controlled)
+        if integrator.distrusts:
             engine.distrust()
         return engine
 
-    def _stepper(self, engine: Engine, standing: Standing) -> Stepper:
-        if standing.step is not None:
-            return Stepper(engine=engine, plan=Constant(standing.step), events=self.events)
-        if standing.tolerances is None:
+    def _stepper(self, engine: Engine, integrator: IntegratorState) -> Stepper:
+        if integrator.step is not None:
+            return Stepper(engine=engine, plan=Constant(integrator.step), events=self.events)
+        if integrator.tolerances is None:
             raise ValueError("neither a step nor tolerances.")
-        return Stepper(engine=engine, plan=ByError(standing.tolerances, self.options.control), events=self.events)
+        return Stepper(engine=engine, plan=ByError(integrator.tolerances, self.options.control), events=self.events)
 
     def _setup(self) -> dict[str, Any]:
         """What a checkpoint and the solver that resumes it must share, as texts."""
@@ -261,10 +261,10 @@ class HHT:
         except NoFingerprint as error:
             return None, str(error)
 
-    def _stands(self) -> Standing:
-        if self._standing is None:
+    def _stands(self) -> IntegratorState:
+        if self._integrator is None:
             raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
-        return self._standing
+        return self._integrator
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k not in ("_busy", "_engine")}

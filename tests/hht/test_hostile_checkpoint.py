@@ -44,21 +44,27 @@ def chain():
 
 
 HOSTILE = {
-    "standing.type": ["_Reader", "object", "Run", "", None, 3, ["Standing"]],
-    "standing.state.type": ["Place", "Standing"],
-    "standing.state.factorised.type": ["State", "Memory", "Factor"],
-    "standing.state.q": [1.0, None, {"type": "array", "number": -1}, {"type": "array", "number": 10**6}, {"type": "array"}],
-    "standing.state.h": [0.0, "x", True, 10**400, 1],
-    "standing.state.t": ["__import__('os').system('touch evil')", {"type": "eval"}, [1.0]],
-    "standing.state.size_q": [-1.0],
-    "standing.state.surprise": [1.0],
-    "standing.state.memory.h_next": [0.0, -1.0],
-    "standing.step": [0.5],
-    "standing.tolerances": [None],
-    "standing.direction": [2.0],
-    "standing.tally": [{"type": "Counter", "__class__": 1}, {"type": "Counter", "newton_iterations": -1}, {}],
-    "standing.watch.counts": [[0], [0, 0, 0], [0, 0.5]],
-    "standing.watch.changed": [[7], [-1]],
+    "integrator.type": ["_Reader", "object", "Run", "", None, 3, ["IntegratorState"]],
+    "integrator.state.type": ["Place", "IntegratorState"],
+    "integrator.state.factorised.type": ["State", "ControlMemory", "Factor"],
+    "integrator.state.q": [
+        1.0,
+        None,
+        {"type": "array", "number": -1},
+        {"type": "array", "number": 10**6},
+        {"type": "array"},
+    ],
+    "integrator.state.h": [0.0, "x", True, 10**400, 1],
+    "integrator.state.t": ["__import__('os').system('touch evil')", {"type": "eval"}, [1.0]],
+    "integrator.state.size_q": [-1.0],
+    "integrator.state.surprise": [1.0],
+    "integrator.state.memory.h_next": [0.0, -1.0],
+    "integrator.step": [0.5],
+    "integrator.tolerances": [None],
+    "integrator.direction": [2.0],
+    "integrator.tally": [{"type": "Counter", "__class__": 1}, {"type": "Counter", "newton_iterations": -1}, {}],
+    "integrator.watch.counts": [[0], [0, 0, 0], [0, 0.5]],
+    "integrator.watch.changed": [[7], [-1]],
     "arrays": [[], [["|O", [2]]], [["<i8", [2]]], [["<f8", [2**62]]], [["<f8", [-1]]], 3],
     "setup": [None, {}, []],
 }
@@ -130,12 +136,12 @@ SPELLED = ("1e999", "-1e999", "1e-320", "0.0", "-1.0", "1e300")
 
 def test_a_number_too_large_is_refused_wherever_it_stands(chain):
     make, saved = chain
-    count = len(list(leaves(parts_of(saved)[0]["standing"], is_float)))
+    count = len(list(leaves(parts_of(saved)[0]["integrator"], is_float)))
     assert count >= 10
     for i in range(count):
         for spelling in ("1e999", "-1e999"):
             tree, rest = parts_of(saved)
-            owner, key = list(leaves(tree["standing"], is_float))[i]
+            owner, key = list(leaves(tree["integrator"], is_float))[i]
             owner[key] = spelling
             with pytest.raises(hb.ProblemError, match="not finite"):
                 make().resume(told(tree, rest))
@@ -153,13 +159,13 @@ KEPT = {  # what a factorisation is kept by
 def forged(saved, change):
     """A checkpoint after ``change(factorised, at, step)`` of where its matrix was made: from ``step`` on h and the rest."""
     tree, rest = parts_of(saved)
-    record, at, start = tree["standing"]["state"]["factorised"], None, 0
+    record, at, start = tree["integrator"]["state"]["factorised"], None, 0
     for number, (kind, shape) in enumerate(tree["arrays"]):
         values = np.frombuffer(rest, kind, int(np.prod(shape)), start).copy()
         if number == record["at"]["number"]:
             at, place = values, slice(start, start + values.nbytes)
         start += values.nbytes
-    change(record, at, tree["arrays"][tree["standing"]["state"]["unknowns"]["number"]][1][0])
+    change(record, at, tree["arrays"][tree["integrator"]["state"]["unknowns"]["number"]][1][0])
     return made_of(tree, rest[: place.start] + at.tobytes() + rest[place.stop :])
 
 
@@ -273,10 +279,10 @@ def mutated(saved, random):
         array = small[random.integers(len(small))]
         array[1] = [1] * int(random.integers(4)) if np.prod(array[1]) else [0] * int(random.integers(1, 4))
     elif kind == 2:
-        records = [owner for owner, key in leaves(tree["standing"], lambda value: True) if key == "number"]
+        records = [owner for owner, key in leaves(tree["integrator"], lambda value: True) if key == "number"]
         records[random.integers(len(records))]["number"] = int(random.integers(len(tree["arrays"])))
     else:
-        places = list(leaves(tree["standing"], is_float))
+        places = list(leaves(tree["integrator"], is_float))
         owner, key = places[random.integers(len(places))]
         owner[key] = SPELLED[random.integers(len(SPELLED))]
     return told(tree, rest)
@@ -302,10 +308,10 @@ def test_mutated_shapes_and_numbers_are_refused_or_legal(kept, accuracy):
 
 
 NO_SHAPES = {
-    "standing.tolerances.rtol": [0],
-    "standing.last.t": [],
-    "standing.state.earlier": [],
-    "standing.state.factorised.at": [0],
+    "integrator.tolerances.rtol": [0],
+    "integrator.last.t": [],
+    "integrator.state.earlier": [],
+    "integrator.state.factorised.at": [0],
 }
 
 

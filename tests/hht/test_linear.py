@@ -60,7 +60,7 @@ def stepped(problem, kind, h, count, forget=False):
     hht = begun(problem, kind, h)
     for _ in range(count):
         if forget:
-            hht._standing = replace(hht._standing, state=replace(hht.state, factorised=None))
+            hht._integrator = replace(hht._integrator, state=replace(hht.state, factorised=None))
         assert hht.step() is Status.success, hht.message
     return hht
 

@@ -8,14 +8,14 @@ from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.verify import control
 from solvers.hht.verify.chrono import chrono_steps
-from solvers.hht.verify.control import TOLERANCES, Run
+from solvers.hht.verify.control import TOLERANCES, ControlledRun
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at
 
 
 def made(spec, factors, status="success", rejected=0):
     errors = [None if f is None else f * tolerance for f, tolerance in zip(factors, TOLERANCES, strict=True)]
     return [
-        Run(spec, tolerance, error, status, accepted=100, rejected=rejected, evaluations=500, seconds=0.1)
+        ControlledRun(spec, tolerance, error, status, accepted=100, rejected=rejected, evaluations=500, seconds=0.1)
         for tolerance, error in zip(TOLERANCES, errors, strict=True)
     ]
 
@@ -68,7 +68,7 @@ def test_a_run_measures_error_steps_and_rejections():
 
 @pytest.mark.parametrize(("error", "passed"), [(5e-3, True), (5.0, False), (None, False)])
 def test_stiff_springs_must_keep_the_error_near_the_tolerance(error, passed):
-    own = [Run("s", 1e-3, error, "deadline" if error is None else "success", 80, 5, 400, 0.1)]
+    own = [ControlledRun("s", 1e-3, error, "deadline" if error is None else "success", 80, 5, 400, 0.1)]
     assert [row.passed for row in control.stiff_rows("s", own)] == [passed]
 
 

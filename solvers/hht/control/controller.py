@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from solvers.hht.control.estimate import estimate, roundoff
-from solvers.hht.equations.formulas import CERTAIN, CRUMB, NOISE
+from solvers.hht.equations.formulas import CERTAIN, NOISE, REMAINDER
 from solvers.hht.events.scan import keep_values, scan
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.calls import spacing
@@ -14,7 +14,7 @@ from solvers.hht.loops.compiled import compiled, fit, growth, representable
 from solvers.hht.loops.sections import address, part, put
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
 
-REMAINDER = -1.0  # in the place of an error: a step far shorter than what was asked for has none
+NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
 
 
 @compiled
@@ -70,8 +70,8 @@ def controlled(z: Any, c: Any, counts: Any) -> Any:
             return mem.SUSPECT
         if ended != mem.CONVERGED:
             failed = ended
-        elif rejected == 0 and abs(h) < CRUMB * asked:
-            tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = REMAINDER, asked
+        elif rejected == 0 and abs(h) < REMAINDER * asked:
+            tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = NO_ESTIMATE, asked
             return mem.CONVERGED
         else:
             size = estimate(z)
@@ -108,7 +108,7 @@ def hopeless(z: Any, c: Any, h: Any, size: Any) -> Any:
 def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
     tried = part(z, mem.ATTEMPT)
-    short = c.controlled and tried[mem.ERROR_SIZE] == REMAINDER
+    short = c.controlled and tried[mem.ERROR_SIZE] == NO_ESTIMATE
     if short:
         remember_remainder(z, counts)
     elif c.controlled:

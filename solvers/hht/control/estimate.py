@@ -53,13 +53,13 @@ def describe(z: Any, h: Any, t1: Any) -> None:
 @compiled
 def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
     """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    rights, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), half(z, mem.RECORD, slot)[mem.MADE_H], z.i[mem.M]
+    right, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), half(z, mem.RECORD, slot)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
-            rights[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
-        rights[2 * (z.i[mem.O_LAM1] + i) + which] = sign * off[m + i] / h
+            right[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
+        right[2 * (z.i[mem.O_LAM1] + i) + which] = sign * off[m + i] / h
     for i in range(z.i[mem.P]):
-        rights[2 * (z.i[mem.O_MU] + i) + which] = sign * off[2 * m + i] / h
+        right[2 * (z.i[mem.O_MU] + i) + which] = sign * off[2 * m + i] / h
 
 
 @compiled
@@ -77,24 +77,24 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
     n, raw, made, o = z.i[mem.N], part(z, mem.RAW), half(z, mem.RECORD, slot)[mem.MADE_H], part(z, mem.CONSTANTS)
-    error, rights, solutions, changes = (
+    error, right, solutions, changes = (
         part(z, mem.ERROR),
         part(z, mem.PAIR_RIGHT),
         part(z, mem.PAIR_SOLUTION),
         part(z, mem.PAIR_CHANGE),
     )
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
-    for i in range(rights.size):
-        rights[i] = 0.0
+    for i in range(right.size):
+        right[i] = 0.0
     for i in range(n):
-        rights[2 * i], rights[2 * i + 1] = raw[i] / in_q, raw[n + i] / in_v
+        right[2 * i], right[2 * i + 1] = raw[i] / in_q, raw[n + i] / in_v
     respond(z, slot)
     for i in range(n):
         error[i] = changes[2 * i]
         if z.i[mem.O_RK] >= 0:
             error[i] -= 0.5 * made * made * solutions[2 * (z.i[mem.O_RK] + i)]
     for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
-        rights[2 * i], rights[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
+        right[2 * i], right[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
     if z.i[mem.M] + z.i[mem.P] > 0:
         place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):

@@ -13,7 +13,7 @@ from hhtbench.errors import NonFiniteValue
 from solvers.hht.control.options import ControlOptions
 from solvers.hht.control.plan import STILL
 from solvers.hht.control.tolerances import Tolerances
-from solvers.hht.step.state import Memory, State
+from solvers.hht.step.state import ControlMemory, State
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
@@ -41,7 +41,7 @@ def prepared(engine: Engine, state: State, tolerances: Tolerances, options: Cont
         shift = engine.method.coefficients.alpha * math.copysign(h, signed)
         a = engine.force(state.t + shift, state.q + shift * state.v, state.v + shift * state.vdot)[0]  # (H12)
         state = replace(state, a=a)
-    return replace(state, memory=Memory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
+    return replace(state, memory=ControlMemory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
 
 
 def _suggested(engine: Engine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:

@@ -12,7 +12,7 @@ from hhtbench.lowering import Dynamics
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.layout import Layout
 
-SCALARS = ("h", "last", "share", "rolling")
+SCALARS = ("h", "last", "share", "weight_k")
 
 
 def inputs(layout: Layout) -> dict[str, int]:
@@ -33,7 +33,7 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -
     ----------
     given
         ``h``, the time ``last`` [s] before it, the ``share`` of a change of the multipliers that is still to come, the
-        weight ``rolling`` of the change of R_k, then :func:`inputs`: v0, a0, lam, mu before the step, the others of it;
+        weight ``weight_k`` of the change of R_k, then :func:`inputs`: v0, a0, lam, mu before the step, the others of it;
         ``earlier`` and ``acceleration`` are f + r at -last and 0.
     """
     known, at = dict(zip(SCALARS, given[: len(SCALARS)], strict=True)), len(SCALARS)
@@ -56,7 +56,7 @@ def _position(dynamics: Dynamics, method: Method, known: Mapping[str, Any]) -> A
         twice = 2.0 if method.reaction.startswith("midpoint") else 1.0
         raw = raw + twice * (3 * c.b - 1) / 6 * (known["R1"] - known["R0"])
     if dynamics.structure.p:
-        raw = raw + known["rolling"] * (known["Rk"] - known["Rk_before"])
+        raw = raw + known["weight_k"] * (known["Rk"] - known["Rk_before"])
     return raw
 
 

@@ -64,7 +64,7 @@ def begin(
     *,
     controlled: bool = False,
 ) -> Started:
-    """Derive, check and project the start, and make the first state; a stray NaN is tried once more.
+    """Derive, check and project the start, and make the first state; one value that is not finite is tried once more.
 
     ``h`` [s] is the first step, or the direction of time.
     """

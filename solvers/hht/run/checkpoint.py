@@ -21,12 +21,12 @@ from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
-from solvers.hht.run.stepper import Watch
-from solvers.hht.run.stepping import Standing
-from solvers.hht.step.state import Factorised, Memory, State
+from solvers.hht.run.stepper import EventState
+from solvers.hht.run.stepping import IntegratorState
+from solvers.hht.step.state import ControlMemory, Factorised, State
 
 MAGIC, VERSION = b"hhtbench HHT checkpoint", 4
-RECORDS = (Standing, Place, State, Factorised, Memory, Tolerances, Watch, Occurrence, HermiteOutput)
+RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = ("<f8",)  # of arrays
 KINDS: dict[str, Any] = {  # what a field's annotation allows
@@ -42,18 +42,19 @@ KINDS: dict[str, Any] = {  # what a field's annotation allows
 COUNTERS = {f.name for f in fields(Counters)} - {"provenance"}
 
 
-def pack(standing: Standing, setup: dict[str, Any]) -> bytes:
-    """A checkpoint of ``standing``, made by a solver with ``setup``: texts by name."""
+def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
+    """A checkpoint of ``integrator``, made by a solver with ``setup``: texts by name."""
     arrays: list[np.ndarray] = []
-    tree = {"setup": setup, "standing": _encoded(standing, arrays)}
+    tree = {"setup": setup, "integrator": _encoded(integrator, arrays)}
     tree["arrays"] = [[array.dtype.str, array.shape] for array in arrays]
     body = json.dumps(tree).encode() + b"\n" + b"".join(array.tobytes() for array in arrays)
     return b"%s %d %s\n" % (MAGIC, VERSION, hashlib.sha256(body).hexdigest().encode()) + body
 
 
-def unpack(data: Any, setup: dict[str, Any]) -> Standing:
-    """The :class:`Standing` of a checkpoint that was made with the same ``setup``; :func:`~solvers.hht.legal_state.check`
-    tells whether it fits the system.
+def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
+    """The :class:`IntegratorState` of a checkpoint that was made with the same ``setup``.
+
+    :func:`~solvers.hht.run.legal_state.check` tells whether it fits the system.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def unpack(data: Any, setup: dict[str, Any]) -> Standing:
     line, _, rest = body.partition(b"\n")
     try:
         tree = json.loads(line, parse_constant=_no_number)
-        made_with, standing = tree["setup"], _decoded(tree["standing"], _arrays(tree["arrays"], rest))
+        made_with, integrator = tree["setup"], _decoded(tree["integrator"], _arrays(tree["arrays"], rest))
     except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
     for name, value in setup.items():
@@ -74,9 +75,9 @@ def unpack(data: Any, setup: dict[str, Any]) -> Standing:
                 f"the checkpoint was made by a solver with {name} = {found}; this one has {value}. Give HHT the same "
                 "system, parameter values, options and events."
             )
-    if not isinstance(standing, Standing):
-        raise ProblemError("the checkpoint is none of this solver's: it holds no standing.")
-    return standing
+    if not isinstance(integrator, IntegratorState):
+        raise ProblemError("the checkpoint is none of this solver's: it holds no integrator.")
+    return integrator
 
 
 def _body(data: Any) -> bytes:

@@ -19,7 +19,7 @@ from solvers._start import Failure, acceleration_at, all_multipliers
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History
-from solvers.hht.run.stepper import Stepper, Watch
+from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
@@ -39,7 +39,7 @@ class End:
 
 def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> End:
     """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``."""
-    watch, taken, work = Watch(counts=(0,) * len(stepper.events)), 0, stepper.engine.work
+    watch, taken, work = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work
     count = FIRST if work.clock.limit is None else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
@@ -47,23 +47,23 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             return End(Status.max_steps, message, state)
         room = count if max_num_steps is None else min(count, max_num_steps - taken)
         began = time.perf_counter()
-        passage = stepper.advance(state, watch, stop, history.room(room))
-        state, watch, taken = passage.state, passage.watch, taken + passage.made
-        history.commit(passage.made)
+        accepted = stepper.advance(state, watch, stop, history.room(room))
+        state, watch, taken = accepted.state, accepted.watch, taken + accepted.made
+        history.commit(accepted.made)
         work.clock.kept_back = history.handing_over()
-        each = (time.perf_counter() - began) / max(passage.made, 1)
+        each = (time.perf_counter() - began) / max(accepted.made, 1)
         count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
-        if passage.failure is not None:
-            return End(passage.failure.status, passage.failure.message, state)
-        if passage.occurrences:
-            history.note(passage.occurrences)
-            changed = stepper.changed(passage)
+        if accepted.failure is not None:
+            return End(accepted.failure.status, accepted.failure.message, state)
+        if accepted.occurrences:
+            history.note(accepted.occurrences)
+            changed = stepper.changed(accepted)
             if isinstance(changed, Failure):
                 return End(changed.status, changed.message, state)
             if changed is not state:
                 history.restart(changed)
-                state, watch = changed, stepper.watch_after(passage, changed)
-            last_words = stepper.terminal(passage)
+                state, watch = changed, stepper.watch_after(accepted, changed)
+            last_words = stepper.terminal(accepted)
             if last_words is not None:
                 return End(Status.event, last_words, state)
     return End(Status.success, Status.success.text, state)

@@ -11,24 +11,24 @@ from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import GIVEN, HEAD
 from solvers.hht.equations.layout import Layout
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.stepping import Standing
+from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import Factorised, State
 
 BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state, which stand before its q and v
 SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
 
 
-def check(standing: Standing, engine: Engine, events: int) -> None:
-    """Raise ProblemError unless ``standing`` is a legal state of steps by ``engine`` with as many events."""
+def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
+    """Raise ProblemError unless ``integrator`` is a legal state of steps by ``engine`` with as many events."""
     mass = engine.layout.structure.mass
-    wrong = _misshapen(standing, engine.layout, engine.functions.given[0], events) or _misfits(
-        standing, mass, engine.functions.given[0], events
+    wrong = _misshapen(integrator, engine.layout, engine.functions.given[0], events) or _misfits(
+        integrator, mass, engine.functions.given[0], events
     )
     if wrong:
         raise ProblemError(f"the checkpoint does not fit this system: {wrong[0]}.")
 
 
-def _misshapen(s: Standing, layout: Layout, given: int, events: int) -> list[str]:
+def _misshapen(s: IntegratorState, layout: Layout, given: int, events: int) -> list[str]:
     """Arrays of a wrong shape, in words."""
     n, m, p, size = layout.structure.n, layout.structure.m, layout.structure.p, layout.size
     state, rows = s.state, s.last.t.size
@@ -53,7 +53,7 @@ def _misshapen(s: Standing, layout: Layout, given: int, events: int) -> list[str
     return found
 
 
-def _misfits(s: Standing, mass: str, given: int, events: int) -> list[str]:
+def _misfits(s: IntegratorState, mass: str, given: int, events: int) -> list[str]:
     """What contradicts something else, in words."""
     state, memory, t = s.state, s.state.memory, s.last.t
     named = {

@@ -16,8 +16,7 @@ from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.kkt import kkt_terms
 from solvers.hht.loops.calls import invoke
 from solvers.hht.loops.compiled import called, compiled
-from solvers.hht.loops.sections import largest as top
-from solvers.hht.loops.sections import put
+from solvers.hht.loops.sections import largest, put
 
 FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
 FIRST = 512  # rows of the first call, and FEW of a NumPy system
@@ -70,7 +69,7 @@ def recover(
 @compiled
 def small(increment: Any, x: Any, n: Any) -> Any:
     """Whether the increment has converged, accelerations and multipliers each against their largest."""
-    return top(increment[:n]) <= CONVERGED * top(x[:n]) and top(increment[n:]) <= CONVERGED * top(x[n:])
+    return largest(increment[:n]) <= CONVERGED * largest(x[:n]) and largest(increment[n:]) <= CONVERGED * largest(x[n:])
 
 
 @compiled
@@ -78,14 +77,14 @@ def scaled_solve(matrix: Any, right: Any, scale: Any) -> Any:
     """Solve in place after scaling rows and columns to size one; False where that is not clearly possible."""
     size = right.size
     for i in range(size):
-        largest = top(matrix[i])
-        if not 0.0 < largest < math.inf:
+        size_of_row = largest(matrix[i])
+        if not 0.0 < size_of_row < math.inf:
             return False
         for j in range(size):
-            matrix[i, j] /= largest
-        right[i] /= largest
+            matrix[i, j] /= size_of_row
+        right[i] /= size_of_row
     for j in range(size):
-        scale[j] = top(matrix[:, j])
+        scale[j] = largest(matrix[:, j])
         if not scale[j] > 0.0:
             return False
         for i in range(size):

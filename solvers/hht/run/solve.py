@@ -24,7 +24,7 @@ from solvers.hht.run.stepper import Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 
 
-class Run:
+class Integration:
     """One integration from ``place`` to ``t1`` [s] with the options of ``solver`` (an HHT)."""
 
     def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses, clock: Clock) -> None:

@@ -79,7 +79,7 @@ def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Wo
         A constraint or its Jacobian holds NaN or infinity at the start itself; on the way that is a failure to arrive.
     """
     finite_levels(levels, place.t, place.q, place.v)
-    for _ in range(2):  # one stray value is not the cause
+    for _ in range(2):  # one value that is not finite is not the cause
         try:
             return _projected(dynamics, levels, place)
         except NonFiniteValue as error:

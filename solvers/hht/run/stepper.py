@@ -33,7 +33,7 @@ NAMES = ("min_step", "max_step", "target", "integral", "proportional", "growth",
 
 
 @dataclass(frozen=True)
-class Watch:
+class EventState:
     """What the search for events keeps between two steps."""
 
     counts: tuple[int, ...] = ()  #: occurrences so far
@@ -42,19 +42,19 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class Passage:
+class Accepted:
     """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
 
     state: State  #: after them
     made: int  #: how many
-    watch: Watch
+    watch: EventState
     occurrences: tuple[Occurrence, ...] = ()
     stopping: tuple[int, ...] = ()  #: events at the end of the last step that end the integration or change the state
     failure: Failure | None = None  #: why there are no more
 
 
 @dataclass(frozen=True)
-class Cut:
+class Shortened:
     """A step made shorter to end at an event."""
 
     attempt: Attempt
@@ -69,7 +69,7 @@ class Stepper:
     plan: Plan
     events: tuple[Event, ...] = ()
 
-    def advance(self, state: State, watch: Watch, stop: float, rows: Matrix) -> Passage:
+    def advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         """At most as many accepted steps towards ``stop`` [s] as there are ``rows`` to write to, up to an event in one.
 
         A spent budget and a value that is not finite are failures like others.
@@ -77,12 +77,12 @@ class Stepper:
         try:
             return self._advance(state, watch, stop, rows)
         except BudgetSpent as spent:
-            return Passage(state, 0, watch, failure=budget_failure(spent, state.t))
+            return Accepted(state, 0, watch, failure=budget_failure(spent, state.t))
         except NonFiniteValue as error:  # of an event function, or of the look at a motion's start
             text = f"{error}, in the step from t = {state.t:.17g}"
-            return Passage(state, 0, watch, failure=Failure(Status.nonfinite_callback, text))
+            return Accepted(state, 0, watch, failure=Failure(Status.nonfinite_callback, text))
 
-    def _advance(self, state: State, watch: Watch, stop: float, rows: Matrix) -> Passage:
+    def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         engine, by_error = self.engine, self.plan.by_error
         engine.work.check_time()
         engine.watch(self.events)
@@ -91,7 +91,7 @@ class Stepper:
             if state.memory is None:
                 state = prepared(engine, state, by_error.tolerances, by_error.options, stop)
             if failure := by_error.unreachable(state, stop):
-                return Passage(state, 0, watch, failure=failure)
+                return Accepted(state, 0, watch, failure=failure)
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
@@ -100,7 +100,7 @@ class Stepper:
         if made and self.events:
             watch = replace(watch, values=engine.event_values())
         if ended == mem.CONVERGED:
-            return Passage(state, made, watch)
+            return Accepted(state, made, watch)
         if ended == mem.SUSPECT:
             engine.give_up_derivatives(before)
             return self._advance(before, watch, stop, rows)
@@ -108,7 +108,7 @@ class Stepper:
             self._raise_nonfinite()
         if ended == mem.EVENT_FOUND:
             return self._with_events(state, watch, stop, rows)
-        return Passage(state, 0, watch, failure=failure_of(engine, self.plan, state, ended))
+        return Accepted(state, 0, watch, failure=failure_of(engine, self.plan, state, ended))
 
     def _control(self, stop: float) -> Control:
         by_error = self.plan.by_error
@@ -124,23 +124,23 @@ class Stepper:
             value_of(event, float(t), q, v, self.engine.work)
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
 
-    def terminal(self, passage: Passage) -> str | None:
-        """The event that ends the integration after ``passage``, in words."""
-        named = [self.events[i].name for i in passage.stopping if self.events[i].ends(passage.watch.counts[i])]
+    def terminal(self, accepted: Accepted) -> str | None:
+        """The event that ends the integration after ``accepted``, in words."""
+        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(accepted.watch.counts[i])]
         if not named:
             return None
-        return f"event {', '.join(map(repr, named))} at t = {passage.state.t:.17g}. {Status.event.text}"
+        return f"event {', '.join(map(repr, named))} at t = {accepted.state.t:.17g}. {Status.event.text}"
 
-    def watch_after(self, passage: Passage, state: State) -> Watch:
-        """What goes on with ``state``, the end of ``passage`` or what its events made of it."""
-        if state is passage.state:
-            return passage.watch
-        return replace(passage.watch, values=None, changed=passage.stopping)
+    def watch_after(self, accepted: Accepted, state: State) -> EventState:
+        """What goes on with ``state``, the end of ``accepted`` or what its events made of it."""
+        if state is accepted.state:
+            return accepted.watch
+        return replace(accepted.watch, values=None, changed=accepted.stopping)
 
-    def changed(self, passage: Passage) -> State | Failure:
-        """The state after the changes that events make at the end of ``passage``; without one the end itself."""
-        state = passage.state
-        events = [self.events[i] for i in passage.stopping if self.events[i].change is not None]
+    def changed(self, accepted: Accepted) -> State | Failure:
+        """The state after the changes that events make at the end of ``accepted``; without one the end itself."""
+        state = accepted.state
+        events = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
         if not events:
             return state
         where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
@@ -152,7 +152,7 @@ class Stepper:
             return Failure(Status.nonfinite_callback, f"{error}, {where}")
         return Failure(found.status, f"{where}: {found.message}") if isinstance(found, Failure) else found
 
-    def _with_events(self, before: State, watch: Watch, stop: float, rows: Matrix) -> Passage:
+    def _with_events(self, before: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         """The step that the loops have tried, up to its first event that stops it."""
         engine, cut = self.engine, None
         whole = now = engine.attempted()
@@ -163,7 +163,7 @@ class Stepper:
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:
-                return Passage(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
+                return Accepted(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
                 state, row = engine.take(self._control(stop), estimates=cut is not None or engine.tried)
@@ -175,21 +175,21 @@ class Stepper:
             if self._piled(earlier, before, float(whole[0][mem.T_END]), watch):
                 name, t = self.events[earlier.index].name, float(earlier.attempt[0][mem.T_END])
                 text = f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}"
-                return Passage(before, 0, watch, failure=Failure(Status.time_resolution, text))
+                return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, text))
             now, cut = earlier.attempt, earlier
             engine.put_back(now)
             if engine.look() == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
         h = float(whole[0][mem.T_END]) - before.t
         text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
-        return Passage(before, 0, watch, failure=Failure(Status.time_resolution, f"{text}; take shorter steps."))
+        return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
-    def _piled(self, cut: Cut, before: State, end: float, watch: Watch) -> bool:
+    def _piled(self, cut: Shortened, before: State, end: float, watch: EventState) -> bool:
         """Whether the event that made the state ``before`` comes again in no time, in a step that was to reach ``end``."""
         again = cut.index in watch.changed and self.events[cut.index].change is not None
         return again and abs(float(cut.attempt[0][mem.T_END]) - before.t) < PILED * abs(end - before.t)
 
-    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
+    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Shortened | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
 
         What only the interpolant crosses is removed from ``found``.
@@ -197,7 +197,7 @@ class Stepper:
         while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
             attempt = step_to(self.engine, self.events[first.index], first, before, now)
             if attempt is not None:
-                return Cut(attempt, first.index)
+                return Shortened(attempt, first.index)
             found.remove(first)
         return None
 
@@ -210,7 +210,7 @@ class Stepper:
                 return crossing
         return None
 
-    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: Watch) -> Passage:
+    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
         counts, occurrences, stopping = list(watch.counts), [], []
         for crossing in found:
             event = self.events[crossing.index]
@@ -219,7 +219,7 @@ class Stepper:
             if event.change is not None or event.ends(counts[crossing.index]):
                 stopping.append(crossing.index)
         watch = replace(watch, counts=tuple(counts))
-        return Passage(state, 1, watch, tuple(occurrences), tuple(sorted(set(stopping))))
+        return Accepted(state, 1, watch, tuple(occurrences), tuple(sorted(set(stopping))))
 
 
 def control_of(o: ControlOptions, stop: float, controlled: bool, events: Sequence[Event]) -> Control:
@@ -228,7 +228,7 @@ def control_of(o: ControlOptions, stop: float, controlled: bool, events: Sequenc
     return Control(controlled=controlled, watching=bool(events), stop=float(stop), keep=o.keep, **values)
 
 
-def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
+def _with_cut(found: Sequence[Crossing], cut: Shortened | None, end: float) -> list[Crossing]:
     """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
     if cut is None:
         return list(found)

@@ -17,7 +17,7 @@ from solvers.hht.control.first_step import prepared
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
-from solvers.hht.run.stepper import Passage, Stepper, Watch
+from solvers.hht.run.stepper import Accepted, EventState, Stepper
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
@@ -26,14 +26,14 @@ HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first st
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class IntegratorState:
     """Where stepping by hand stands: all that the next step depends on."""
 
     place: Place  #: where it began: it selects the engine
     state: State
     step: float | None  #: constant signed step [s]; None: error control
     tolerances: Tolerances | None  #: under error control
-    watch: Watch
+    watch: EventState
     last: HermiteOutput  #: the last step; one row before the first
     direction: float = 0.0  #: of time, 1 or -1; 0: not known before the first step
     distrusts: bool = False  #: whether the engine has given up the declared derivatives
@@ -51,14 +51,14 @@ class Goal:
     tstop: float | None
 
 
-def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> Standing:
+def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> IntegratorState:
     """Before the first step."""
-    return Standing(
+    return IntegratorState(
         place=place,
         state=state,
         step=step,
         tolerances=tolerances,
-        watch=Watch(counts=(0,) * events),
+        watch=EventState(counts=(0,) * events),
         last=at_rest(state),
         direction=0.0 if step is None else math.copysign(1.0, step),
     )
@@ -69,7 +69,7 @@ def at_rest(state: State) -> HermiteOutput:
     return HermiteOutput(np.array([state.t]), state.q[None], state.v[None])
 
 
-def make_goal(t: Any, method: Any, tstop: Any, standing: Standing) -> Goal:
+def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> Goal:
     """The arguments of ``HHT.step``, checked.
 
     Raises
@@ -86,71 +86,71 @@ def make_goal(t: Any, method: Any, tstop: Any, standing: Standing) -> Goal:
         method == "normal",
         None if tstop is None else real_number("tstop", tstop, unit=" [s]"),
     )
-    now, ahead = standing.state.t, direction_to(goal, standing)
+    now, ahead = integrator.state.t, direction_to(goal, integrator)
     if goal.tstop is not None and (goal.tstop - now) * ahead <= 0:
         raise ProblemError(f"tstop must lie ahead of t = {now:.17g}; got {goal.tstop:.17g}. init_step begins anew.")
-    if goal.t is not None and (goal.t - standing.last.t[0]) * ahead < 0:
+    if goal.t is not None and (goal.t - integrator.last.t[0]) * ahead < 0:
         raise ProblemError(f"t = {goal.t:.17g} lies behind the last step, which ended at {now:.17g}; init_step begins anew.")
     return goal
 
 
-def direction_to(goal: Goal, standing: Standing) -> float:
+def direction_to(goal: Goal, integrator: IntegratorState) -> float:
     """Of time: the one in use, or towards what the first call names."""
     target = next((x for x in (goal.tstop, goal.t) if x is not None), math.inf)
-    return standing.direction or (-1.0 if target < standing.state.t else 1.0)
+    return integrator.direction or (-1.0 if target < integrator.state.t else 1.0)
 
 
-def take(stepper: Stepper, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
+def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
     """One step, or steps until ``goal.t`` is reached; on a failure the steps before it count."""
-    ahead = direction_to(goal, standing)
-    standing = replace(standing, direction=ahead, message="", occurrences=())
+    ahead = direction_to(goal, integrator)
+    integrator = replace(integrator, direction=ahead, message="", occurrences=())
     for _ in range(MAX_STEPS):
-        if goal.normal and (goal.t - standing.state.t) * ahead <= 0:  # type: ignore[operator]
-            return standing, Status.success
-        standing, status = _one(stepper, standing, goal)
-        if status is not Status.success or not goal.normal or standing.state.t == goal.tstop:
-            return standing, status
-    return replace(standing, message=Status.max_steps.text), Status.max_steps
+        if goal.normal and (goal.t - integrator.state.t) * ahead <= 0:  # type: ignore[operator]
+            return integrator, Status.success
+        integrator, status = _one(stepper, integrator, goal)
+        if status is not Status.success or not goal.normal or integrator.state.t == goal.tstop:
+            return integrator, status
+    return replace(integrator, message=Status.max_steps.text), Status.max_steps
 
 
-def _one(stepper: Stepper, standing: Standing, goal: Goal) -> tuple[Standing, Status]:
-    state, engine, by_error = standing.state, stepper.engine, stepper.plan.by_error
+def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
+    state, engine, by_error = integrator.state, stepper.engine, stepper.plan.by_error
     if by_error is not None and state.memory is None:
         try:
-            state = prepared(engine, state, by_error.tolerances, by_error.options, _horizon(standing, goal))
+            state = prepared(engine, state, by_error.tolerances, by_error.options, _horizon(integrator, goal))
         except BudgetSpent as spent:
-            return replace(standing, message=str(spent)), Status.deadline
-    stop = standing.direction * math.inf if goal.tstop is None else goal.tstop
-    passage = stepper.advance(state, standing.watch, stop, np.zeros((1, engine.columns)))
-    if passage.failure is not None:
-        return replace(standing, message=passage.failure.message), passage.failure.status
-    changed = stepper.changed(passage)
+            return replace(integrator, message=str(spent)), Status.deadline
+    stop = integrator.direction * math.inf if goal.tstop is None else goal.tstop
+    accepted = stepper.advance(state, integrator.watch, stop, np.zeros((1, engine.columns)))
+    if accepted.failure is not None:
+        return replace(integrator, message=accepted.failure.message), accepted.failure.status
+    changed = stepper.changed(accepted)
     if isinstance(changed, Failure):
-        return replace(standing, message=changed.message), changed.status
-    last_words = stepper.terminal(passage)
+        return replace(integrator, message=changed.message), changed.status
+    last_words = stepper.terminal(accepted)
     moved = replace(
-        standing,
+        integrator,
         state=changed,
-        watch=stepper.watch_after(passage, changed),
-        last=_output(state, passage, changed),
-        occurrences=standing.occurrences + passage.occurrences,
+        watch=stepper.watch_after(accepted, changed),
+        last=_output(state, accepted, changed),
+        occurrences=integrator.occurrences + accepted.occurrences,
         message=last_words or "",
     )
     return moved, Status.event if last_words is not None else Status.success
 
 
-def _horizon(standing: Standing, goal: Goal) -> float:
+def _horizon(integrator: IntegratorState, goal: Goal) -> float:
     """[s] which the first step, or the first after a change, does not pass.
 
     t counts at the start only: later on, where output is asked for changes no step.
     """
-    t = goal.t if standing.last.t.size == 1 else None
-    return next((x for x in (goal.tstop, t) if x is not None), standing.state.t + standing.direction * HORIZON)
+    t = goal.t if integrator.last.t.size == 1 else None
+    return next((x for x in (goal.tstop, t) if x is not None), integrator.state.t + integrator.direction * HORIZON)
 
 
-def _output(before: State, passage: Passage, after: State) -> HermiteOutput:
+def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
     """Dense output of one step, with the state after a change as its last row."""
-    end = passage.state
+    end = accepted.state
     step = HermiteOutput(np.array([before.t, end.t]), np.stack([before.q, end.q]), np.stack([before.v, end.v]))
     if after is end:
         return step

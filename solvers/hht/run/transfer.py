@@ -8,12 +8,11 @@ import numpy as np
 
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory as Arrays
-from solvers.hht.loops.memory import view
-from solvers.hht.step.state import Factorised, Memory, State
+from solvers.hht.loops.memory import Memory, view
+from solvers.hht.step.state import ControlMemory, Factorised, State
 
 
-def load(z: Arrays, state: State) -> None:
+def load(z: Memory, state: State) -> None:
     """Put ``state`` into the loops' memory; its factorisation, if any, is in slot 0 already."""
     x, earlier, memory, made = state.unknowns, state.earlier, state.memory, state.factorised
     known = 0 if x is None else 1 + (0 if earlier is None else len(earlier))
@@ -42,14 +41,14 @@ def load(z: Arrays, state: State) -> None:
             view(z, section)[: values.size] = values.ravel()
 
 
-def store(z: Arrays, *, controlled: bool) -> State:
+def store(z: Memory, *, controlled: bool) -> State:
     """The state that the loops left in their memory."""
     t, h, size_q, size_v, known, slot = view(z, mem.NUMBER).tolist()
     own = _copies(z)
     memory = None
     if controlled:
         h_next, last, error, has_reaction = view(z, mem.CONTROL).tolist()
-        memory = Memory(
+        memory = ControlMemory(
             h_next=h_next,
             last=last,
             earlier=own(mem.BEFORE),
@@ -78,11 +77,11 @@ def store(z: Arrays, *, controlled: bool) -> State:
     )
 
 
-def _copies(z: Arrays) -> Any:
+def _copies(z: Memory) -> Any:
     return lambda section: view(z, section).copy()
 
 
-def _factorised(z: Arrays, slot: int) -> Factorised | None:
+def _factorised(z: Memory, slot: int) -> Factorised | None:
     if slot < 0:
         return None
     record = np.split(view(z, mem.RECORD), 2)[slot]

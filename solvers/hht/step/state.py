@@ -8,7 +8,7 @@ from hhtbench.arguments import Matrix, Vector
 
 
 @dataclass(frozen=True, kw_only=True)
-class Memory:
+class ControlMemory:
     """What step control keeps of the last accepted step, or of a look at the motion before the first."""
 
     h_next: float  #: length to try next [s], of |h|
@@ -48,4 +48,4 @@ class State:
     factorised: Factorised | None  #: the kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
-    memory: Memory | None = None  #: None with prescribed steps
+    memory: ControlMemory | None = None  #: None with prescribed steps

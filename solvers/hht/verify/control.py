@@ -34,7 +34,7 @@ FLOOR = 1e-11  # errors below it are roundoff and limits of references, not of s
 
 
 @dataclass(frozen=True)
-class Run:
+class ControlledRun:
     """One controlled run."""
 
     spec: str
@@ -47,7 +47,7 @@ class Run:
     seconds: float
 
 
-def run(spec: str, tolerance: float, alpha: float, rule: str = "error") -> Run:
+def run(spec: str, tolerance: float, alpha: float, rule: str = "error") -> ControlledRun:
     """``spec`` at ``rtol`` = ``tolerance`` and absolute tolerances of that times the problem's scales."""
     problem = load_problem(spec)
     times, known = known_motion(problem)
@@ -57,7 +57,7 @@ def run(spec: str, tolerance: float, alpha: float, rule: str = "error") -> Run:
     solution = solve_as_chrono(problem, request, alpha) if chrono else solver(alpha=alpha).solve(problem, request)
     c = solution.counters
     error = weighted_error(problem, np.hstack([solution.q, solution.v]), known) if solution.success else None
-    return Run(
+    return ControlledRun(
         spec=spec,
         tolerance=tolerance,
         error=error,
@@ -126,7 +126,7 @@ def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
     )
 
 
-def judged(controlled: dict[str, list[Run]]) -> list[Row]:
+def judged(controlled: dict[str, list[ControlledRun]]) -> list[Row]:
     """Per problem the ratios over their middle and the slope; over all runs the share that is near, and rejections."""
     rows, near, runs = [], 0, [run for own in controlled.values() for run in own]
     for spec, own in controlled.items():
@@ -149,7 +149,7 @@ def judged(controlled: dict[str, list[Run]]) -> list[Row]:
     return rows
 
 
-def _ratio(run: Run) -> str:
+def _ratio(run: ControlledRun) -> str:
     if run.error is None:
         return run.status
     return "roundoff" if run.error <= FLOOR else f"{run.error / run.tolerance:.2g}"
@@ -163,7 +163,7 @@ def _slope(spec: str, told: list[tuple[float, float]]) -> Row:
     return _row(f"slope/{spec}", claim, f"{found:.2f}", f"1 +- {SLOPE:g}", abs(found - 1) <= SLOPE)
 
 
-def stiff_rows(spec: str, own: list[Run]) -> list[Row]:
+def stiff_rows(spec: str, own: list[ControlledRun]) -> list[Row]:
     """The row of a stiff spring: every error within NEAR times its tolerance."""
     text = ", ".join(f"{_ratio(run)} in {run.accepted} steps" for run in own)
     claim = f"{spec}, alpha {ALPHA['stiff']}: achieved/requested at {', '.join(f'{run.tolerance:g}' for run in own)}"
@@ -171,7 +171,7 @@ def stiff_rows(spec: str, own: list[Run]) -> list[Row]:
     return [_row(f"stiff/{spec}", claim, text, f"< {NEAR:g}", passed)]
 
 
-def compared(spec: str, chrono: Run, controlled: dict[str, list[Run]]) -> Row:
+def compared(spec: str, chrono: ControlledRun, controlled: dict[str, list[ControlledRun]]) -> Row:
     """A row, not judged, with the errors and the work of both kinds of step control."""
     own = next((run for run in controlled.get(spec, []) if run.tolerance == chrono.tolerance), None)
     own = own or run(spec, chrono.tolerance, ALPHA["default"])
@@ -188,7 +188,7 @@ def _shown(id: str, claim: str, measured: str) -> Row:
     return Row(id=id, claim=claim, measured=measured, bound="not judged", passed=None)
 
 
-def drawn(controlled: dict[str, list[Run]]) -> Plot:
+def drawn(controlled: dict[str, list[ControlledRun]]) -> Plot:
     """Error over tolerance, a curve for every problem that has errors above roundoff."""
     curves: list[Curve] = []
     for spec, own in controlled.items():
