@@ -24,7 +24,9 @@ from solvers.forms.form import refusal
 from solvers.forms.layout import Layout as FormLayout
 from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
-from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
+from solvers.hht.equations.coefficients import Coefficients, Method
+from solvers.hht.equations.corrections import state_after
+from solvers.hht.equations.discretise import step_residual, step_residual_and_matrix
 from solvers.hht.equations.layout import Layout
 from solvers.hht.run.engine import force_and_inverse_mass
 
@@ -58,6 +60,14 @@ def step_arguments(layout, t, q, v, draw):
     return draw.normal(size=layout.size), layout.pack(values)
 
 
+def given_arguments(layout, t, q, v, draw):
+    """Unknowns, and the step with the state before it as the loops keep them."""
+    s, h = layout.structure, 0.01
+    head = [h, t + h, 0.7, 1.0, 0.0, t, h, 1.0, 1.0, 0.0, -1.0]
+    sizes = 2 * s.n + s.m + s.p + s.n + (s.n * s.n if s.mass == "variable" else 0)  # a, f, lam, mu, vdot, inverse mass
+    return draw.normal(size=layout.size), np.concatenate([head, q, v, draw.normal(size=sizes)])
+
+
 def functions_of(problem, dynamics):
     """name -> (function, static options, arguments at two points, tolerance)."""
     s, found = dynamics.structure, {}
@@ -71,7 +81,9 @@ def functions_of(problem, dynamics):
         layout = Layout(s, moving, moving and s.mass == "variable")
         step = lambda *point, layout=layout: step_arguments(layout, *point)  # noqa: E731
         add(step_residual, (layout,), step, name=f" {moving}")
-        add(step_residual_and_ends, (layout,), step, name=f" {moving}")
+        method = Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="implicit" if moving else "predictor")
+        given = lambda *point, layout=layout: given_arguments(layout, *point)  # noqa: E731
+        add(state_after, (method, layout), given, name=f" {moving}")
         if small and (moving or turn % 3 == 0):
             add(step_residual_and_matrix, (layout,), step, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))

@@ -43,8 +43,7 @@ WAYS = {  # a module each, whose other contents are the same in every process
     "changed": ("from spring import STIFFNESS", "STIFFNESS"),
 }
 SOLVERS = (
-    "hht(engine=native)",
-    "hht(engine=host)",
+    "hht",
     "ida",
     "cvode",
     "scipy(method=Radau)",
