@@ -19,7 +19,7 @@ from solvers.hht.step.state import State
 
 CRAWL = 1e-6  # of what is left of the interval: steps as short as that do not get there
 STILL = 1e-10  # relative change of v' that is roundoff
-REMAINDER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
+LEFT_OVER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
 
 
 class Plan(Protocol):
@@ -75,7 +75,7 @@ class Constant:
         """Length and end [s] of the next step, (1,) each."""
         h = representable(state.t, self.h)
         t1 = state.t + h
-        if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -REMAINDER * abs(h):
+        if t1 != stop and (t1 - stop) * math.copysign(1.0, h) > -LEFT_OVER * abs(h):
             h, t1 = stop - state.t, stop
         return np.array([h]), np.array([t1])
 

@@ -14,6 +14,7 @@ from solvers.hht.loops.compiled import called
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import part, put, view
 from solvers.hht.step.attempt import attempt
+from solvers.hht.step.newton import corrected
 
 
 class Control(NamedTuple):
@@ -83,4 +84,7 @@ def remake(z: Memory, made_at: FloatArray, counts: IntArray) -> Any:
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
     early(z)
-    return renew(z, 0, made_at[size], counts)
+    ended = renew(z, 0, made_at[size], counts)
+    if ended == mem.CONVERGED:
+        corrected(z, 0, True, counts)  # measures its roundoff where that matters
+    return ended

@@ -21,7 +21,6 @@ def load(z: Memory, state: State) -> None:
     if made is not None:
         record = view(z, mem.RECORD)
         record[mem.RATE], record[mem.USES] = made.rate, made.uses
-        record[mem.NOISE_Q], record[mem.NOISE_V] = made.noise
     vectors: dict[int, Any] = {
         mem.Q: state.q,
         mem.V: state.v,
@@ -86,5 +85,4 @@ def _factorised(z: Memory, slot: int) -> Factorised | None:
         return None
     record = np.split(view(z, mem.RECORD), 2)[slot]
     at = np.split(view(z, mem.MADE_AT), 2)[slot].copy()
-    rate, noise_q, noise_v = (float(record[i]) for i in (mem.RATE, mem.NOISE_Q, mem.NOISE_V))
-    return Factorised(at=at, rate=rate, uses=int(record[mem.USES]), noise=(noise_q, noise_v))
+    return Factorised(at=at, rate=float(record[mem.RATE]), uses=int(record[mem.USES]))

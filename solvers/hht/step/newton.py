@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
@@ -40,6 +40,22 @@ class NewtonOptions:
 
 
 DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP = range(6)  # after an increment
+
+
+class Increment(NamedTuple):
+    """What the last increment tells."""
+
+    size: float  #: largest change of q1 and v1 over typical sizes, (H15)
+    rate: float  #: that over the one before it by this matrix; 0: the first
+    slowest: float  #: worst rate seen with this matrix: one lucky ratio is no rate
+    first: float  #: size of the first increment by this matrix
+    taken: int  #: increments after that
+    fresh: bool  #: the matrix was made in this step
+    stood: bool  #: one at the very iterate has not shrunk the increment already
+    per_q: float  #: 1 over the typical size of q
+    per_v: float  #: 1 over the typical size of v
+
+
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a drawing of lots that is the same everywhere
 
 
@@ -83,7 +99,8 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
         slowest = max(rate, worst, o[mem.LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
         taken = taken + 1 if last < math.inf else 0
         first = first if taken > 0 else moved
-        decision = judged(z, slot, moved, rate, slowest, first, taken, fresh, stood, per_q, per_v, counts)
+        step = Increment(moved, rate, slowest, first, taken, fresh, stood, per_q, per_v)
+        decision = judged(z, slot, step, counts)
         if decision == GIVE_UP:
             return mem.DIVERGED, -1, 0.0
         if decision != RENEW_HERE:
@@ -100,38 +117,25 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
 
 
 @compiled
-def judged(
-    z: Any,
-    slot: Any,
-    moved: Any,
-    rate: Any,
-    slowest: Any,
-    first: Any,
-    taken: Any,
-    fresh: Any,
-    stood: Any,
-    per_q: Any,
-    per_v: Any,
-    counts: Any,
-) -> Any:
-    """What follows after an increment of size ``moved``, ``rate`` times the last one (0: the first by this matrix)."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, per_q, per_v)
-    if converged(moved, slowest if rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
+def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
+    """What follows after the :class:`Increment` ``i``."""
+    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, i.per_q, i.per_v)
+    if converged(i.size, i.slowest if i.rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
         return DONE
-    if fresh and rate >= o[mem.STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts):
-        return DONE if stood else STALL  # with a matrix at the very iterate too: roundoff is left
-    if taken == 0:
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, slot, i.size, i.per_q, i.per_v, counts):
+        return DONE if i.stood else STALL  # with a matrix at the very iterate too: roundoff is left
+    if i.taken == 0:
         return GO_ON
-    if fresh:
-        return GIVE_UP if rate > o[mem.WORST_RATE] else GO_ON
+    if i.fresh:
+        return GIVE_UP if i.rate > o[mem.WORST_RATE] else GO_ON
     if o[mem.MATRIX_COST] > 0.0:  # told by the mean rate: single ratios alternate
-        mean = (moved / first) ** (1.0 / taken)
-        outworn = rate >= 1.0 or math.log(enough / moved) < o[mem.MATRIX_COST] * math.log(mean)
+        mean = (i.size / i.first) ** (1.0 / i.taken)
+        outworn = i.rate >= 1.0 or math.log(enough / i.size) < o[mem.MATRIX_COST] * math.log(mean)
     else:
-        outworn = rate > o[mem.REFRESH_RATE] and moved * rate > o[mem.MARGIN] * enough  # else one more ends it
+        outworn = i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
     if not outworn:
         return GO_ON
-    return RENEW if rate < 1.0 else RENEW_HERE
+    return RENEW if i.rate < 1.0 else RENEW_HERE
 
 
 @compiled

@@ -26,7 +26,6 @@ class Factorised:
     at: Vector  #: the unknowns (size,), then the step, its signed length [s] first, and the state before it
     rate: float  #: worst contraction per iteration seen with it
     uses: int  #: solves with it: a small matrix that serves often is inverted
-    noise: tuple[float, float]  #: what one roundoff of the known values changes in q1 and v1; 0: not measured
 
 
 @dataclass(frozen=True, kw_only=True)
