@@ -303,6 +303,18 @@ def test_threads_share_machine_code_and_not_the_memory_of_a_solve():
         assert all(np.array_equal(end, alone) for end in pool.map(run, range(24)))
 
 
+def test_two_runs_side_by_side_have_memories_of_their_own():
+    problem, hhts = hb.load_problem("jay_negrut_pendulum"), []
+    whole = solve(problem, (0.0, 0.1), steps=100)
+    for _ in range(2):
+        hhts.append(HHT(problem.system))
+        hhts[-1].init_step(0.0, problem.q0, problem.v0, step=1e-3)
+    for ahead, hht in ((40, hhts[0]), (10, hhts[1]), (60, hhts[0]), (90, hhts[1])):
+        for _ in range(ahead):
+            hht.step()
+    assert np.array_equal([hht.state.q for hht in hhts], [whole.q[-1]] * 2)
+
+
 class TwoMasses(hb.System):
     """Springs between two masses and a wall; the declared Jacobian says that there are none."""
 
