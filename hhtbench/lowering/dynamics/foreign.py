@@ -63,6 +63,7 @@ class Callbacks:
     def __init__(self, system: Any = None) -> None:
         self.system = system
         self.cause: BaseException | None = None  #: nothing is computed any more
+        self.check: Callable[[], None] = lambda: None  #: before a whole function is computed; raises where no time is left
         self.nonfinite: list[NonFiniteValue] = []  #: values that were not finite; the loops go on with NaN
         self._kept: list[Any] = []
         self._before: Any = None
@@ -117,6 +118,7 @@ class Callbacks:
         kinds = [None if shape is None else ctypes.c_double * math.prod(shape) for shape in shapes]
 
         def compute(*places: int) -> Any:
+            self.check()
             arguments = []
             for place, kind, shape in zip(places[1:], kinds, shapes, strict=True):
                 if kind is not None and shape is not None:

@@ -61,7 +61,8 @@ def controlled(z: Any, c: Any, counts: Any) -> Any:
         asked = abs(h)
         h, t1 = fit(t, h, c.stop, c.min_step)
         if t + h == t or t1 == t:
-            tried[mem.H_TRIED] = h
+            if failed == mem.NO_ADVANCE:
+                tried[mem.H_TRIED] = h
             return failed
         ended, factor = attempt(z, h, t1, counts), c.after_failure
         if ended == mem.SPENT:

@@ -14,7 +14,7 @@ from solvers.hht.loops.sections import address, call, half, largest, part, put
 
 @compiled
 def describe(z: Any, h: Any, t1: Any) -> None:
-    """Fill what :func:`solvers.hht.local_error.raw_errors` takes, in its order."""
+    """Fill what :func:`solvers.hht.equations.local_error.raw_errors` takes, in its order."""
     n, m, p, x, end, given = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.RAW_GIVEN)
     control, last_h, a, f, step = (
         part(z, mem.CONTROL),
@@ -119,7 +119,7 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
 @compiled
 def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``, :func:`solvers.hht.formulas.rms`; infinity where it is not finite."""
+    """Root mean square of x over ``weights``, as ``formulas.rms``; infinity where it is not finite."""
     total = 0.0
     for i in range(x.size):
         total += (x[i] / weights[i]) ** 2

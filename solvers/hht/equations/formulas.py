@@ -16,6 +16,7 @@ GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs 
 ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
 NOTHING = 1e-300  # a size up to it is none
 REMAINDER = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
+FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as rank
 NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
 CERTAIN = 5.0  # times what is allowed: roundoff that no step can be below; with 2.5 times many steps still pass
 EPS = float(np.finfo(np.float64).eps)

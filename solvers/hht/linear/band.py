@@ -6,6 +6,7 @@ these loops take a third of it, and a whole solve with its couplings is one call
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from solvers.hht.loops.compiled import compiled, inlined
@@ -13,12 +14,12 @@ from solvers.hht.loops.compiled import compiled, inlined
 
 @compiled
 def factor_blocks(storage: Any, pivots: Any, blocks: Any) -> Any:
-    """LU with partial pivoting of every block in ``storage``; returns the least magnitude of a pivot, 0 as soon as one is.
+    """LU with partial pivoting of every block in ``storage``; the least and the largest pivot, zeros as soon as one is zero.
 
     ``blocks`` (4 k,): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
     another in ``storage``, each with ``2 lower + upper + 1`` numbers.
     """
-    offset, least = 0, 1e300
+    offset, least, most = 0, math.inf, 0.0
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
         height, main = 2 * lower + upper + 1, lower + upper
@@ -32,8 +33,8 @@ def factor_blocks(storage: Any, pivots: Any, blocks: Any) -> Any:
                     pivot, size = i, abs(storage[column + i])
             pivots[start + j] = pivot
             if not size > 0.0:
-                return 0.0
-            least = min(least, size)
+                return 0.0, 0.0
+            least, most = min(least, size), max(most, size)
             reach = max(reach, min(j + upper + pivot, count - 1))
             if pivot:
                 for c in range(j, reach + 1):
@@ -50,7 +51,19 @@ def factor_blocks(storage: Any, pivots: Any, blocks: Any) -> Any:
                     for i in range(1, below + 1):
                         storage[at + i] -= factor * storage[column + i]
         offset += count * height
-    return least
+    return least, most
+
+
+@compiled
+def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
+    """How many pivots of :func:`factor_blocks` are larger than ``bound``."""
+    offset, count = 0, 0
+    for k in range(0, blocks.size, 4):
+        height, main = 2 * blocks[k + 2] + blocks[k + 3] + 1, blocks[k + 2] + blocks[k + 3]
+        for j in range(blocks[k + 1]):
+            count += 1 if bound * abs(storage[offset + j * height + main]) < 1.0 else 0  # their inverses are kept
+        offset += blocks[k + 1] * height
+    return count
 
 
 @inlined

@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS
-from solvers.hht.linear.band import factor_blocks, solve_blocks
+from solvers.hht.equations.formulas import EPS, FULL_RANK
+from solvers.hht.linear.band import count_pivots, factor_blocks, solve_blocks
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.calls import invoke, view
 from solvers.hht.loops.compiled import compiled, inlined
 from solvers.hht.loops.sections import (
     address,
     call,
+    call_python,
     finite,
     half,
     half_address,
@@ -30,7 +31,6 @@ from solvers.hht.loops.sections import (
 # unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
 PRODUCT = 48
 OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse is that of making it
-FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as rank
 
 
 @compiled
@@ -92,11 +92,12 @@ def factor_band(z: Any, slot: Any, entries: Any) -> Any:
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
-    least = factor_blocks(storage, half_of_indices(z, mem.PIVOTS, slot), indices(z, mem.BLOCKS))
+    blocks = indices(z, mem.BLOCKS)
+    least, most = factor_blocks(storage, half_of_indices(z, mem.PIVOTS, slot), blocks)
     outside, couplings, record = indices(z, mem.OUTSIDE), half(z, mem.COUPLINGS, slot), half(z, mem.RECORD, slot)
     for k in range(outside.size):
         couplings[k] = entries[outside[k]]
-    record[mem.LEAST_PIVOT], record[mem.RANK] = least, z.i[mem.SIZE] if least > 0.0 else z.i[mem.SIZE] - 1
+    record[mem.LEAST_PIVOT], record[mem.RANK] = least, count_pivots(storage, blocks, FULL_RANK * EPS * most)
     return mem.CONVERGED if least > 0.0 else mem.SINGULAR
 
 
@@ -127,8 +128,8 @@ def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
 @compiled
 def factor_outside(z: Any, slot: Any) -> Any:
     """A factorisation that Python keeps."""
-    part(z, mem.SLOT_ASKED)[0], part(z, mem.FACTOR_TOLD)[0] = slot, 0.0
-    call(z, mem.C_FACTOR, mem.FACTOR_TOLD, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
+    part(z, mem.SLOT_ASKED)[0] = slot
+    call_python(z, mem.C_FACTOR, mem.FACTOR_TOLD, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
     told, record = part(z, mem.FACTOR_TOLD), half(z, mem.RECORD, slot)
     record[mem.LEAST_PIVOT], record[mem.RANK] = told[1], told[2]
     return mem.CONVERGED if told[0] > 0.0 else mem.SINGULAR
@@ -185,7 +186,7 @@ def solve_full(z: Any, slot: Any, width: Any, which: Any, right: Any, out: Any) 
             out[width * i + which] = work[i]
         return
     part(z, mem.SLOT_ASKED)[0] = slot
-    call(z, mem.C_SOLVE, mem.RIGHT, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
+    call_python(z, mem.C_SOLVE, mem.RIGHT, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
     solution = part(z, mem.RIGHT)
     for i in range(size):
         out[width * i + which] = solution[i]

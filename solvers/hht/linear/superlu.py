@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 from hhtbench.arguments import Vector
 from hhtbench.lowering.compile.patterns import Indices
 from hhtbench.lowering.dynamics.foreign import Callbacks
+from solvers.hht.equations.formulas import EPS, FULL_RANK
 
 
 class SuperLU:
@@ -40,9 +41,10 @@ class SuperLU:
         try:
             made = splu(matrix, permc_spec="COLAMD")
         except RuntimeError:  # SuperLU's word for a pivot of exactly zero
-            return np.array([0.0, 0.0, self._size - 1.0])
+            return np.zeros(3)
         self._slots[int(slot[0])] = made
-        return np.array([1.0, float(np.abs(made.U.diagonal()).min()), self._size])
+        pivots = np.abs(made.U.diagonal())
+        return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
 
     def solve(self, slot: Vector, right: Vector) -> Vector:
         """The inverse of the matrix in ``slot`` times ``right`` (size,)."""

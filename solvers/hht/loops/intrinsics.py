@@ -1,4 +1,4 @@
-"""The code behind :mod:`solvers.hht.native.calls`; imported where something must be compiled, since it needs Numba."""
+"""The code behind :mod:`solvers.hht.loops.calls`; imported where something must be compiled, since it needs Numba."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
 STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)
 
-# Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.entries.
+# Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS = given_integers("slots")
 INSIDE = given_integers("inside")
 PLACES = given_integers("places")

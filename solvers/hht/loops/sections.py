@@ -85,12 +85,17 @@ def finite(x: Any) -> Any:
 
 @inlined
 def call(z: Any, code: Any, out: Any, arguments: Any) -> None:
-    """Call one of the system's functions by its address; ``out`` is a section of floats, ``arguments`` are addresses.
-
-    A callback into Python writes its result last: what it leaves undone, after an exception, stays NaN.
-    """
+    """Call one of the system's functions by its address; ``out`` is a section of floats, ``arguments`` are addresses."""
     if z.i[mem.CALLS_PYTHON]:
-        erase(part(z, out))
+        call_python(z, code, out, arguments)
+    else:
+        invoke(z.i[code], (address(z, out), z.i[code + 1]) + arguments)  # noqa: RUF005 - Numba unpacks no tuples
+
+
+@inlined
+def call_python(z: Any, code: Any, out: Any, arguments: Any) -> None:
+    """The same of a function in Python, which writes its result last: after an exception or an interrupt it is NaN."""
+    erase(part(z, out))
     invoke(z.i[code], (address(z, out), z.i[code + 1]) + arguments)  # noqa: RUF005 - Numba unpacks no tuples
 
 

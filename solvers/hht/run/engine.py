@@ -27,11 +27,11 @@ from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.march import Control, look, march, remake, take, try_step
 from solvers.hht.run.recover import Recovery
 from solvers.hht.run.shortest import Shortest
-from solvers.hht.run.transfer import load, store
+from solvers.hht.run.transfer import expect_fits, load, store
 from solvers.hht.step.state import State
 
 UNLIMITED = 2**62
-ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS)  # sections that hold an attempt
+ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
 
 
 class Engine:
@@ -63,10 +63,10 @@ class Engine:
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
         self.acceleration = AccelerationLevel(dynamics)
         self.callbacks = functions.callbacks or Callbacks()
+        self.callbacks.check = work.check_time
         self.events = EventFunctions((), functions, self.callbacks)
         self._fallback, self._plain = fallback, plain
         self.distrusts = False  #: whether the declared derivatives were given up
-        self.tried = False  #: whether the attempt in the memory may be another than the last call of :meth:`march` left
         self._z: Memory | None = None
         self._held: State | None = None  #: the state that is in the memory
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
@@ -123,11 +123,11 @@ class Engine:
 
         ``values``: of the event functions at ``state``; None where the motion begins there.
         """
-        self._raise_cause()
+        self.raise_noted()
         if self._stopped is not None and self._stopped[0] is state:  # after the steps of the last call
             made, ended = 0, self._stopped[1]
         else:
-            z, self.tried = self._prepared(state, values, controlled=control.controlled), False
+            z = self._prepared(state, values, controlled=control.controlled)
             made = self._call(march, z, control, lengths, ends, rows, before_raising=lambda made: made == 0)
             ended = int(z.i[mem.ENDED])
             self.work.add("steps_accepted", made)
@@ -136,6 +136,8 @@ class Engine:
             state = self._held = store(z, controlled=state.memory is not None)
             self._stopped = None if ended == mem.CONVERGED else (state, ended)
             return state, made, mem.CONVERGED
+        if ended not in (mem.CONVERGED, mem.EVENT_FOUND):
+            self._held = None  # what a failed step leaves behind is not the state
         if ended == mem.SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
         return state, made, ended
@@ -143,7 +145,6 @@ class Engine:
     def try_step(self, h: float, t1: float) -> int:
         """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
         self.work.check_time()
-        self.tried = True
         ended = self._call(try_step, self._memory(), float(h), float(t1))
         if ended == mem.SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
@@ -194,7 +195,7 @@ class Engine:
         if self._fallback is None:
             return False
         numbers = self.numbers().copy()
-        declared_ones = self.functions, self._fallback, self._z, self._outside
+        declared_ones = self.functions, self._fallback, self._z, self._outside, self.callbacks, self.events
         names = self.distrust()
         self._prepared(replace(state, factorised=None), None, controlled=state.memory is not None)
         ended = self._call(try_step, self._memory(), float(numbers[mem.H_TRIED]), float(numbers[mem.T_END]))
@@ -207,7 +208,7 @@ class Engine:
                 stacklevel=2,
             )
             return True
-        self.functions, self._fallback, self._z, self._outside = declared_ones
+        self.functions, self._fallback, self._z, self._outside, self.callbacks, self.events = declared_ones
         self.distrusts, self._not_suspect = False, state
         self.numbers()[:] = numbers
         return False
@@ -218,6 +219,7 @@ class Engine:
             return ""
         self.functions = self._fallback()
         self.callbacks = self.functions.callbacks or Callbacks()
+        self.callbacks.check = self.work.check_time
         self.events = EventFunctions(self.events.events, self.functions, self.callbacks)
         self._outside = self.functions.analysis.outside()
         self._fallback, self._z, self._held, self.distrusts = None, None, None, True
@@ -230,15 +232,19 @@ class Engine:
             return np.zeros(times.size, dtype=bool)
         recovery = Recovery(self.functions.dynamics, self.callbacks, self.work, self.points)
         done = recovery(times, q, v, lam, mu)
-        self._raise_cause()
+        self.raise_noted()
         return done
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
         """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""
         if self.nonfinite is not None:
             return self.nonfinite
+        n, end = self.structure.n, self.section(mem.END)
+        q1, v1 = end[:n], end[n : 2 * n]
+        if not np.isfinite(end[: 2 * n]).all():
+            q1, v1 = state.q + (t1 - state.t) * state.v, state.v
         try:
-            explain_nonfinite(self.dynamics, t1, state.q + (t1 - state.t) * state.v, state.v)
+            explain_nonfinite(self.dynamics, t1, q1, v1)
         except NonFiniteValue as error:
             return error
         return None
@@ -269,20 +275,19 @@ class Engine:
 
     def _prepared(self, state: State, values: Vector | None, *, controlled: bool) -> Memory:
         """The memory with ``state`` in it."""
-        self._raise_cause()
+        self.raise_noted()
         z = self._memory()
         if controlled and not z.i[mem.CODE + 2 * mem.FUNCTIONS.index("raw")]:
             self._put(z, self.functions.error_codes(self.callbacks))
         if self._held is not state:
+            expect_fits(z, state)
+            self._held, ended = None, mem.CONVERGED
             if state.factorised is not None:
                 before = self.work.tally.copy()
                 ended = self._call(remake, z, state.factorised.at)
                 self.work.tally.clear()  # that work was counted before
                 self.work.tally.update(before)
-                state_in = state if ended == mem.CONVERGED else replace(state, factorised=None)
-            else:
-                state_in = state
-            load(z, state_in)
+            load(z, state if ended == mem.CONVERGED else replace(state, factorised=None))
             self._held = state
         z.i[mem.FALLBACK] = self._fallback is not None and self._not_suspect is not state
         z.i[mem.EVENTS_KNOWN] = values is not None
@@ -319,11 +324,11 @@ class Engine:
             if amount:
                 self.work.add(name, amount)
         if before_raising(result):
-            self._raise_cause()
+            self.raise_noted()
         return result
 
-    def _raise_cause(self) -> None:
-        """Raise again what a function in Python has raised in the loops, whose steps before it stand."""
+    def raise_noted(self) -> None:
+        """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
         cause = self.callbacks.take_cause()
         if cause is not None:
             raise cause

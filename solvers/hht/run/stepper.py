@@ -98,7 +98,7 @@ class Stepper:
         state, made, ended = engine.march(state, self._control(stop), lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
-            watch = replace(watch, values=engine.event_values())
+            watch = replace(watch, values=engine.event_values(), changed=())
         if ended == mem.CONVERGED:
             return Accepted(state, made, watch)
         if ended == mem.SUSPECT:
@@ -166,12 +166,12 @@ class Stepper:
                 return Accepted(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, row = engine.take(self._control(stop), estimates=cut is not None or engine.tried)
+                state, row = engine.take(self._control(stop), estimates=cut is not None)
                 rows[0] = row
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
-                return self._passed(state, output, found, replace(watch, values=engine.event_values()))
+                return self._passed(state, output, found, replace(watch, values=engine.event_values(), changed=()))
             if self._piled(earlier, before, float(whole[0][mem.T_END]), watch):
                 name, t = self.events[earlier.index].name, float(earlier.attempt[0][mem.T_END])
                 text = f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}"

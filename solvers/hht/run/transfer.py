@@ -6,14 +6,44 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.errors import ProblemError
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, view
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
 
+def expect_fits(z: Memory, state: State) -> None:
+    """Raise unless every array of ``state`` is as long as its section of the memory.
+
+    Raises
+    ------
+    ProblemError
+        It is a state of another system, or of other options.
+    """
+    earlier, made = state.earlier, state.factorised
+    size, most = view(z, mem.X_LAST).size, HIGHEST if earlier is None else len(earlier)
+    wanted = {section: view(z, section).size for section in _vectors(state)}
+    found = {section: values.size for section, values in _vectors(state).items()}
+    fits = wanted | {mem.X_EARLIER: most * size} == found | {mem.X_EARLIER: most * size if earlier is None else earlier.size}
+    fits &= most <= HIGHEST and (made is None or made.at.size == view(z, mem.MADE_AT).size // 2)
+    if not fits or (z.i[mem.VARIABLE] == 1) == (state.inverse_mass is None):
+        raise ProblemError("the state is none of this system with these options: its arrays are of other lengths.")
+
+
+def _vectors(state: State) -> dict[int, Any]:
+    """The arrays of ``state`` by their section, but for those of earlier steps."""
+    memory = state.memory
+    vectors: dict[int, Any] = {mem.Q: state.q, mem.V: state.v, mem.A: state.a, mem.F: state.f, mem.LAM: state.lam}
+    vectors |= {mem.MU: state.mu, mem.VDOT: state.vdot, mem.X_LAST: state.unknowns, mem.INVERSE_MASS: state.inverse_mass}
+    if memory is not None:
+        vectors |= {mem.BEFORE: memory.earlier, mem.ACCELERATION: memory.acceleration}
+        vectors |= {mem.REACTION_K: memory.velocity_reaction}
+    return {section: values for section, values in vectors.items() if values is not None}
+
+
 def load(z: Memory, state: State) -> None:
-    """Put ``state`` into the loops' memory; its factorisation, if any, is in slot 0 already."""
+    """Put ``state``, which fits, into the loops' memory; its factorisation, if any, is in slot 0 already."""
     x, earlier, memory, made = state.unknowns, state.earlier, state.memory, state.factorised
     known = 0 if x is None else 1 + (0 if earlier is None else len(earlier))
     slot = -1.0 if made is None else 0.0
@@ -21,23 +51,13 @@ def load(z: Memory, state: State) -> None:
     if made is not None:
         record = view(z, mem.RECORD)
         record[mem.RATE], record[mem.USES] = made.rate, made.uses
-    vectors: dict[int, Any] = {
-        mem.Q: state.q,
-        mem.V: state.v,
-        mem.A: state.a,
-        mem.F: state.f,
-        mem.LAM: state.lam,
-        mem.MU: state.mu,
-        mem.VDOT: state.vdot,
-    }
-    vectors |= {mem.X_LAST: x, mem.X_EARLIER: earlier, mem.INVERSE_MASS: state.inverse_mass}
     if memory is not None:
-        error, reaction = -1.0 if memory.error is None else memory.error, memory.velocity_reaction
-        view(z, mem.CONTROL)[:] = memory.h_next, memory.last, error, reaction is not None
-        vectors |= {mem.BEFORE: memory.earlier, mem.ACCELERATION: memory.acceleration, mem.REACTION_K: reaction}
-    for section, values in vectors.items():
-        if values is not None:
-            view(z, section)[: values.size] = values.ravel()
+        error = -1.0 if memory.error is None else memory.error
+        view(z, mem.CONTROL)[:] = memory.h_next, memory.last, error, memory.velocity_reaction is not None
+    for section, values in _vectors(state).items():
+        view(z, section)[:] = values.ravel()
+    if earlier is not None:
+        view(z, mem.X_EARLIER)[: earlier.size] = earlier.ravel()
 
 
 def store(z: Memory, *, controlled: bool) -> State:

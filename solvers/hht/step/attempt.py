@@ -11,8 +11,8 @@ from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.loops.sections import address, call, finite, half, largest, part, put
-from solvers.hht.step.newton import damped, newton, whole
+from solvers.hht.loops.sections import address, call, call_python, finite, half, largest, part, put
+from solvers.hht.step.newton import damped, newton, spend, whole
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -170,20 +170,20 @@ def restart_guess(z: Any, h: Any, counts: Any) -> None:
 @compiled
 def acceleration_level(z: Any, lam: Any, mu: Any, counts: Any) -> Any:
     """Whether the acceleration level at PLACE determines v' and multipliers, near those at two addresses, (H16)."""
-    counts[mem.RESIDUALS] += 1
-    part(z, mem.ACCELERATION_LEVEL)[0] = 0.0
+    if not spend(z, counts):
+        return False
     at = address(z, mem.PLACE)
-    call(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, (at, at + 8, at + 8 + 8 * z.i[mem.N], lam, mu))
+    call_python(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, (at, at + 8, at + 8 + 8 * z.i[mem.N], lam, mu))
     return part(z, mem.ACCELERATION_LEVEL)[0] > 0.0
 
 
 @compiled
 def shortest(z: Any, counts: Any) -> Any:
     """Whether a step that moves q by less than its roundoff is made along v and the acceleration, (H21)."""
-    counts[mem.RESIDUALS] += 1
+    if not spend(z, counts):
+        return False
     number, n, x, end, found = part(z, mem.NUMBER), z.i[mem.N], part(z, mem.X), part(z, mem.END), part(z, mem.SHORTEST)
-    found[0] = 0.0
-    call(z, mem.C_SHORTEST, mem.SHORTEST, (address(z, mem.NUMBER), address(z, mem.ATTEMPT)))
+    call_python(z, mem.C_SHORTEST, mem.SHORTEST, (address(z, mem.NUMBER), address(z, mem.ATTEMPT)))
     if not found[0] > 0.0:
         return False
     known = found.size - 1 - part(z, mem.END_INVERSE_MASS).size
@@ -207,20 +207,24 @@ def shortest(z: Any, counts: Any) -> Any:
 
 @compiled
 def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
-    """The state after a step whose unknowns converged, into END; how the attempt ended in the end."""
-    if ended == mem.CONVERGED:
-        x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
-        if z.i[mem.KIND] == mem.KIND_INVERSE:
-            call(z, mem.C_END, mem.END, (x, x, x, given, known))
-        else:
-            call(z, mem.C_END, mem.END, (x, given, known))
-        if z.i[mem.VARIABLE]:
-            place = part(z, mem.PLACE)
-            place[0] = t1
-            put(place, 1, part(z, mem.END)[: z.i[mem.N]])
-            call(z, mem.C_INVERSE_MASS, mem.END_INVERSE_MASS, (address(z, mem.PLACE), address(z, mem.PLACE) + 8))
-        if not finite(part(z, mem.END_INVERSE_MASS)) or (z.i[mem.CALLS_PYTHON] and not finite(part(z, mem.END))):
-            ended = mem.NONFINITE
+    """The state after a step whose unknowns converged, into END; how the attempt ended in the end.
+
+    Also where they did not: that place tells which function is not finite.
+    """
+    x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
+    if z.i[mem.KIND] == mem.KIND_INVERSE:
+        call(z, mem.C_END, mem.END, (x, x, x, given, known))
+    else:
+        call(z, mem.C_END, mem.END, (x, given, known))
+    if ended == mem.CONVERGED and z.i[mem.VARIABLE]:
+        place = part(z, mem.PLACE)
+        place[0] = t1
+        put(place, 1, part(z, mem.END)[: z.i[mem.N]])
+        call(z, mem.C_INVERSE_MASS, mem.END_INVERSE_MASS, (address(z, mem.PLACE), address(z, mem.PLACE) + 8))
+    if ended == mem.CONVERGED and not finite(part(z, mem.END_INVERSE_MASS)):
+        ended = mem.NONFINITE
+    if ended == mem.CONVERGED and z.i[mem.CALLS_PYTHON] and not finite(part(z, mem.END)):
+        ended = mem.NONFINITE
     if ended == mem.NONFINITE:
         counts[mem.NONFINITES] += 1
     return ended
@@ -228,7 +232,7 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def accept(z: Any, row: Any) -> None:
-    """Make the end of the attempt the state, and write it to ``row`` as :class:`~solvers.hht.history.History` keeps it."""
+    """Make the end of the attempt the state, and write it to ``row`` as ``run.history.History`` keeps it."""
     n, m, p, x, end, number = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.NUMBER)
     tried = part(z, mem.ATTEMPT)
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])

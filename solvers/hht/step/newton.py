@@ -228,8 +228,7 @@ def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
     """A correction, and where roundoff is measured what that makes of one with a new matrix."""
     counts[mem.SOLVES] += 1
     in_q, in_v = correct(z, slot, evaluated)
-    if evaluated and z.i[mem.NOISY]:
-        counts[mem.RESIDUALS] += 1
+    if evaluated and z.i[mem.NOISY] and spend(z, counts):
         counts[mem.SOLVES] += 1
         put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
         record = half(z, mem.RECORD, slot)
