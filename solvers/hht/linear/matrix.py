@@ -97,7 +97,9 @@ def factor_band(z: Any, slot: Any, entries: Any) -> Any:
     outside, couplings, record = indices(z, mem.OUTSIDE), half(z, mem.COUPLINGS, slot), half(z, mem.RECORD, slot)
     for k in range(outside.size):
         couplings[k] = entries[outside[k]]
-    record[mem.LEAST_PIVOT], record[mem.RANK] = least, count_pivots(storage, blocks, FULL_RANK * EPS * most)
+    record[mem.LEAST_PIVOT], record[mem.RANK] = least, z.i[mem.SIZE] - 1  # at most, where it ended at a zero
+    if least > 0.0:
+        record[mem.RANK] = count_pivots(storage, blocks, FULL_RANK * EPS * most)
     return mem.CONVERGED if least > 0.0 else mem.SINGULAR
 
 

@@ -41,7 +41,7 @@ class SuperLU:
         try:
             made = splu(matrix, permc_spec="COLAMD")
         except RuntimeError:  # SuperLU's word for a pivot of exactly zero
-            return np.zeros(3)
+            return np.array([0.0, 0.0, self._size - 1.0])
         self._slots[int(slot[0])] = made
         pivots = np.abs(made.U.diagonal())
         return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
