@@ -60,6 +60,13 @@ def test_an_interrupt_up_to_the_last_call_is_raised_and_the_rows_before_it_are_r
     assert np.abs(np.sum(rows.q**2, axis=1) - Q0 @ Q0).max() < 1e-12
 
 
+def test_an_interrupt_in_the_very_last_call_of_a_free_motion_is_raised():
+    """No step and no output follows that would tell."""
+    with pytest.raises(KeyboardInterrupt) as raised:
+        HHT(Walled(), events=interrupting(0.0999)).solve((0.0, 0.1), [0.0], [0.0], steps=10)
+    assert raised.value.partial_solution.t[-1] == 0.1
+
+
 def test_an_interrupt_in_a_step_by_hand_is_raised_by_that_step():
     hht = HHT(JAX_PENDULUM, events=interrupting(0.0))
     hht.init_step(0.0, Q0, V0, step=0.01)
