@@ -76,7 +76,8 @@ class Callbacks:
 
     def __enter__(self) -> None:
         handler = signal.getsignal(signal.SIGINT)
-        if threading.current_thread() is threading.main_thread() and handler is signal.default_int_handler:
+        known = handler is signal.default_int_handler or isinstance(getattr(handler, "__self__", None), Callbacks)
+        if threading.current_thread() is threading.main_thread() and known and self._before is None:
             self._before = signal.signal(signal.SIGINT, self._interrupted)
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:

@@ -327,6 +327,12 @@ class Engine:
             self.raise_noted()
         return result
 
+    def raise_left_over(self) -> None:
+        """The same where no step follows that would tell; a budget that was spent has ended the steps already."""
+        cause = self.callbacks.take_cause()
+        if cause is not None and not isinstance(cause, BudgetSpent):
+            raise cause
+
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
         cause = self.callbacks.take_cause()

@@ -58,7 +58,7 @@ class Integration:
         else:
             stepper = Stepper(engine=engine, plan=Prescribed(plan), events=events)
         end = integrate(stepper, state, self.t1, self.history, most)
-        engine.raise_noted()  # an interrupt in the last steps
+        engine.raise_left_over()
         rtol = ADDS_UP if request.rtol is None else float(np.min(request.rtol))
         end = checked(end, self.history, rtol)
         return assemble(engine, self.history, request.t_eval, end, started.note)
