@@ -37,6 +37,14 @@ def test_an_exception_after_a_failed_trial_of_derived_derivatives_is_the_users(m
     assert trials and not any(trials)
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """As in a terminal: a process that a shell has put into the background ignores interrupts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupting(after):
     """An event function in Python that interrupts once, from the time ``after`` on."""
     done = []

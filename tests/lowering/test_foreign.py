@@ -73,7 +73,7 @@ def test_a_hundred_interrupts_are_all_told(request):
     """
     request.addfinalizer(gc.enable)
     gc.disable()
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever ran in this process before
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     random, told, calls, timers = np.random.default_rng(3), 0, [], []
 
