@@ -11,21 +11,45 @@ from hhtbench.registry import load_verification
 from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
-from solvers.hht.verify import damping, damping_plots, guided, vibration
-from solvers.hht.verify.closed import radius, roots, series, spectrum, swing_of
-from solvers.hht.verify.local import amplification_matrix
-from solvers.hht.verify.vibration import Driven, Guided, Mixed, Rolling, constrained, measured_matrix, oscillator
-from solvers.hht.verify.vibration_rows import matrix_rows, overshoot_row, rho_inf_row, swing_row, swing_rows
+from solvers.hht.verify import damping, vibration
+from solvers.hht.verify.damping import long_run, one_step, overshoot, rho_inf, ringing, stiff, swing
+from solvers.hht.verify.study import ALPHAS
+from solvers.hht.verify.vibration import (
+    closed_invariants,
+    make_scene,
+    measured_matrix,
+    radius,
+    roots,
+    series,
+    spectrum,
+    swing_of,
+)
 from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
 
 IMPLICIT = {"b": 0.0, "reaction": "implicit"}
 HALF = {"b": 0.25, "reaction": "implicit"}
 CASES = ((1e-2, 0.0), (1.0, 0.05), (1e2, 0.0), (1e3, 0.05))
-SCENES = {"guided": Guided, "driven": Driven, "rolling": Rolling, "mixed": Mixed}
+SCENES = ("guided", "driven", "rolling", "mixed")
 
 
-def scene(name):
-    return constrained(name, SCENES[name])
+def amplification_matrix(alpha, frequency, zeta):
+    """The matrix (H18) itself, (3, 3), for the state (y, h z, h^2 a)."""
+    c, o, e = Coefficients(alpha=alpha, b=0.0), frequency, 1.0 + alpha
+    beta, gamma = c.beta, c.gamma
+    rows = [
+        [
+            1.0 + alpha * beta * o**2 + 2.0 * e * gamma * zeta * o,
+            1.0 + 2.0 * zeta * o * (e * gamma - beta),
+            (1.0 - 2.0 * beta) / 2.0 + zeta * o * e * (gamma - 2.0 * beta),
+        ],
+        [
+            -gamma * o**2,
+            1.0 + e * (beta - gamma) * o**2 + 2.0 * alpha * gamma * zeta * o,
+            (1.0 - gamma) + e * (2.0 * beta - gamma) * o**2 / 2.0,
+        ],
+        [-(o**2), -o * (e * o + 2.0 * zeta), o * e * ((2.0 * beta - 1.0) * o + 4.0 * zeta * (gamma - 1.0)) / 2.0],
+    ]
+    return np.array(rows) / (1.0 + 2.0 * zeta * gamma * e * o + beta * e * o**2)
 
 
 def wrong(name, factor):
@@ -83,6 +107,22 @@ def test_verification_is_registered():
 
 
 @pytest.mark.parametrize(
+    ("alpha", "frequency", "trace", "minors", "determinant"),
+    [
+        (0.0, 10.0, -1.846153846154, 1.0, 0.0),
+        (-0.05, 0.1, 1.989913598113, 0.9997749642421, -0.0001125178789663),
+        (-0.15, 1000.0, -1.654718453131, 0.8071840509408, -0.09640797452961),
+        (-0.3, 1.0, 1.199884236928, 0.9432760949257, -0.02836195253714),
+        (-1 / 3, 1e8, -1.5, 0.75, -0.125),
+    ],
+)
+def test_the_closed_invariants_equal_stored_numbers(alpha, frequency, trace, minors, determinant):
+    """Numbers to 12 digits from 60-digit arithmetic."""
+    found = closed_invariants(alpha, frequency, 0.0)
+    np.testing.assert_allclose(found, (trace, minors, determinant), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
     ("alpha", "frequency", "stored"),
     [(0.0, 1e3, 1.0), (-0.05, 10.0, 0.913168287395), (-0.3, 0.1, 0.9999981746504), (-1 / 3, 1e3, 0.5078471682714)],
 )
@@ -110,7 +150,13 @@ def test_eigenvalues_and_series_give_stored_damping_and_elongation(alpha, xi, el
 
 @pytest.mark.parametrize("alpha", [0.0, -0.3, -1 / 3])
 def test_oscillator_is_advanced_by_the_closed_matrix_up_to_infinite_frequency(alpha):
-    assert all(row.passed for row in matrix_rows(oscillator(), (alpha,), IMPLICIT, (*CASES, (1e8, 0.0))))
+    assert all(row.passed for row in one_step("oscillator", (alpha,), IMPLICIT, (*CASES, (1e8, 0.0))))
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_one_step_on_the_oscillator_is_the_closed_amplification_matrix_entry_by_entry(alpha):
+    measured = measured_matrix(make_scene("oscillator"), {"alpha": alpha}, 3.0, 0.05)
+    np.testing.assert_allclose(measured, amplification_matrix(alpha, 3.0, 0.05), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("method", [IMPLICIT, HALF], ids=["b=0", "b=0.25"])
@@ -118,15 +164,15 @@ def test_oscillator_is_advanced_by_the_closed_matrix_up_to_infinite_frequency(al
 def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_matrix(name, method):
     """The extended form damps the force part alone: reactions do not enter the tangential motion."""
     cases = CASES if name != "driven" else CASES[:3]
-    assert all(row.passed for row in matrix_rows(scene(name), (-0.3,), method, cases))
-    measured = measured_matrix(scene(name), {**method, "alpha": -0.3}, 3.0, 0.05)
+    assert all(row.passed for row in one_step(name, (-0.3,), method, cases))
+    measured = measured_matrix(make_scene(name), {**method, "alpha": -0.3}, 3.0, 0.05)
     np.testing.assert_allclose(measured, amplification_matrix(-0.3, 3.0, 0.05), rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["guided", "mixed", "driven"])
 def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
     """Otherwise the reactions would have nothing to take up and the claim would be that of the oscillator."""
-    made = scene(name)
+    made = make_scene(name)
     force = made.shape @ made.free
     assert np.linalg.norm(force - made.along * (made.free @ force)) > 0.3
     assert abs(made.free @ made.shape @ made.across) > 0.1
@@ -134,43 +180,43 @@ def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
 
 @pytest.mark.parametrize("rho", [1.0, 0.8, 0.5])
 def test_rho_inf_is_the_measured_radius_at_infinite_frequency(rho):
-    assert rho_inf_row(rho).passed
+    assert rho_inf(rho).passed
 
 
 @pytest.mark.parametrize("alpha", [0.0, -0.3])
 def test_long_run_has_the_damping_and_period_of_the_eigenvalues_and_of_the_series(alpha):
-    rows = swing_rows(alpha, 10)
+    rows = [row for frequency, periods in ((0.05, 10), (0.1, 20)) for row in long_run(alpha, frequency, periods)]
     assert [row.passed for row in rows] == [True] * 4
 
 
 def test_guided_vibration_has_the_damping_and_period_of_the_oscillator():
-    assert all(swing_row(scene(name), HALF, -0.3).passed for name in ("guided", "mixed"))
+    assert all(swing(name, {**HALF, "alpha": -0.3}).passed for name in ("guided", "mixed"))
 
 
 def test_bead_on_a_circle_has_the_damping_and_elongation_of_the_oscillator():
     """Its own period is 4 K(sin^2 A) / w: theta = 2 phi is a pendulum."""
-    assert guided.bead_row({**HALF, "alpha": -0.3}).passed
+    assert swing("bead", {**HALF, "alpha": -0.3}, 0.0, 20, damping.BENT).passed
 
 
 def test_overshoot_is_that_of_the_limit():
-    assert all(overshoot_row(alpha).passed for alpha in (0.0, -0.3))
+    assert all(overshoot(alpha).passed for alpha in (0.0, -0.3))
 
 
 @pytest.mark.parametrize("name", ["guided", "rolling"])
 def test_normal_error_in_a0_does_not_ring(name):
-    assert guided.ringing_row(scene(name), (IMPLICIT, HALF)).passed
+    assert ringing(name, (IMPLICIT, HALF)).passed
 
 
 def test_tangential_error_in_a0_is_seen(monkeypatch):
     """The row can fail."""
     monkeypatch.setattr(vibration.Scene, "across", property(lambda self: self.free))
-    assert not guided.ringing_row(scene("guided"), (IMPLICIT,)).passed
+    assert not ringing("guided", (IMPLICIT,)).passed
 
 
 def test_stiff_springs_across_are_right_or_told(monkeypatch):
-    assert guided.stiff_row(scene("guided"), 1e4).passed
-    monkeypatch.setattr(guided, "measured_matrix", lambda *_: np.diag([1.0, 0.5, 0.2]))
-    assert not guided.stiff_row(scene("guided"), 1e4).passed
+    assert stiff("guided", 1e4).passed
+    monkeypatch.setattr(damping, "measured_matrix", lambda *_: np.diag([1.0, 0.5, 0.2]))
+    assert not stiff("guided", 1e4).passed
 
 
 def _refused(*_):
@@ -178,8 +224,8 @@ def _refused(*_):
 
 
 def test_told_failure_is_no_wrong_step(monkeypatch):
-    monkeypatch.setattr(guided, "measured_matrix", _refused)
-    row = guided.stiff_row(scene("guided"), 1e8)
+    monkeypatch.setattr(damping, "measured_matrix", _refused)
+    row = stiff("guided", 1e8)
     assert row.passed
     assert row.measured == "0.0e+00, 5"
 
@@ -187,13 +233,13 @@ def test_told_failure_is_no_wrong_step(monkeypatch):
 @pytest.mark.parametrize(
     ("weight", "factor", "rows"),
     [
-        ("beta", 1.0001, lambda: matrix_rows(oscillator(), (-0.3,), IMPLICIT, CASES)),
-        ("gamma", 1.0001, lambda: matrix_rows(scene("guided"), (-0.3,), HALF, CASES)),
-        ("beta", 1.01, lambda: [row for row in swing_rows(-0.3, 10) if row.id.startswith("elongation")]),
-        ("gamma", 1.01, lambda: [row for row in swing_rows(-0.3, 10) if row.id.startswith("damping")]),
-        ("gamma", 1.01, lambda: [swing_row(scene("guided"), HALF, -0.3)]),
-        ("gamma", 1.01, lambda: [guided.bead_row({**HALF, "alpha": -0.3})]),
-        ("beta", 1.01, lambda: [rho_inf_row(0.8), overshoot_row(-0.3)]),
+        ("beta", 1.0001, lambda: one_step("oscillator", (-0.3,), IMPLICIT, CASES)),
+        ("gamma", 1.0001, lambda: one_step("guided", (-0.3,), HALF, CASES)),
+        ("beta", 1.01, lambda: long_run(-0.3, 0.1, 20)[1:]),
+        ("gamma", 1.01, lambda: long_run(-0.3, 0.1, 20)[:1]),
+        ("gamma", 1.01, lambda: [swing("guided", {**HALF, "alpha": -0.3})]),
+        ("gamma", 1.01, lambda: [swing("bead", {**HALF, "alpha": -0.3}, 0.0, 20, damping.BENT)]),
+        ("beta", 1.01, lambda: [rho_inf(0.8), overshoot(-0.3)]),
     ],
     ids=["matrix", "constrained matrix", "elongation", "damping", "constrained swing", "bead", "rho_inf and overshoot"],
 )
@@ -206,8 +252,7 @@ def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, fa
 
 
 def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
-    monkeypatch.setattr(damping, "PARTS", (damping._rho_inf, damping._overshoot))
-    monkeypatch.setattr(damping, "plots", tuple)
+    monkeypatch.setattr(damping, "STUDIES", ((rho_inf, 0.9), (overshoot, -0.3)))
     assert damping.verify_damping().passed
     forget_code(monkeypatch)
     monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
@@ -215,12 +260,12 @@ def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
     evidence = damping.verify_damping(told.append)
     assert not evidence.passed
     assert "overshoot" in evidence.summary
-    assert told == ["rho inf", "overshoot", "curves"]
+    assert told == ["rho inf 0.9", "overshoot -0.3"]
 
 
 def test_curves_show_measured_marks_on_closed_lines(monkeypatch):
-    monkeypatch.setattr(damping_plots, "MEASURED", (1e-2, 1.0, 1e4))
-    drawn = {plot.id: {curve.label: curve for curve in plot.curves} for plot in damping_plots.plots()}
+    monkeypatch.setattr(damping, "MEASURED", (1e-2, 1.0, 1e4))
+    drawn = {plot.id: {curve.label: curve for curve in plot.curves} for plot in damping.curves()}
     assert set(drawn) == {"radius", "damping", "elongation"}
     for curves in drawn.values():
         marks, line = curves["alpha = -0.15, measured"], curves["alpha = -0.15, closed form"]

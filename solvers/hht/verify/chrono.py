@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution, Status
 from solvers._start import empty_solution
 from solvers.hht.solver import HHT
+from solvers.hht.verify.measure import guesses
 
 ROW = 5  # easy steps before the step is doubled
 MOST = 6  # iterations of an easy step; one that needs more counts as a failure
@@ -48,28 +48,22 @@ def chrono_steps(hht: HHT, h: float, t1: float) -> Iterator[Status]:
 
 def solve_as_chrono(problem: Problem, request: Request, alpha: float) -> Solution:
     """States at ``request.t_eval``, without multipliers; the first step is the one that error control accepts."""
-    began, (t0, t1), times = time.perf_counter(), problem.t_span, np.asarray(request.t_eval)
+    began, times, (t0, t1) = time.perf_counter(), np.asarray(request.t_eval), problem.t_span
     hht = HHT(problem.system, alpha=alpha, start="trapezoidal")
-    guesses: dict[str, Any] = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-    status = hht.init_step(t0, problem.q0, problem.v0, rtol=request.rtol, atol=request.atol, **guesses)
+    start: dict[str, Any] = {"t0": t0, "q0": problem.q0, "v0": problem.v0, **guesses(problem)}
+    rows, ends = [np.zeros((0, 2 * problem.q0.size))], [-np.inf]
+    status = hht.init_step(rtol=request.rtol, atol=request.atol, **start)
     if status is Status.success and (status := hht.step(tstop=t1)) is Status.success:
         h = hht.state.h or t1 - t0
-        status = hht.init_step(t0, problem.q0, problem.v0, step=h, **guesses)
-    if status is not Status.success:
-        return empty_solution(problem.q0.size, status, hht.message, hht.counters)
-    found, ends = [_states(hht, times[times <= t0])], [t0]
-    for status in chrono_steps(hht, h, t1):
+        status = hht.init_step(step=h, **start)
+    steps = chrono_steps(hht, h, t1) if status is Status.success else iter([status])
+    for status in steps:
         if status is Status.success and request.max_seconds and time.perf_counter() - began > request.max_seconds:
             status = Status.deadline
         if status is not Status.success:
             break
-        found.append(_states(hht, times[(times > ends[-1]) & (times <= hht.state.t)]))
+        rows.append(np.hstack(hht.interpolate(times[(times > ends[-1]) & (times <= hht.state.t)])))
         ends.append(hht.state.t)
-    rows, counters = np.concatenate(found), replace(hht.counters, steps_accepted=len(ends) - 1)  # hard ones were withdrawn
-    q, v = np.hsplit(rows, 2)
-    return replace(empty_solution(problem.q0.size, status, hht.message, counters), t=times[: len(rows)], q=q, v=v)
-
-
-def _states(hht: HHT, times: Vector) -> Vector:
-    """[q, v] (k, 2n) at ``times`` within the last step."""
-    return np.hstack(hht.interpolate(times)) if times.size else np.zeros((0, 2 * hht.state.q.size))
+    q, v = np.hsplit(np.concatenate(rows), 2)
+    counters = replace(hht.counters, steps_accepted=len(ends) - 1)  # hard ones were withdrawn
+    return replace(empty_solution(problem.q0.size, status, hht.message, counters), t=times[: len(q)], q=q, v=v)

@@ -1,8 +1,8 @@
-"""Runs and error measures that all verifications share."""
+"""Runs of the integrator over cases with known motion, and their errors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,25 +12,62 @@ import numpy as np
 from hhtbench import load_problem
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import Row
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, derive
 from hhtbench.protocol import Motion, Problem
-from hhtbench.result import Solution
+from hhtbench.result import Solution, Status
 from solvers.hht.solver import HHT
+from solvers.hht.step.state import State
+from solvers.hht.verify.study import slope
 
-Progress = Callable[[str], None]
 
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Case:
-    """A problem with the interval and the common times its errors are measured at."""
+    """A registered problem with an exact solution, the interval and the common times its errors are measured at."""
 
     name: str
-    problem: Problem
     t_end: float  #: [s]
     times: int  #: number of common times, equally spaced, the end included
-    exact: Callable[[float], Motion]
-    force: Callable[[float], Vector]  #: f = M^-1 F along the exact motion, (n,)
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def problem(self) -> Problem:
+        """With its own interval."""
+        return _loaded(self.name)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """[s]."""
+        return self.problem.t_span[0], self.t_end
+
+    def exact(self, t: float) -> Motion:
+        """The motion at ``t`` [s]."""
+        return _exact(self.name, t)
+
+    def force(self, t: float) -> Vector:
+        """f = M^-1 F (n,) along it."""
+        at, n = self.exact(t), self.problem.q0.size
+        packed = _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
+        return np.linalg.solve(packed[n:].reshape(n, n), packed[:n])
+
+
+_loaded = cache(load_problem)
+
+
+@cache
+def _exact(name: str, t: float) -> Motion:
+    return _loaded(name).exact(t)  # type: ignore[misc]
+
+
+@cache
+def _evaluator(name: str) -> Callable[..., Any]:
+    p = _loaded(name)
+    return compile_function(_force_and_mass, derive(p.system, p.t_span[0], p.q0, p.v0))
+
+
+def _force_and_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    return dynamics.xp.concatenate([dynamics.force(t, q, v), dynamics.mass(t, q).ravel()])
 
 
 def known_at(problem: Problem, name: str, t: float) -> Vector:
@@ -48,103 +85,97 @@ def known_at(problem: Problem, name: str, t: float) -> Vector:
     return np.asarray(reference[name][rows[0]], dtype=np.float64)
 
 
-def make_case(name: str, t_end: float, times: int) -> Case:
-    """The registered problem ``name`` over [t0, t_end] with ``times`` common times; it must have an exact solution."""
-    problem = load_problem(name)
-    dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
-    evaluate = compile_function(_force_and_mass, dynamics)
-    n = problem.q0.size
-    exact = cache(problem.exact)  # type: ignore[arg-type]
-
-    @cache
-    def force(t: float) -> Vector:
-        at = exact(t)
-        packed = np.asarray(evaluate(t, np.asarray(at.q), np.asarray(at.v)))
-        return np.linalg.solve(packed[n:].reshape(n, n), packed[:n])
-
-    return Case(name=name, problem=problem, t_end=t_end, times=times, exact=exact, force=force)
+def guesses(problem: Problem) -> dict[str, Any]:
+    """Of the multipliers at the start."""
+    return {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
 
 
-def _force_and_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    return dynamics.xp.concatenate([dynamics.force(t, q, v), dynamics.mass(t, q).ravel()])
-
-
-def integrate(case: Case, steps: int | Vector, **method: Any) -> Solution:
-    """``case`` with the given steps, output at its common times.
+def solved(name: str, hht: HHT, *start: Any, **request: Any) -> Solution:
+    """``hht.solve``; :func:`step_by_hand` is the same for single steps.
 
     Raises
     ------
     RuntimeError
-        The integration failed: a verification has nothing to measure then.
+        It failed: a verification has nothing to measure then.
     """
-    problem = case.problem
-    span = (problem.t_span[0], case.t_end)
-    t_eval = np.linspace(*span, case.times + 1)[1:]
-    solution = HHT(problem.system, **method).solve(
-        span, problem.q0, problem.v0, steps=steps, t_eval=t_eval, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess
-    )
+    solution = hht.solve(*start, **request)
     if not solution.success:
-        raise RuntimeError(f"{case.name} with {method}: {solution.status.label}: {solution.message}")
+        raise RuntimeError(f"{name}: {solution.status.label}: {solution.message}")
     return solution
 
 
-def common_steps(case: Case, solution: Solution) -> Vector:
-    """Indices of the steps that end at the common times; equal numbers of steps lie between them."""
-    count = solution.steps_data.t.size  # type: ignore[union-attr]
-    return (np.arange(1, case.times + 1) * count) // case.times - 1
+def step_by_hand(name: str, hht: HHT) -> State:
+    """The state after one more step.
+
+    Raises
+    ------
+    RuntimeError
+        It failed.
+    """
+    if (status := hht.step()) is not Status.success:
+        raise RuntimeError(f"{name}: {status.label}: {hht.message}")
+    return hht.state
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Root mean squares over the common times of 2-norms of errors, and the same errors at the end."""
+def integrate(case: Case, steps: int | Vector, **method: Any) -> Solution:
+    """``case`` with the given steps, output at its common times."""
+    p, t_eval = case.problem, np.linspace(*case.span, case.times + 1)[1:]
+    hht = HHT(p.system, **method)
+    return solved(f"{case} with {method}", hht, case.span, p.q0, p.v0, steps=steps, t_eval=t_eval, **guesses(p))
 
-    rms: dict[str, float]
-    end: dict[str, float]
 
+def errors(case: Case, solution: Solution, alpha: float) -> dict[str, Vector]:
+    """2-norms (k,) of the errors at the common times.
 
-def errors(case: Case, solution: Solution, alpha: float) -> Errors:
-    """Errors of q, v, lam, mu at the common times, of a against f(t + alpha h), and of the stage multipliers."""
-    data, index = solution.steps_data, common_steps(case, solution)
+    Those of q, v, lam, mu, of a against f(t + alpha h), and of the stage multipliers.
+    """
+    data: Any = solution.steps_data
+    index = (np.arange(1, case.times + 1) * data.t.size) // case.times - 1  # of the steps that end at the common times
     exact = [case.exact(float(t)) for t in solution.t]
     wanted = {name: np.array([np.asarray(getattr(x, name)) for x in exact]) for name in ("q", "v", "lam", "mu")}
     found = {name: getattr(solution, name) for name in wanted}
-    t, h = data.t[index], data.h[index]  # type: ignore[union-attr]
+    t, h = data.t[index], data.h[index]
     wanted["a"] = np.array([case.force(float(x)) for x in t + alpha * h])
-    found["a"] = data.a[index]  # type: ignore[union-attr]
+    found["a"] = data.a[index]
     if wanted["lam"].shape[1]:
         stage_times = {"lam_start": t - h, "lam_end": t, "lam_mean": t - 0.5 * h}
-        start, end = data.lam_start[index], data.lam_end[index]  # type: ignore[union-attr]
+        start, end = data.lam_start[index], data.lam_end[index]
         found |= {"lam_start": start, "lam_end": end, "lam_mean": 0.5 * (start + end)}
         wanted |= {name: np.array([case.exact(float(x)).lam for x in times]) for name, times in stage_times.items()}
-    difference = {name: np.linalg.norm(found[name] - wanted[name], axis=1) for name in wanted}
-    rms = {name: float(np.sqrt(np.mean(d**2))) for name, d in difference.items()}
-    return Errors(rms, {name: float(d[-1]) for name, d in difference.items()})
+    return {name: np.linalg.norm(found[name] - wanted[name], axis=1) for name in wanted}
 
 
-def slope(steps: Sequence[float], measured: Sequence[float]) -> float:
-    """Least-squares slope of log(error) over log(step)."""
-    return float(np.polyfit(np.log(steps), np.log(measured), 1)[0])
+@dataclass(frozen=True)
+class Convergence:
+    """What refining the steps does to the errors of one method."""
+
+    steps: list[float]  #: mean lengths [s]
+    rms: dict[str, list[float]]  #: of :func:`errors` over the common times, for each length
+    end: dict[str, list[float]]  #: the same at the last of them
+
+    def orders(self, keys: Iterable[str] = ("q", "v", "a")) -> dict[str, float]:
+        """Slopes of the root mean squares."""
+        return {key: slope(self.steps, self.rms[key]) for key in keys}
 
 
-def scaled_drift(case: Case, solution: Solution) -> tuple[float, float]:
-    """Largest scaled position and velocity residual over all accepted steps of ``solution`` (output at every step)."""
-    problem = case.problem
+def refine(case: Case, refinements: Iterable[int | Vector], **method: Any) -> Convergence:
+    """``case`` with ever more steps: numbers of equal ones, or their lengths [s]."""
+    runs = [integrate(case, steps, **method) for steps in refinements]
+    lengths = [(case.t_end - case.span[0]) / run.steps_data.t.size for run in runs]  # type: ignore[union-attr]
+    found = [errors(case, run, method["alpha"]) for run in runs]
+    rms = {key: [float(np.sqrt(np.mean(at[key] ** 2))) for at in found] for key in found[0]}
+    return Convergence(lengths, rms, {key: [float(at[key][-1]) for at in found] for key in found[0]})
+
+
+def alternating(case: Case, periods: int) -> Vector:
+    """Steps h/3, 2h/3, h/3, ... with ``periods`` pairs."""
+    h = (case.t_end - case.span[0]) / periods
+    return np.tile([h / 3, 2 * h / 3], periods)
+
+
+def scaled_drift(problem: Problem, solution: Solution) -> tuple[float, float]:
+    """Largest scaled position and velocity residual over the rows of ``solution``."""
     levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-    position = velocity = 0.0
-    for t, q, v in zip(solution.t, solution.q, solution.v, strict=True):
-        at = levels.at(float(t), q, v)
-        position = max(position, float(np.max(at.scaled_position(problem.scales.q), initial=0.0)))
-        velocity = max(velocity, float(np.max(at.scaled_velocity(problem.scales.v), initial=0.0)))
-    return position, velocity
-
-
-def order_row(id: str, claim: str, orders: dict[str, float], wanted: float, margin: float) -> Row:
-    """A row for orders that must all lie within ``margin`` of ``wanted``."""
-    text = ", ".join(f"{name} {value:.3f}" for name, value in orders.items())
-    passed = all(abs(value - wanted) <= margin for value in orders.values())
-    return Row(id=id, claim=claim, measured=text, bound=f"{wanted:.2f} +- {margin:g}", passed=passed)
-
-
-def below_row(id: str, claim: str, measured: float, bound: float) -> Row:
-    """A row for a number that must stay below ``bound``."""
-    return Row(id=id, claim=claim, measured=measured, bound=f"< {bound:g}", passed=bool(measured < bound))
+    found = [levels.at(float(t), q, v) for t, q, v in zip(solution.t, solution.q, solution.v, strict=True)]
+    position = max(float(np.max(at.scaled_position(problem.scales.q), initial=0.0)) for at in found)
+    return position, max(float(np.max(at.scaled_velocity(problem.scales.v), initial=0.0)) for at in found)

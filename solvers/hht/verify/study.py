@@ -1,0 +1,89 @@
+"""The frame of every verification: studies that measure, each a list of rows and plots, run and collected."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import as_completed
+from typing import Any
+
+import numpy as np
+
+from hhtbench.evidence import Evidence, Plot, Row
+from hhtbench.processes import worker_processes
+
+Progress = Callable[[str], None]
+Study = tuple[Any, ...]  # a function that returns its rows and plots, and its arguments; worker processes can be sent both
+Method = dict[str, Any]  # options of HHT
+
+ALPHAS = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
+NAMES = {0.0: "0", -0.05: "-0.05", -0.15: "-0.15", -0.3: "-0.3", -1.0 / 3.0: "-1/3"}
+
+
+def verify(title: str, studies: Iterable[Study], progress: Progress | None, jobs: int) -> Evidence:
+    """What all ``studies`` find, in their order.
+
+    Parameters
+    ----------
+    progress
+        Told what is being measured, a line each (with ``jobs`` above 1: what is finished).
+    jobs
+        Worker processes.  The rows do not depend on it.
+    """
+    began = time.perf_counter()
+    return collected(title, run_all(studies, progress, jobs), began)
+
+
+def run_all(studies: Iterable[Study], progress: Progress | None, jobs: int) -> list[Any]:
+    """The results of ``studies`` in their order, made here or by ``jobs`` processes if there are to be more than one."""
+    tell = progress or (lambda line: None)
+    if jobs == 1:
+        results = []
+        for study in studies:
+            tell(_label(study))
+            results.append(study[0](*study[1:]))
+        return results
+    with worker_processes(jobs) as pool:
+        waiting = {pool.submit(*study): study for study in studies}
+        for done in as_completed(waiting):
+            tell(f"done: {_label(waiting[done])}")
+        return [future.result() for future in waiting]
+
+
+def _label(study: Study) -> str:
+    function, *arguments = study
+    shown = [x for x in arguments if not isinstance(x, (Sequence, Mapping)) or isinstance(x, str)]
+    return " ".join([function.__name__.replace("_", " "), *map(str, shown)])
+
+
+def collected(title: str, found: Iterable[Any], began: float) -> Evidence:
+    """Rows and plots as they come, alone or in lists; ``began`` is a value of ``time.perf_counter``."""
+    items = [item for part in found for item in (part if isinstance(part, list) else [part])]
+    rows, plots = tuple(x for x in items if isinstance(x, Row)), tuple(x for x in items if isinstance(x, Plot))
+    return Evidence(title=title, rows=rows, plots=plots, seconds=time.perf_counter() - began)
+
+
+def below_row(id: str, claim: str, measured: float, bound: float) -> Row:
+    """A row for a number that must stay below ``bound``."""
+    return Row(id=id, claim=claim, measured=measured, bound=f"< {bound:g}", passed=measured < bound)
+
+
+def order_row(id: str, claim: str, orders: Mapping[str, float], wanted: float, margin: float) -> Row:
+    """A row for orders that must all lie within ``margin`` of ``wanted``."""
+    passed = all(abs(value - wanted) <= margin for value in orders.values())
+    return Row(id=id, claim=claim, measured=_listed(orders), bound=f"{wanted:.2f} +- {margin:g}", passed=passed)
+
+
+def shown_row(id: str, claim: str, measured: str | Mapping[str, float]) -> Row:
+    """A row that is shown beside the others, not judged: a text, or slopes by name."""
+    text = measured if isinstance(measured, str) else _listed(measured)
+    return Row(id=id, claim=claim, measured=text, bound="not judged", passed=None)
+
+
+def _listed(slopes: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3f}" for name, value in slopes.items())
+
+
+def slope(x: Sequence[float], y: Sequence[float]) -> float:
+    """Least-squares slope of log(y) over log(x)."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
