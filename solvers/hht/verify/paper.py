@@ -27,7 +27,7 @@ LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a globa
 
 
 def verify_paper(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Every claim of the paper that this implementation makes, measured; about two minutes on one core."""
+    """Every claim of the paper that this implementation makes, measured; a minute on one core."""
     return verify("The paper's claims, reproduced", STUDIES, progress, jobs)
 
 
