@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -33,6 +33,7 @@ from hhtbench.store.rows import RunRow
 
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
+WEIGHT = "b/convergence.html"  # by `verify b`, the same
 
 
 def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidence: Evidence | None = None) -> None:
@@ -61,7 +62,9 @@ def write_comparison(rows: Sequence[RunRow], folder: Path, command: str, evidenc
     try:
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
-        page = comparison_page(found.rows, paragraphs, command, evidence, curves, speed=write_speed(folder, command))
+        others = {SPEED: "machine speed"} if write_speed(folder, command) else {}
+        others |= {WEIGHT: "the weight b"} if (folder / WEIGHT).is_file() else {}
+        page = comparison_page(found.rows, paragraphs, command, evidence, curves, others)
         (folder / "index.html").write_text(page, encoding="utf-8")
         (folder / "report.md").write_text(comparison_markdown(found.rows, paragraphs, command, evidence), encoding="utf-8")
     except OSError as error:
@@ -74,15 +77,14 @@ def comparison_page(
     command: str,
     evidence: Evidence | None,
     curves: bool,
-    *,
-    speed: bool = False,
+    others: Mapping[str, str] | None = None,
 ) -> str:
-    """The text of ``index.html``."""
+    """The text of ``index.html``; ``others`` names the pages beside it."""
     styles = colours.solver_styles(analysis.entries(rows))
     names = analysis.problems(rows)
     links = [f'<a href="#{anchor(name)}">{escape(name)}</a>' for name in names]
     links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
-    links += [f'<a href="{SPEED}">machine speed</a>'] if speed else []
+    links += [f'<a href="{page}">{escape(name)}</a>' for page, name in (others or {}).items()]
     texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
     return Template(texts["html"]).substitute(
         title=escape(TITLE),
