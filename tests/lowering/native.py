@@ -5,8 +5,7 @@ import jax
 import numpy as np
 
 from hhtbench.lowering import flattening, native
-from hhtbench.lowering.scalar_compiler import compiler
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import compiler, native_call
 
 
 class Nothing(eqx.Module):

@@ -11,7 +11,7 @@ import pytest
 import hhtbench.lowering.scalar_compiler.compiler  # noqa: F401 - by its module below
 from hhtbench.lowering import flattening, native
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from tests.lowering.native import Nothing
 
 compiler = sys.modules["hhtbench.lowering.scalar_compiler.compiler"]  # the name in the package is the function's

@@ -21,8 +21,8 @@ from hhtbench.lowering.caching import ById, Cache, use_disk_cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.compile.routes import Compilable, Route, route_of, too_large, wanted_route
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler import NotNative, native
-from hhtbench.lowering.scalar_compiler.calling import Shapes, native_call
+from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
+from hhtbench.lowering.scalar_compiler.lower import Shapes
 
 SMALL = "the system is small and every operation is known"
 
