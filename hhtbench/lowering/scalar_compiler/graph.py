@@ -206,15 +206,15 @@ class Graph:
         special = _SPECIAL.get(name)
         if special is not None:
             return special(self, *operands)
-        if name in LOGIC:
-            return self.logic(name, *operands)
+        return self.logic(name, *operands) if name in LOGIC else self.plain(name, *operands)
+
+    def plain(self, name: str, *operands: int) -> int:
+        """An operation that has no rule but that its value for numbers is known."""
         number = self.number
         if name in FOLDS and all(x in number for x in operands):
             value = FOLDS[name](*(number[x] for x in operands))
             return (TRUE if value else FALSE) if name in COMPARISONS else self.constant(value)
-        if name in COMMUTATIVE and operands[0] > operands[1]:
-            operands = operands[::-1]
-        return self.node(name, *operands)
+        return self.node(name, *(sorted(operands) if name in COMMUTATIVE else operands))
 
     def is_bool(self, node: int) -> bool:
         """Whether the node is a boolean and not a number."""
@@ -257,30 +257,16 @@ def _pow(graph: Graph, x: int, y: int) -> int:
     exponent = graph.number.get(y)
     if exponent == 1.0:
         return x
-    if exponent == 2.0:
-        return graph.mul(x, x)
-    if x in graph.number and exponent is not None:
-        return graph.constant(FOLDS["pow"](graph.number[x], exponent))
-    return graph.node("pow", x, y)
+    return graph.mul(x, x) if exponent == 2.0 else graph.plain("pow", x, y)
 
 
 def _abs(graph: Graph, x: int) -> int:
-    if graph.operation[x] in ("neg", "abs"):
-        x = graph.operands[x][0]
-    return graph.constant(abs(graph.number[x])) if x in graph.number else graph.node("abs", x)
+    return graph.plain("abs", graph.operands[x][0] if graph.operation[x] in ("neg", "abs") else x)
 
 
 def _sign(graph: Graph, x: int) -> int:
     below = graph.select(graph.apply("lt", x, ZERO), MINUS_ONE, x)
     return graph.select(graph.apply("gt", x, ZERO), ONE, below)
-
-
-def _extreme(name: str, graph: Graph, x: int, y: int) -> int:
-    if x == y:
-        return x
-    if x in graph.number and y in graph.number:
-        return graph.constant(FOLDS[name](graph.number[x], graph.number[y]))
-    return graph.node(name, min(x, y), max(x, y))
 
 
 _SPECIAL: dict[str, Callable[..., int]] = {
@@ -293,8 +279,8 @@ _SPECIAL: dict[str, Callable[..., int]] = {
     "le_to": partial(_in_total_order, "le"),
     "logistic": lambda graph, x: graph.div(ONE, graph.add(ONE, graph.apply("exp", graph.neg(x)))),
     "lt_to": partial(_in_total_order, "lt"),
-    "max": partial(_extreme, "max"),
-    "min": partial(_extreme, "min"),
+    "max": lambda graph, x, y: x if x == y else graph.plain("max", x, y),
+    "min": lambda graph, x, y: x if x == y else graph.plain("min", x, y),
     "mul": Graph.mul,
     "neg": Graph.neg,
     "pow": _pow,

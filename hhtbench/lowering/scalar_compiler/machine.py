@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from functools import cache
 from typing import Any
 
 import llvmlite  # type: ignore[import-untyped]
@@ -13,15 +14,13 @@ LEVEL = 1  # of code generation: 2 and 3 take half as long again for code of the
 LONG = 20_000  # operations from which it is level 0, where 37,000 take 0.7 s instead of 13 s and run half as fast
 _lock = threading.RLock()  # LLVM's global context is one for all threads
 _loaded: list[Any] = []  # engines own the code: they live as long as the process
-_started: list[bool] = []
 
 
+@cache
 def start() -> None:
     """Prepare LLVM for this machine."""
-    if not _started:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        _started.append(True)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
 
 
 def host() -> str:
