@@ -52,12 +52,6 @@ class Cache:
                 self._values.pop(next(iter(self._values)))
             return self._values.setdefault(key, made)
 
-    def __contains__(self, key: Hashable) -> bool:
-        return key in self._values
-
-    def __len__(self) -> int:
-        return len(self._values)
-
     def values(self) -> list[Any]:
         """All that is kept."""
         with self._lock:
@@ -103,20 +97,20 @@ def _foreign_access(folder: Path) -> str:
     return ""
 
 
-def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> tuple[bytes, bool]:
-    """Machine code of what ``content`` says in full, by ``make()`` where there is none; whether there was.
+def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> bytes:
+    """Machine code of what ``content`` says in full, by ``make()`` where there is none.
 
     No key of other kind can tell what a function's value depends on.  A folder that cannot be written and a damaged file,
     whose checksum does not match, are as good as none.
     """
     folder = private_folder("native")
     if folder is None:
-        return make(), False
+        return make()
     file = folder / f"{hashlib.sha256(content).hexdigest()}.{kind}"
     with contextlib.suppress(OSError):
         data = file.read_bytes()
         if hashlib.sha256(data[CHECKSUM:]).digest() == data[:CHECKSUM]:
-            return data[CHECKSUM:], True
+            return data[CHECKSUM:]
     body = make()
     with contextlib.suppress(OSError):
         handle, temporary = tempfile.mkstemp(dir=folder, prefix=".")  # beside it first: no reader ever sees half a file
@@ -126,7 +120,7 @@ def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> tuple[
             os.replace(temporary, file)
         except OSError:
             os.unlink(temporary)
-    return body, False
+    return body
 
 
 def use_disk_cache() -> None:

@@ -20,7 +20,7 @@ class Holding(eqx.Module):
 
 def native_pieces():
     """How many functions this process has as machine code, or knows it cannot have."""
-    return len(compiler._memory)
+    return len(compiler._memory.values())
 
 
 def compiled_pieces():

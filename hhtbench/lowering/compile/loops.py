@@ -139,7 +139,7 @@ class Entry(Inner):
         if hashlib.sha256(code).hexdigest() != made["files"][kind]:
             raise RuntimeError(f"the compiled {self.__name__} in {self.folder} is damaged: install hhtbench anew.")
         if kind == BITCODE:
-            code, _ = kept_on_disk(code + host().encode(), "loop", lambda: self._generated(code))
+            return made["layout"], kept_on_disk(code + host().encode(), "loop", lambda: self._generated(code))
         return made["layout"], code
 
     def _generated(self, bitcode: bytes) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from typing import Any, Concatenate, NamedTuple
+from typing import Any, Concatenate
 
 import numpy as np
 
@@ -33,7 +33,6 @@ class Native:
     varying: np.ndarray  #: (v,) int64, flat places of the entries that depend on arguments or parameters
     constants: np.ndarray  #: (size,) values of the entries that do not; 0.0 at the others
     operations: int  #: scalar operations
-    cached: bool  #: no code was generated: it was in memory or on disk
 
     @property
     def size(self) -> int:
@@ -82,11 +81,10 @@ def native(
         except NotNative as error:
             return error
 
-    ready = (*key, compact, stage, rows) in _memory
     found: Native | NotNative = _memory.find((*key, compact, stage, rows), make)
     if isinstance(found, NotNative):
         raise found
-    return replace(found, parameters=parameters, cached=ready or found.cached)
+    return replace(found, parameters=parameters)
 
 
 def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
@@ -99,9 +97,9 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))
-    code, cached = kept_on_disk(content.encode(), "code", lambda: _generated(name, emitted))
+    code = kept_on_disk(content.encode(), "code", lambda: _generated(name, emitted))
     entry, call = load(code, ENTRY, CALL)
-    return Native(entry, call, np.zeros(0), lowered.shape, varying, constants, emitted.operations, cached)
+    return Native(entry, call, np.zeros(0), lowered.shape, varying, constants, emitted.operations)
 
 
 def _generated(name: str, emitted: Emitted) -> bytes:
@@ -112,27 +110,15 @@ def _generated(name: str, emitted: Emitted) -> bytes:
         raise NotNative(f"LLVM does not generate code for it: {error}") from error
 
 
-class _Buffers(NamedTuple):
-    """Memory of one thread: arguments are copied in, the result is copied out."""
-
-    places: tuple[tuple[np.ndarray, tuple[int, ...]], ...]  #: of every argument, with its shape
-    result: np.ndarray
-    block: int  #: address of the pointers to the result, the parameters and every argument
-    pointers: np.ndarray  #: those pointers
-
-
 def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | None]:
     """``call(*arguments) -> fresh array``, or None where an argument is not a float or a float64 array of its shape.
 
     A closure: a method of an object costs a tenth of a microsecond more.
     """
-    code, local, count = caller(native.block_address), threading.local(), len(shapes)
+    code, memory, count = caller(native.block_address), _Memory(native, shapes), len(shapes)
 
     def call(*arguments: Any) -> np.ndarray | None:
-        try:
-            places, result, block, _ = local.buffers
-        except AttributeError:
-            places, result, block, _ = local.buffers = _buffers(native, shapes)
+        places, result = memory.places, memory.result
         if len(arguments) != count:
             return None
         for argument, (place, shape) in zip(arguments, places, strict=False):
@@ -142,15 +128,18 @@ def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | No
             elif shape or type(argument) is not float:
                 return None
             place[...] = argument
-        code(block)
+        code(memory.block)
         return result.copy()
 
     return call
 
 
-def _buffers(native: Native, shapes: Shapes) -> _Buffers:
-    places = tuple((np.zeros(shape), shape) for shape in shapes)
-    result = np.zeros(native.shape)
-    arrays = (result, native.parameters, *(place for place, _ in places))
-    pointers = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
-    return _Buffers(places, result, pointers.ctypes.data, pointers)
+class _Memory(threading.local):
+    """Memory of each thread: arguments are copied in, the result is copied out."""
+
+    def __init__(self, native: Native, shapes: Shapes) -> None:
+        self.places = [(np.zeros(shape), shape) for shape in shapes]  #: of every argument
+        self.result = np.zeros(native.shape)
+        arrays = self.result, native.parameters, *(place for place, _ in self.places)
+        self.pointers = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+        self.block = self.pointers.ctypes.data  #: where the pointers to the result, the parameters and every argument lie

@@ -26,21 +26,14 @@ def start() -> None:
 def host() -> str:
     """Processor and its features, and the versions that make the code: what object code depends on."""
     features = llvm.get_host_cpu_features().flatten()
-    return (
-        f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
-    )
+    versions = f"{llvmlite.__version__} {llvm.llvm_version_info}"
+    return f"{versions} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
 
 
 def _target_machine(level: int = LEVEL) -> Any:
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=level,
-        reloc="pic",
-        codemodel="jitdefault",
-        jit=True,
-    )
+    options = {"opt": level, "reloc": "pic", "codemodel": "jitdefault", "jit": True}
+    processor = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+    return llvm.Target.from_default_triple().create_target_machine(**processor, **options)
 
 
 def generate(text: str, helpers: str, operations: int) -> bytes:
