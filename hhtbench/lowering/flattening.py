@@ -51,28 +51,23 @@ def jitted(flat: Flat) -> Any:
 
 
 def _flatten(tree: Any) -> _Flattened:
-    arrays, rest = eqx.partition(tree, eqx.is_inexact_array)
-    flat, unravel = _ravel(arrays)
-    return _Flattened(flat, unravel, rest, (_signature(arrays), _signature(rest)))
-
-
-def _ravel(tree: Any) -> tuple[Any, Callable[[Any], Any]]:
     """All arrays of ``tree`` as one vector, and the way back.
 
     For float64 arrays by NumPy: ``ravel_pytree`` compiles the concatenation, 30 ms for every system.
     """
-    leaves, structure = jax.tree.flatten(tree)
+    arrays, rest = eqx.partition(tree, eqx.is_inexact_array)
+    key = _signature(arrays), _signature(rest)
+    leaves, structure = jax.tree.flatten(arrays)
     if any(leaf.dtype != np.float64 for leaf in leaves):
-        return ravel_pytree(tree)
+        return _Flattened(*ravel_pytree(arrays), rest, key)
     shapes = [np.shape(leaf) for leaf in leaves]
     bounds = [0, *np.cumsum([math.prod(shape) for shape in shapes]).tolist()]
-    flat = np.concatenate([np.zeros(0), *(np.ravel(leaf) for leaf in leaves)])
 
     def unravel(vector: Any) -> Any:
         parts = [vector[a:b].reshape(shape) for a, b, shape in zip(bounds, bounds[1:], shapes, strict=False)]
         return jax.tree.unflatten(structure, parts)
 
-    return flat, unravel
+    return _Flattened(np.concatenate([np.zeros(0), *map(np.ravel, leaves)]), unravel, rest, key)
 
 
 def _signature(tree: Any) -> Any:

@@ -212,4 +212,7 @@ class Interpreter:
 def _bound(equation: Any, inputs: list[Value]) -> list[Value]:
     """By JAX itself, which compiles: 20 ms a new shape."""
     results = equation.primitive.bind(*inputs, **equation.params)
-    return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]
+    try:
+        return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]
+    except TypeError as error:  # keys of random numbers
+        raise NotNative(f"{equation.primitive.name} gives what NumPy does not know") from error

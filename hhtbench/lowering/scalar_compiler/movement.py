@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -87,26 +88,20 @@ def _update_slice(ctx: Interpreter, equation: Any, x: Value, update: Value, *sta
     return made(equation, result)
 
 
-def _windows(starts: Any, sizes: Any, shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces of ``sizes`` that begin at ``starts`` (*batch, axes), or as near to it as ``shape`` lets them.
+def _windows(indices: np.ndarray, mapped: Any, batched: Any, sizes: Any, shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces of ``sizes`` of an array of ``shape`` by XLA's definition of gather and scatter, moved inside if need be.
 
-    (*batch, entries) the places of their entries in the flattened array, and (*batch,) whether a piece began inside.
+    (*batch, entries) the places of their entries in the flattened array, and (*batch,) whether a piece lay inside.
     """
-    last = np.subtract(shape, sizes)
-    first = np.clip(starts, 0, last)
-    strides = np.array([np.prod(shape[axis + 1 :]) for axis in range(len(shape))], dtype=np.int64)
-    offsets = strides @ np.indices(sizes).reshape(len(shape), -1)
-    return (first @ strides)[..., None] + offsets, np.all(first == starts, axis=-1)
-
-
-def _starts(indices: np.ndarray, mapped: Any, rank: int, batched: Any) -> np.ndarray:
-    """(*batch, rank): where in the operand each piece begins, by XLA's definition of gather and scatter."""
-    batch = indices.shape[:-1]
+    batch, rank = indices.shape[:-1], len(shape)
     starts = np.zeros((*batch, rank), dtype=np.int64)
     starts[..., list(mapped)] = indices
     for axis, place in zip(*batched, strict=True):
         starts[..., axis] = np.indices(batch)[place]
-    return starts
+    first = np.clip(starts, 0, np.subtract(shape, sizes))
+    strides = np.array([math.prod(shape[axis + 1 :]) for axis in range(rank)], dtype=np.int64)
+    offsets = strides @ np.indices(sizes).reshape(rank, -1)
+    return (first @ strides)[..., None] + offsets, np.all(first == starts, axis=-1)
 
 
 @rule("gather")
@@ -124,7 +119,7 @@ def _gathered(equation: Any, x: Ids, indices: np.ndarray, outside: Ids) -> Ids:
     p = equation.params
     numbers, sizes, batch = p["dimension_numbers"], p["slice_sizes"], indices.shape[:-1]
     batched = numbers.operand_batching_dims, numbers.start_indices_batching_dims
-    places, inside = _windows(_starts(indices, numbers.start_index_map, x.ndim, batched), sizes, x.shape)
+    places, inside = _windows(indices, numbers.start_index_map, batched, sizes, x.shape)
     found = x.ravel()[places]
     if p["mode"] in (GatherScatterMode.FILL_OR_DROP, None):
         found = np.where(inside[..., None], found, outside)
@@ -167,7 +162,7 @@ def _scatter(ctx: Interpreter, equation: Any, x: Value, indices: Value, updates:
     kept = iter(pieces.shape[pieces.ndim - len(window) :])
     sizes = [1 if axis in dropped else next(kept) for axis in range(ids.ndim)]
     batched = numbers.operand_batching_dims, numbers.scatter_indices_batching_dims
-    places, inside = _windows(_starts(where, numbers.scatter_dims_to_operand_dims, ids.ndim, batched), sizes, ids.shape)
+    places, inside = _windows(where, numbers.scatter_dims_to_operand_dims, batched, sizes, ids.shape)
     used = inside | (mode == GatherScatterMode.CLIP)
     result = ids.flatten()
     for at, piece in zip(places[used], pieces.reshape(places.shape)[used], strict=True):  # the same place may come again

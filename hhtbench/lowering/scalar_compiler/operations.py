@@ -51,25 +51,16 @@ def _power(x: Any, y: Any) -> Any:
         return np.power(x, y)
 
 
+NUMPY_NAMES = (  # that are not JAX's
+    *(("div", "divide"), ("eq", "equal"), ("ge", "greater_equal"), ("gt", "greater"), ("le", "less_equal"), ("lt", "less")),
+    *(("max", "maximum"), ("min", "minimum"), ("mul", "multiply"), ("ne", "not_equal"), ("neg", "negative")),
+    *(("rem", "fmod"), ("round_even", "rint"), ("sub", "subtract")),
+)
 ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
-    **{name: getattr(np, name) for name in (*LIBM, "abs", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
+    **{name: getattr(np, name) for name in (*LIBM, "abs", "add", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
     **{name: getattr(np, name) for name in ("sign", "sin", "sqrt", "square", "trunc")},
+    **{name: getattr(np, other) for name, other in NUMPY_NAMES},
     **{name: getattr(special, name) for name in ("erf", "erfc")},
-    "add": np.add,
-    "div": np.divide,
-    "mul": np.multiply,
-    "neg": np.negative,
-    "rem": np.fmod,
-    "sub": np.subtract,
-    "eq": np.equal,
-    "ge": np.greater_equal,
-    "gt": np.greater,
-    "le": np.less_equal,
-    "lt": np.less,
-    "ne": np.not_equal,
-    "max": np.maximum,
-    "min": np.minimum,
-    "round_even": np.rint,
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
 }
 

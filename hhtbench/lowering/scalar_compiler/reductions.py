@@ -12,14 +12,8 @@ from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Value, made, rule
 from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE, LOGIC
 
-REDUCTIONS = {
-    "reduce_sum": "add",
-    "reduce_prod": "mul",
-    "reduce_max": "max",
-    "reduce_min": "min",
-    "reduce_and": "and",
-    "reduce_or": "or",
-    "reduce_xor": "xor",
+REDUCTIONS = {"reduce_sum": "add", "reduce_prod": "mul"} | {
+    f"reduce_{name}": name for name in ("max", "min", "and", "or", "xor")
 }
 EMPTY = {"add": 0.0, "mul": 1.0, "max": -np.inf, "min": np.inf, "and": True, "or": False, "xor": False}
 RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
