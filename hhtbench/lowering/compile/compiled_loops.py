@@ -89,20 +89,20 @@ def bitcode(entry: Entry) -> bytes:
 
 def write(entry: Entry) -> dict[str, Any]:
     """Put the code of ``entry`` into its folder; returns what the manifest tells of it."""
-    entry.folder.mkdir(exist_ok=True)
-    common = bitcode(entry)
-    files = {BITCODE: common} | {name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()}
-    for kind, code in files.items():
+    common, hashes = bitcode(entry), {}
+    for kind, code in {
+        BITCODE: common,
+        **{name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()},
+    }.items():
         (entry.folder / f"{entry.__name__}.{kind}").write_bytes(code)
-    return {
-        "layout": layout_of(arguments_of(entry)),
-        "files": {kind: hashlib.sha256(code).hexdigest() for kind, code in files.items()},
-    }
+        hashes[kind] = hashlib.sha256(code).hexdigest()
+    return {"layout": layout_of(arguments_of(entry)), "files": hashes}
 
 
 def write_all(found: list[Entry]) -> None:
     """Put code and manifests of ``found`` into their folders."""
     for folder in dict.fromkeys(entry.folder for entry in found):
+        folder.mkdir(exist_ok=True)
         mine = [entry for entry in found if entry.folder == folder]
         made = {"content": content_of(mine[0].sources), "numba": numba.__version__, "llvm": list(llvm.llvm_version_info)}
         made["entries"] = {entry.__name__: write(entry) for entry in mine}

@@ -60,7 +60,7 @@ def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any
 
 def inner(**options: Any) -> Callable[[Any], Any]:
     """A decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a part of an array."""
-    return lambda function: Inner(function, lambda: _compiler().dispatcher(function, options))
+    return lambda function: Inner(function, lambda: _dispatcher(function, options))
 
 
 def intrinsic(module: str, name: str, function: Callable[..., Any]) -> Inner:
@@ -68,8 +68,8 @@ def intrinsic(module: str, name: str, function: Callable[..., Any]) -> Inner:
     return Inner(function, lambda: getattr(importlib.import_module(module), name))
 
 
-def _compiler() -> Any:
-    return importlib.import_module("hhtbench.lowering.compile.compiled_loops")
+def _dispatcher(function: Any, options: dict[str, Any]) -> Any:
+    return importlib.import_module("hhtbench.lowering.compile.compiled_loops").dispatcher(function, options)
 
 
 class Inner:
@@ -94,7 +94,7 @@ class Entry(Inner):
     """
 
     def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
-        super().__init__(function, lambda: _compiler().dispatcher(function, options))
+        super().__init__(function, lambda: _dispatcher(function, options))
         self.folder, self.sources, self.options = folder, sources, options
         self._lock = threading.Lock()
         self._ready: tuple[str, Any, Any] | None = None
