@@ -9,7 +9,7 @@ from scipy import sparse
 
 from hhtbench import load_problem
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.compile.patterns import Pattern
+from hhtbench.lowering.compile.coloured import Pattern
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
 from problems import planar_chain

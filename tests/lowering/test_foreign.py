@@ -10,7 +10,7 @@ import pytest
 
 from hhtbench.lowering import derive, native
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum

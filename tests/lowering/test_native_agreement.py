@@ -17,7 +17,7 @@ from hhtbench.lowering import NotNative, derive, native, route_of
 from hhtbench.lowering.dynamics.kkt import kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from solvers._finite import inverse_mass_at
 from solvers.forms import FORMS
 from solvers.forms.form import refusal

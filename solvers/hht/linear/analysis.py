@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
-from hhtbench.lowering.compile.patterns import Indices, Pattern
+from hhtbench.lowering.compile.coloured import Indices, Pattern
 from solvers.hht.linear.lapack import address_of
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching, reverse_cuthill_mckee
 
-from hhtbench.lowering.compile.patterns import Indices
+from hhtbench.lowering.compile.coloured import Indices
 
 DEEPEST = 8  # blocks after one another; a longer sequence costs more calls than its narrower bands save
 

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.compile.patterns import Indices
+from hhtbench.lowering.compile.coloured import Indices
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.equations.formulas import EPS, FULL_RANK
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.compile.loops import Intrinsic
+from hhtbench.lowering.compile.loops import intrinsic
 
 _SOURCE = "solvers.hht.loops.intrinsics"
 
@@ -26,6 +26,6 @@ def _view(array: Any, start: int, count: int) -> Any:
     return array[start : start + count]
 
 
-invoke: Any = Intrinsic(_SOURCE, "invoke", _invoke)  #: (address, pointers) -> None
-view: Any = Intrinsic(_SOURCE, "view", _view)  #: (array of 8-byte entries, start, count) -> a part of it
-spacing: Any = Intrinsic(_SOURCE, "spacing", np.spacing)  #: (x >= 0) -> distance to the next larger number
+invoke: Any = intrinsic(_SOURCE, "invoke", _invoke)  #: (address, pointers) -> None
+view: Any = intrinsic(_SOURCE, "view", _view)  #: (array of 8-byte entries, start, count) -> a part of it
+spacing: Any = intrinsic(_SOURCE, "spacing", np.spacing)  #: (x >= 0) -> distance to the next larger number
