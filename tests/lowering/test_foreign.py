@@ -19,12 +19,16 @@ from tests.lowering.systems import RICH_NUMPY
 
 
 def arguments_of(name, structure, random):
-    sizes = {"n": structure.n, "m": structure.m, "p": structure.p}
-    return [0.3 if letter == "1" else random.normal(size=sizes[letter]) for letter in FUNCTIONS[name][1]]
+    sizes = {"q": structure.n, "v": structure.n, "x": structure.n, "lam": structure.m, "mu": structure.p}
+    return [0.3 if symbol == "t" else random.normal(size=sizes[symbol]) for symbol in FUNCTIONS[name].arguments]
 
 
 def called(dynamics, name, *arguments):
-    return dynamics.xp.concatenate([part.ravel() for part in _parts(getattr(dynamics, name)(*arguments))])
+    return dynamics.xp.concatenate([part.ravel() for part in _parts(member(dynamics, name)(*arguments))])
+
+
+def member(dynamics, name):
+    return getattr(dynamics, "mass" if name == "mass_matrix" else name)
 
 
 def _parts(value):

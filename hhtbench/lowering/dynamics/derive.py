@@ -16,7 +16,7 @@ from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_cont
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import inverse_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.shapes import abstract_result, called, expect_pair, expect_shape, mass_as_matrix, wrong_shape
+from hhtbench.lowering.dynamics.shapes import abstract_result, expect_pair, expect_shape, mass_as_matrix, wrong_shape
 from hhtbench.lowering.dynamics.structure import Structure, used_arguments
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
@@ -129,8 +129,11 @@ def _rows(system: Any, name: str, result: Any, *arguments: Any) -> int:
     return shape[0]
 
 
-def _result(system: NumpySystem, name: str, *arguments: Any) -> np.ndarray:
-    return real_values(f"{name} result", called(system, name, *arguments))
+def _result(system: NumpySystem, name: str, t: float, *arguments: Vector) -> np.ndarray:
+    copies = [np.array(argument, dtype=np.float64) for argument in arguments]
+    for copy in copies:
+        copy.setflags(write=False)
+    return real_values(f"{name} result", getattr(system, name)(float(t), *copies))
 
 
 def _expect_optional_shapes(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> None:

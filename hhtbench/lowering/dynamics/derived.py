@@ -10,7 +10,7 @@ from hhtbench.lowering.dynamics.diagonal import full
 from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.dynamics import Array, EquationsOfMotion
 from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.protocol import declared
+from hhtbench.protocol import SIGNATURES, declared
 
 
 def unless_declared(derive: Callable[..., Any]) -> Callable[..., Any]:
@@ -43,7 +43,7 @@ class DerivedDynamics(EquationsOfMotion):
 
     def gives(self, name: str) -> bool:
         """Whether the user declares the function ``name``, and it is not to be ignored."""
-        return name not in self.ignored and declared(self.system, name) is not None
+        return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
 
     def _order(self, *names: str) -> int:
         """Order of differences of a function that comes from the first of ``names`` declared, else from differences."""
@@ -64,6 +64,7 @@ class DerivedDynamics(EquationsOfMotion):
             return self.call("mass_matrix", t, q)
         return self.xp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, self.xp)
 
+    @unless_declared
     def mass_product_jacobian(self, t: Array, q: Array, x: Array) -> Array:
         return self.jacobian(lambda y: self.mass(t, y) @ x, q, "mass_product_jacobian", 1)
 
@@ -82,6 +83,7 @@ class DerivedDynamics(EquationsOfMotion):
         along = self.constraint_jacobian(t, q) @ v
         return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
 
+    @unless_declared
     def constraint_velocity_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         order = self._order("constraint_jacobian")
         return self.jacobian(lambda x: self.constraint_velocity(t, x, v), q, "constraint_jacobian", order)
@@ -97,9 +99,11 @@ class DerivedDynamics(EquationsOfMotion):
     def velocity_constraint_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian")
 
+    @unless_declared
     def velocity_constraint_position_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         return self.jacobian(lambda x: self.velocity_constraint(t, x, v), q, "velocity_constraint_q", 1)
 
+    @unless_declared
     def velocity_constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
         return self.rate(lambda s, x: self.velocity_constraint(s, x, v), t, q, v)
 
@@ -121,6 +125,7 @@ class DerivedDynamics(EquationsOfMotion):
         """Q_k (n,), -k_v^T mu unless declared."""
         return -(mu @ self.velocity_constraint_jacobian(t, q, v))
 
+    @unless_declared
     def velocity_reaction_jacobians(self, t: Array, q: Array, v: Array, mu: Array) -> tuple[Array, Array]:
         """(Q_k by v (n, n), None where it is zero, and by mu (n, p))."""
         by_v = None
