@@ -24,11 +24,7 @@ def arguments_of(name, structure, random):
 
 
 def called(dynamics, name, *arguments):
-    return dynamics.xp.concatenate([part.ravel() for part in _parts(member(dynamics, name)(*arguments))])
-
-
-def member(dynamics, name):
-    return getattr(dynamics, "mass" if name == "mass_matrix" else name)
+    return dynamics.xp.concatenate([part.ravel() for part in _parts(getattr(dynamics, name)(*arguments))])
 
 
 def _parts(value):

@@ -15,11 +15,10 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Wrapper
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.reduced import ReducedDynamics
 from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.lowering.dynamics.wrapper import Wrapper
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 
@@ -33,7 +32,7 @@ class AugmentedDynamics(Wrapper):
     rho: Any  #: scalar weight, float64 array
 
     @property
-    def structure(self) -> Structure:
+    def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
     def _levels(self) -> tuple[bool, bool]:

@@ -14,10 +14,9 @@ from hhtbench.counting import preparing
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.mass import inverse_of
+from hhtbench.lowering.dynamics.mass import inverse_of, mass_as_matrix
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.shapes import abstract_result, expect_pair, expect_shape, mass_as_matrix, wrong_shape
-from hhtbench.lowering.dynamics.structure import Structure, used_arguments
+from hhtbench.lowering.dynamics.structure import Structure, expect_pair, used_arguments, wrong_shape
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 _derived = Cache(64)  # a system is immutable; reading its structure costs a trace for each of its functions
@@ -163,3 +162,32 @@ def _reactions_are_linear(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> bool
         if used_arguments(jax.jacfwd(function, len(arguments) - 1), *arguments)[-1]:
             return False
     return True
+
+
+def abstract_result(system: System, function: str, *arguments: Any) -> jax.ShapeDtypeStruct:
+    """Shape and type that a declared JAX function returns, found without running it.
+
+    Raises
+    ------
+    TypeError
+        It returns something that is not one real array.
+    """
+    try:
+        with preparing(f"tracing {function}"):
+            result = jax.eval_shape(getattr(system, function), *arguments)
+    except TypeError as error:
+        if "not a valid JAX type" in str(error):
+            raise TypeError(f"{function} must return a real array; {error}") from error
+        raise
+    if not hasattr(result, "shape"):
+        raise TypeError(f"{function} must return one real array; got {type(result).__name__}.")
+    if result.dtype.kind not in "fiu":
+        raise TypeError(f"{function} must return real numbers; got dtype {result.dtype}.")
+    return result
+
+
+def expect_shape(system: System, function: str, expected: tuple[int, ...], *arguments: Any) -> None:
+    """Raise unless the declared JAX function returns ``expected``."""
+    given = abstract_result(system, function, *arguments).shape
+    if given != expected:
+        raise wrong_shape(function, expected, given)

@@ -23,7 +23,6 @@ import numpy as np
 from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering.dynamics.derived import DerivedDynamics
 from hhtbench.lowering.dynamics.dynamics import Dynamics, arguments_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.structure import Structure
@@ -42,8 +41,10 @@ UNDECLARED = {  # sizes of the results of what no user declares
     "velocity_constraint_acceleration": ("p",),
     "velocity_reaction_jacobians": ("nn", "np"),
 }
-FUNCTIONS = {name: SIGNATURES[name] for name in SIGNATURES if name == "mass_matrix" or hasattr(Dynamics, name)} | {
-    name: Signature(arguments_of(name), results) for name, results in UNDECLARED.items()
+FUNCTIONS = {"mass": SIGNATURES["mass_matrix"]} | {
+    name: SIGNATURES[name] if name in SIGNATURES else Signature(arguments_of(name), UNDECLARED[name])
+    for name in (*SIGNATURES, *UNDECLARED)
+    if hasattr(Dynamics, name)
 }
 SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: of arguments, by letter
 
@@ -157,7 +158,7 @@ def _at(place: int, shape: Shape) -> np.ndarray:
     return np.ndarray(shape, np.float64, memory)
 
 
-class ForeignDynamics(eqx.Module, DerivedDynamics):
+class ForeignDynamics(eqx.Module, Dynamics):
     """The functions of a dynamics of plain callables, to be traced; see :class:`~.jax_dynamics.JaxDynamics`."""
 
     addresses: Any  #: (functions,) float64 with the bits of their addresses
@@ -203,15 +204,14 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
     masses = (None if mass is None else np.asarray(mass) for mass in (dynamics.constant_mass, dynamics.inverse_mass))
     derived = {name for name in ("reaction", "velocity_reaction") if declared(dynamics.system, name) is None}
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)
-    own = tuple(name for name in FUNCTIONS if name not in derived)
+    own = tuple(name for name in FUNCTIONS if name not in derived and (name != "mass" or s.mass == "variable"))
     return ForeignDynamics(bits, s, callbacks, own, *masses)
 
 
 def _function(dynamics: Dynamics, name: str) -> Callable[..., Any]:
     """The user's own where it is declared: the callback's arguments are copies already, and its result is copied."""
-    if isinstance(dynamics, NumpyDynamics) and dynamics.gives(name):
-        return dynamics.functions[name]
-    found: Callable[..., Any] = getattr(dynamics, "mass" if name == "mass_matrix" else name)
+    own = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}
+    found: Callable[..., Any] = own.get("mass_matrix" if name == "mass" else name) or getattr(dynamics, name)
     return found
 
 

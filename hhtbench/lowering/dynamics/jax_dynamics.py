@@ -9,12 +9,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from hhtbench.lowering.dynamics.derived import DerivedDynamics
+from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.protocol import System
+from hhtbench.protocol import SIGNATURES, System, declared
 
 
-class JaxDynamics(eqx.Module, DerivedDynamics):
+class JaxDynamics(eqx.Module, Dynamics):
     """Every term of the equations of motion; a pytree, so parameters are traced, not baked in."""
 
     system: System
@@ -26,6 +26,10 @@ class JaxDynamics(eqx.Module, DerivedDynamics):
     @property
     def xp(self) -> Any:
         return jnp
+
+    def gives(self, name: str) -> bool:
+        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
         return getattr(self.system, name)(t, *arguments)

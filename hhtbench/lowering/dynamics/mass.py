@@ -1,19 +1,66 @@
-"""The mass matrix at a place: is it symmetric, is it singular, what is its inverse."""
+"""The mass matrix, kept as its diagonal in a large system: is it symmetric, is it singular, what is its inverse."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function
-from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.structure import wrong_shape
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
+FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
+
+
+class Diagonal(eqx.Module):
+    """``diag(values)``; multiplies like the matrix (n, n) it stands for and becomes it only where somebody asks."""
+
+    values: Any  #: (n,)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (self.values.size, self.values.size)
+
+    def __matmul__(self, x: Any) -> Any:
+        """The product with a vector (n,) or a matrix (n, k)."""
+        return self.values * x if x.ndim == 1 else self.values[:, None] * x
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The full matrix (n, n)."""
+        return np.diag(np.asarray(self.values, dtype=dtype))
+
+    def inverse(self) -> Diagonal | None:
+        """The inverse, or None where an entry is zero."""
+        return None if np.any(np.asarray(self.values) == 0) else Diagonal(1.0 / self.values)
+
+
+def full(matrix: Any, xp: Any) -> Any:
+    """``matrix`` (n, n) as an array of the namespace ``xp``."""
+    return xp.diag(matrix.values) if isinstance(matrix, Diagonal) else matrix
+
+
+def mass_as_matrix(mass: Any, n: int, xp: Any = jnp) -> Any:
+    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
+    mass = xp.asarray(mass)
+    if n > FULL and mass.shape in ((), (n,)):
+        return Diagonal(xp.broadcast_to(mass, (n,)))
+    if mass.ndim == 0:
+        return mass * xp.eye(n)
+    if mass.shape == (n,):
+        return xp.diag(mass)
+    if mass.shape == (n, n):
+        return mass
+    raise wrong_shape("mass_matrix", (n, n), mass.shape)
 
 
 def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:

@@ -12,10 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Wrapper
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.wrapper import Wrapper
+from hhtbench.lowering.dynamics.mass import Diagonal
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
@@ -47,12 +46,12 @@ class MatrixFree(Wrapper):
         return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (w,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        if self.gives("reaction"):
+        if self.inner.gives("reaction"):
             return self.inner.reaction(t, q, lam)
         return -jax.vjp(lambda y: self.constraint(t, y), q)[1](lam)[0]
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        if self.gives("velocity_reaction"):
+        if self.inner.gives("velocity_reaction"):
             return self.inner.velocity_reaction(t, q, v, mu)
         return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
 

@@ -5,6 +5,7 @@ Callbacks get read-only copies and a plain float t; results are copied, and chec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,16 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.arguments import real_values
 from hhtbench.counting import check_clock
-from hhtbench.lowering.dynamics.derived import DerivedDynamics, unless_declared
+from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
-from hhtbench.lowering.dynamics.shapes import checked_pair, checked_result
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.dynamics import Dynamics, unless_given
+from hhtbench.lowering.dynamics.structure import Structure, expect_pair, wrong_shape
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
+
+FLOAT = np.dtype(np.float64)
+FEW = 36  # entries
 
 
 @dataclass(frozen=True)
-class NumpyDynamics(DerivedDynamics):
+class NumpyDynamics(Dynamics):
     """Every term of the equations of motion on NumPy arrays."""
 
     system: NumpySystem
@@ -38,8 +43,12 @@ class NumpyDynamics(DerivedDynamics):
     @cached_property
     def functions(self) -> dict[str, Callable[..., Any]]:
         """The declared callbacks, for a float t and copies that are theirs; results are checked, but may change later."""
-        names = (name for name in SIGNATURES if callable(declared(self.system, name)))
+        names = (name for name in SIGNATURES if name not in self.ignored and callable(declared(self.system, name)))
         return {name: self._checked(name) for name in names}
+
+    def gives(self, name: str) -> bool:
+        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        return name in self.functions
 
     def _checked(self, name: str) -> Callable[..., Any]:
         function, tell, s = getattr(self.system, name), self.on_call, self.structure
@@ -68,9 +77,39 @@ class NumpyDynamics(DerivedDynamics):
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v)
 
-    @unless_declared
+    @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
         return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
+
+
+def checked_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:
+    """A callback's two matrices, each checked; None stands for zero."""
+    return tuple(
+        None if part is None else checked_result(f"{function}[{i}]", part, shape, t)
+        for i, (part, shape) in enumerate(zip(expect_pair(function, value, shapes), shapes, strict=True))
+    )
+
+
+def checked_result(function: str, value: Any, expected: tuple[int, ...], t: float) -> np.ndarray:
+    """A callback's result as float64, itself where it is an array of them; refused when its type, shape or values are wrong.
+
+    A scalar of the system counts as no array: ``(1,)`` is wanted where n = 1.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT:
+        array = value
+    else:
+        try:
+            array = real_values(f"{function} result", value)
+        except TypeError as error:
+            raise TypeError(f"{function} must return an array of real numbers of shape {expected}: {error}") from error
+    if array.shape != expected:
+        raise wrong_shape(function, expected, array.shape)
+    if array.size <= FEW and math.isfinite(sum(array.ravel().tolist())):  # a fifth of the time of NumPy's own look
+        return array
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise NonFiniteValue(function, where, float(array[where]), t)
+    return array

@@ -14,9 +14,8 @@ import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Wrapper
 from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.lowering.dynamics.wrapper import Wrapper
 from hhtbench.protocol import declared
 
 
@@ -27,16 +26,15 @@ class ReducedDynamics(Wrapper):
     velocity: tuple[int, ...] = eqx.field(static=True)  #: kept rows of k
 
     @property
-    def structure(self) -> Structure:
+    def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
-    def __getattr__(self, name: str) -> Any:
+    def call(self, name: str, *arguments: Any) -> Any:
         """Functions of g are called constraint..., those of k velocity_constraint...; all have a row for each."""
-        found = super().__getattr__(name)
+        value = super().call(name, *arguments)
         if not name.startswith(("constraint", "velocity_constraint")):
-            return found
-        kept = self.position if name.startswith("constraint") else self.velocity
-        return lambda *arguments: found(*arguments)[np.array(kept, dtype=int)]
+            return value
+        return value[np.array(self.position if name.startswith("constraint") else self.velocity, dtype=int)]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         """-g_q^T lam (n,): that of all rows, the multipliers of the redundant ones zero."""

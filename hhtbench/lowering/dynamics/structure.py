@@ -11,7 +11,15 @@ import numpy as np
 
 from hhtbench.arguments import traced
 from hhtbench.counting import preparing
+from hhtbench.errors import ProblemError
 from hhtbench.lowering.jax_internals import used_inputs
+
+ROWS = {
+    "force": "one entry per coordinate",
+    "mass_matrix": "(coordinates, coordinates)",
+    "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
+    "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,3 +53,16 @@ def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool,
     sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
     bounds = np.cumsum([0, *sizes])
     return tuple(any(used[bounds[i] : bounds[i + 1]]) for i in range(len(arguments)))
+
+
+def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
+    """The error for a result of the wrong shape."""
+    hint = f" = {ROWS[function]}" if function in ROWS else ""
+    return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
+
+
+def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
+    """``value``, raising unless it is a pair."""
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
+    return value
