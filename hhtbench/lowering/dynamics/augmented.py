@@ -15,10 +15,9 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Wrapper
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.reduced import ReducedDynamics
-from hhtbench.lowering.dynamics.structure import Structure
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 

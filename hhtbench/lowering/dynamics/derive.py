@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,12 +14,14 @@ from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.mass import inverse_of, mass_as_matrix
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.structure import Structure, expect_pair, used_arguments, wrong_shape
+from hhtbench.lowering.dynamics.mass import Diagonal, inverse_of
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_pair, wrong_shape
+from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
+FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
 _derived = Cache(64)  # a system is immutable; reading its structure costs a trace for each of its functions
 
 
@@ -191,3 +194,29 @@ def expect_shape(system: System, function: str, expected: tuple[int, ...], *argu
     given = abstract_result(system, function, *arguments).shape
     if given != expected:
         raise wrong_shape(function, expected, given)
+
+
+def mass_as_matrix(mass: Any, n: int, xp: Any = jnp) -> Any:
+    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
+    mass = xp.asarray(mass)
+    if n > FULL and mass.shape in ((), (n,)):
+        return Diagonal(xp.broadcast_to(mass, (n,)))
+    if mass.ndim == 0:
+        return mass * xp.eye(n)
+    if mass.shape == (n,):
+        return xp.diag(mass)
+    if mass.shape == (n, n):
+        return mass
+    raise wrong_shape("mass_matrix", (n, n), mass.shape)
+
+
+def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool, ...]:
+    """For each argument, whether any output of ``function`` depends on it (dead code removed from its jaxpr)."""
+    with preparing(f"tracing {getattr(function, '__name__', 'a derivative')}"):
+        closed = jax.make_jaxpr(function)(*arguments)
+    if any(isinstance(value, jax.core.Tracer) for value in closed.consts):
+        raise traced("a value outside of the system that its functions use")
+    used = used_inputs(closed.jaxpr)
+    sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
+    bounds = np.cumsum([0, *sizes])
+    return tuple(any(used[bounds[i] : bounds[i + 1]]) for i in range(len(arguments)))

@@ -13,15 +13,36 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
 
 from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.mass import full
-from hhtbench.lowering.dynamics.structure import Structure
 
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one
+
+
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """Sizes and dependencies of one system; hashable, so compiled code is shared between equal ones."""
+
+    n: int  #: coordinates
+    m: int  #: position constraints
+    p: int  #: velocity constraints
+    mass: str  #: "identity", "constant" or "variable"
+    force_uses_q: bool = True  #: False: F_q is zero and not computed
+    force_uses_v: bool = True  #: False: F_v is zero and not computed
+    rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
+    linear_reaction: bool = True  #: True: Q is linear in lam, one solve gives the multipliers
+    velocity_jacobian_uses_v: bool = True  #: False: k is linear in v
+    velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
+
+    @property
+    def constrained(self) -> bool:
+        """True when there is any constraint."""
+        return self.m + self.p > 0
 
 
 def unless_given(derive: Callable[..., Any]) -> Callable[..., Any]:

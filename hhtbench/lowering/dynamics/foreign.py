@@ -23,9 +23,8 @@ import numpy as np
 from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering.dynamics.dynamics import Dynamics, arguments_of
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.structure import Structure
 from hhtbench.lowering.jax_internals import Primitive
 from hhtbench.protocol import SIGNATURES, Signature, declared
 

@@ -9,8 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.protocol import SIGNATURES, System, declared
 
 

@@ -6,19 +6,16 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function
-from hhtbench.lowering.dynamics.structure import wrong_shape
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
-FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
 
 
 class Diagonal(eqx.Module):
@@ -49,20 +46,6 @@ def full(matrix: Any, xp: Any) -> Any:
     return xp.diag(matrix.values) if isinstance(matrix, Diagonal) else matrix
 
 
-def mass_as_matrix(mass: Any, n: int, xp: Any = jnp) -> Any:
-    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
-    mass = xp.asarray(mass)
-    if n > FULL and mass.shape in ((), (n,)):
-        return Diagonal(xp.broadcast_to(mass, (n,)))
-    if mass.ndim == 0:
-        return mass * xp.eye(n)
-    if mass.shape == (n,):
-        return xp.diag(mass)
-    if mass.shape == (n, n):
-        return mass
-    raise wrong_shape("mass_matrix", (n, n), mass.shape)
-
-
 def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M (n, n)."""
     return dynamics.mass(t, q)
@@ -78,19 +61,11 @@ def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q) if mass is None else mass)
     if not np.all(np.isfinite(mass)):
         return False
-    _warn_of_asymmetry(mass)
-    return mass_is_singular(mass)
-
-
-def _warn_of_asymmetry(mass: Matrix) -> None:
-    """Say that the mass (n, n) is not symmetric; the equations are solved as they stand."""
     entries = asymmetry(mass)[1]
-    if entries:
-        warnings.warn(
-            f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one.",
-            UserWarning,
-            stacklevel=2,
-        )
+    if entries:  # the equations are solved as they stand
+        text = f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one."
+        warnings.warn(text, UserWarning, stacklevel=1)
+    return mass_is_singular(mass)
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:

@@ -15,14 +15,20 @@ import numpy as np
 
 from hhtbench.arguments import real_values
 from hhtbench.counting import check_clock
-from hhtbench.errors import NonFiniteValue
+from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
-from hhtbench.lowering.dynamics.dynamics import Dynamics, unless_given
-from hhtbench.lowering.dynamics.structure import Structure, expect_pair, wrong_shape
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
 
 FLOAT = np.dtype(np.float64)
 FEW = 36  # entries
+
+ROWS = {
+    "force": "one entry per coordinate",
+    "mass_matrix": "(coordinates, coordinates)",
+    "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
+    "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
+}
 
 
 @dataclass(frozen=True)
@@ -113,3 +119,16 @@ def checked_result(function: str, value: Any, expected: tuple[int, ...], t: floa
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise NonFiniteValue(function, where, float(array[where]), t)
     return array
+
+
+def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
+    """The error for a result of the wrong shape."""
+    hint = f" = {ROWS[function]}" if function in ROWS else ""
+    return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
+
+
+def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
+    """``value``, raising unless it is a pair."""
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
+    return value

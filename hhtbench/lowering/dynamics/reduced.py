@@ -14,8 +14,7 @@ import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Wrapper
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.protocol import declared
 
 
@@ -102,6 +101,4 @@ def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
 
 def _spread(dynamics: ReducedDynamics, values: Any, kept: tuple[int, ...], size: int) -> Any:
     """``values`` at the kept places of a vector (size,) of zeros."""
-    selection = np.zeros((size, len(kept)))
-    selection[list(kept), np.arange(len(kept))] = 1.0
-    return dynamics.inner.xp.asarray(selection) @ values
+    return dynamics.inner.xp.asarray(np.eye(size)[:, list(kept)]) @ values
