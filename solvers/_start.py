@@ -30,8 +30,8 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
+from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.matrix_free import large
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.reduced import ReducedDynamics
 from hhtbench.protocol import NumpySystem, System

@@ -8,6 +8,7 @@ leave nothing for the two stage multipliers of the extended HHT method.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -34,29 +35,26 @@ class AugmentedDynamics(Wrapper):
     def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
-    def _levels(self) -> tuple[bool, bool]:
-        """Whether the rows of g take part, and those of k."""
+    def _stacked(self, of_position: Callable[[], Any], of_velocity: Callable[[], Any]) -> Any:
+        """What the rows of g and of k have, those that take part."""
         s = self.inner.structure
-        return s.m > 0, s.p > 0 and not s.velocity_jacobian_uses_v
+        parts = [of_position()] if s.m else []
+        return self.xp.concatenate([*parts, of_velocity()] if s.p and not s.velocity_jacobian_uses_v else parts)
 
     def rows(self, t: Any, q: Any) -> Any:
         """C (rows, n) as a function of (t, q)."""
-        position, velocity = self._levels()
-        blocks = [self.constraint_jacobian(t, q)] if position else []
-        return self.xp.concatenate([*blocks, self.velocity_constraint_jacobian(t, q, 0.0 * q)] if velocity else blocks)
-
-    def _acceleration_terms(self, t: Any, q: Any, v: Any) -> Any:
-        """c (rows,): the part of the constraints' second time derivative without C vdot."""
-        position, velocity = self._levels()
-        parts = [self.constraint_acceleration(t, q, v)] if position else []
-        return self.xp.concatenate([*parts, self.velocity_constraint_acceleration(t, q, v)] if velocity else parts)
+        at_rest = lambda: self.velocity_constraint_jacobian(t, q, 0.0 * q)  # noqa: E731
+        return self._stacked(lambda: self.constraint_jacobian(t, q), at_rest)
 
     def mass(self, t: Any, q: Any) -> Any:
         rows = self.rows(t, q)
         return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ self._acceleration_terms(t, q, v))
+        rest = self._stacked(  # c (rows,)
+            lambda: self.constraint_acceleration(t, q, v), lambda: self.velocity_constraint_acceleration(t, q, v)
+        )
+        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ rest)
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
         return self.jacobian(lambda y: self.mass(t, y) @ x, q)

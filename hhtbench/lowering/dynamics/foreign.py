@@ -95,12 +95,8 @@ class Callbacks:
 
     def row(self, function: Callable[..., Any], shape: Shape, shapes: tuple[Shape, ...]) -> int:
         """Address of ``void f(const double* arguments, double* result)``, the arguments of ``shapes`` in a row."""
-        cuts = [8 * cut for cut in accumulate(map(math.prod, shapes), initial=0)]
-        return self._address(
-            function,
-            2,
-            lambda at, to: (_at(to, shape), [_at(at + cut, given) for cut, given in zip(cuts, shapes, strict=False)]),
-        )
+        cuts = [8 * cut for cut in accumulate(map(math.prod, shapes[:-1]), initial=0)]
+        return self._address(function, 2, (shape, *shapes), lambda at, to: (to, *(at + cut for cut in cuts)))
 
     def entry(self, function: Callable[..., Any], size: int, shapes: tuple[Shape | None, ...]) -> int:
         """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code has it.
@@ -112,32 +108,33 @@ class Callbacks:
             self.check()
             return function(*arguments)
 
-        return self._address(
-            in_time,
-            2 + len(shapes),
-            lambda to, _, *places: (
-                _at(to, (size,)),
-                [_at(place, shape) for place, shape in zip(places, shapes, strict=True) if shape is not None],
-            ),
-        )
+        return self._address(in_time, 2 + len(shapes), ((size,), None, *shapes), lambda *places: places)
 
-    def _address(self, function: Callable[..., Any], pointers: int, memory: Callable[..., tuple[Any, list[Any]]]) -> int:
-        """Of ``function``, called with copies of what lies in ``memory(*pointers)``: the result and the arguments.
+    def _address(
+        self,
+        function: Callable[..., Any],
+        pointers: int,
+        shapes: tuple[Shape | None, ...],
+        places_of: Callable[..., tuple[int, ...]],
+    ) -> int:
+        """Of ``function``, called with copies of its arguments.
 
+        ``shapes`` are those of the result and of the arguments, ``places_of(*pointers)`` their addresses.
         What it raises is noted; nor is it asked for what comes from a value that was not finite.
         """
         known: dict[tuple[int, ...], Any] = {}
 
-        def call(*places: int) -> None:
+        def call(*key: int) -> None:
             try:
                 if self.cause is not None:
                     return
-                if places not in known:
+                if key not in known:
                     if len(known) == MOST_PLACES:
                         known.clear()
-                    result, arguments = memory(*places)
-                    known[places] = result, arguments, [x.copy if x.ndim else x.item for x in arguments]
-                result, arguments, copies = known[places]
+                    places = zip(places_of(*key), shapes, strict=True)
+                    result, *arguments = [_at(place, shape) for place, shape in places if shape is not None]
+                    known[key] = result, arguments, [x.copy if x.ndim else x.item for x in arguments]
+                result, arguments, copies = known[key]
                 if self.nonfinite and not all(np.isfinite(x).all() for x in arguments):
                     return
                 result[...] = function(*[copy() for copy in copies])

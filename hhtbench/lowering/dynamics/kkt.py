@@ -20,7 +20,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.matrix_free import MatrixFree, large
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -111,22 +111,21 @@ class AccelerationLevel:
         if not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
             x[s.n : s.n + s.m] = 0.0 if lam is None else lam
             x[s.n + s.m :] = 0.0 if mu is None else mu
-        last = np.inf
+        last, converged, singular = np.inf, False, False
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
             increment = (_solve_scaled if self._sparse is None else solve_scaled_sparse)(matrix, residual)
             if increment is None:
-                return self._result(x, converged=False, singular=True)
+                singular = True
+                break
             x = x - increment
             size = float(np.maximum(_relative(increment[: s.n], x[: s.n]), _relative(increment[s.n :], x[s.n :])))  # or NaN
             if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
-                return self._result(x, converged=True)
+                converged = True
+                break
             last = size
-        return self._result(x, converged=False)
-
-    def _result(self, x: Vector, *, converged: bool, singular: bool = False) -> Acceleration:
-        s = self.structure
-        return Acceleration(x[: s.n].copy(), x[s.n : s.n + s.m].copy(), x[s.n + s.m :].copy(), converged, singular)
+        vdot, lam, mu = np.split(x, [s.n, s.n + s.m])
+        return Acceleration(vdot, lam, mu, converged, singular)
 
 
 def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:

@@ -12,7 +12,7 @@ from hhtbench.arguments import Vector
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.lowering.dynamics.jax_dynamics import large
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 

@@ -29,30 +29,17 @@ class ReducedDynamics(Wrapper):
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Functions of g are called constraint..., those of k velocity_constraint...; all have a row for each."""
+        """Functions of k and Q_k are called velocity_...; to Q and Q_k multipliers of the rows left out are zero."""
+        whole = self.inner.structure
+        rows, size = (self.velocity, whole.p) if name.startswith("velocity") else (self.position, whole.m)
+        kept = np.array(rows, dtype=int)
+        if "reaction" in name:
+            *place, multipliers = arguments
+            arguments = *place, self.xp.asarray(np.eye(size)[:, kept]) @ multipliers
         value = super().call(name, *arguments)
-        if not name.startswith(("constraint", "velocity_constraint")):
-            return value
-        return value[np.array(self.position if name.startswith("constraint") else self.velocity, dtype=int)]
-
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        """-g_q^T lam (n,): that of all rows, the multipliers of the redundant ones zero."""
-        return self.inner.reaction(t, q, _spread(self, lam, self.position, self.inner.structure.m))
-
-    def reaction_jacobians(self, t: Any, q: Any, lam: Any) -> tuple[Any, Any]:
-        """(Q_q (n, n), Q_lam (n, kept))."""
-        by_q, by_lam = self.inner.reaction_jacobians(t, q, _spread(self, lam, self.position, self.inner.structure.m))
-        return by_q, by_lam[:, np.array(self.position, dtype=int)]
-
-    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        """-k_v^T mu (n,)."""
-        return self.inner.velocity_reaction(t, q, v, _spread(self, mu, self.velocity, self.inner.structure.p))
-
-    def velocity_reaction_jacobians(self, t: Any, q: Any, v: Any, mu: Any) -> tuple[Any, Any]:
-        """(by v (n, n) or None, by mu (n, kept))."""
-        spread = _spread(self, mu, self.velocity, self.inner.structure.p)
-        by_v, by_mu = self.inner.velocity_reaction_jacobians(t, q, v, spread)
-        return by_v, by_mu[:, np.array(self.velocity, dtype=int)]
+        if name.endswith("reaction_jacobians"):
+            return value[0], value[1][:, kept]
+        return value[kept] if "constraint" in name else value
 
 
 def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
@@ -97,8 +84,3 @@ def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
     while isinstance(inner, Wrapper) and not isinstance(inner, ReducedDynamics):
         inner = inner.inner
     return inner if isinstance(inner, ReducedDynamics) else None
-
-
-def _spread(dynamics: ReducedDynamics, values: Any, kept: tuple[int, ...], size: int) -> Any:
-    """``values`` at the kept places of a vector (size,) of zeros."""
-    return dynamics.inner.xp.asarray(np.eye(size)[:, list(kept)]) @ values
