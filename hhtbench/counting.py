@@ -125,28 +125,22 @@ class preparing:
 
 @dataclass
 class Work:
-    """Tally of one solve.  The one mutable object of a solve; a solver reads it through :meth:`counters`.
-
-    ``calls`` counts the callbacks of a NumPy system by name; a JAX system has none to count, its compiled
-    functions state how many points they evaluate.
-    """
+    """Tally of one solve.  The one mutable object of a solve; a solver reads it through :meth:`counters`."""
 
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
     tally: Counter[str] = field(default_factory=Counter)
-    calls: Counter[str] = field(default_factory=Counter)
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""
         self.tally[name] += amount
 
     def on_call(self, name: str) -> None:
-        """Before a callback of a NumPy system: count it, and stop when a budget is spent."""
-        self.calls[name] += 1
+        """Before a callback of a NumPy system: count that of the force, and stop when a budget is spent."""
         if name == "force":
             self._spend_residual()
         else:
-            self.check_time()
+            self.clock.check()
 
     def counted(self, function: Callable[..., Any], *, residuals: int = 0, jacobians: int = 0) -> Callable[..., Any]:
         """``function`` with its points counted: ``residuals`` evaluations of F and ``jacobians`` per call."""

@@ -19,8 +19,8 @@ from tests.lowering.systems import RICH_NUMPY
 
 
 def arguments_of(name, structure, random):
-    sizes = {"n": structure.n, "m": structure.m, "p": structure.p}
-    return [0.3 if letter == "1" else random.normal(size=sizes[letter]) for letter in FUNCTIONS[name][1]]
+    sizes = {"q": structure.n, "v": structure.n, "x": structure.n, "lam": structure.m, "mu": structure.p}
+    return [0.3 if symbol == "t" else random.normal(size=sizes[symbol]) for symbol in FUNCTIONS[name].arguments]
 
 
 def called(dynamics, name, *arguments):

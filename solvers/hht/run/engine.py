@@ -14,8 +14,8 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function
-from hhtbench.lowering.dynamics.diagonal import Diagonal
 from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.mass import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from solvers._finite import explain_nonfinite, inverse_mass_at
 from solvers._start import points_of

@@ -13,7 +13,7 @@ from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, nat
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
-from hhtbench.lowering.dynamics.matrix_free import SMALL, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST

@@ -11,8 +11,8 @@ from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, size_of
+from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.matrix_free import large
 from hhtbench.result import Status
 from solvers._projection import closest
 from solvers._start import (
