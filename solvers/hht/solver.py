@@ -16,17 +16,17 @@ from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
-from solvers._start import Guesses, Place
+from solvers._ending import solved
+from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Constant
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import make_options
-from solvers.hht.run.begin import Started, begin, start_values
 from solvers.hht.run.checkpoint import pack, unpack
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.legal_state import check
-from solvers.hht.run.make_engine import make_engine
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
+from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepper import Stepper
 from solvers.hht.run.stepping import IntegratorState, begun, make_goal, take
 from solvers.hht.step.state import State
@@ -92,12 +92,13 @@ class HHT:
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         check_request(asked, place.q.size, t0, t1)
         with _Alone(self._busy, asked.max_seconds, began) as clock:
-            return Integration(self, asked, t1, place, guesses, clock).solution()
+            integration = Integration(self, asked, t1, place, guesses, clock)
+            return solved(integration.solution, integration.left_over)
 
-    def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
+    def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
         started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled)
-        self.engine_used = "" if started.engine is None else started.engine.why
+        self.engine_used = "" if isinstance(started, Failure) else started.engine.why
         return started
 
     def init_step(
@@ -124,13 +125,15 @@ class HHT:
         check_accuracy(asked, place.q.size)
         with _Alone(self._busy):
             started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
-            self._engine, self._integrator = started.engine, None
-            self._message = started.failure.message if started.failure else started.note
-            if started.engine is not None and started.state is not None:
-                tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
-                integrator = begun(place, started.state, h, tolerances, len(self.events))
-                self._integrator = replace(integrator, tally=Counter(started.engine.work.tally))
-        return started.failure.status if started.failure else Status.success
+            self._engine = self._integrator = None
+            if isinstance(started, Failure):
+                self._message = started.message
+                return started.status
+            self._engine, self._message = started.engine, started.note
+            tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
+            integrator = begun(place, started.state, h, tolerances, len(self.events))
+            self._integrator = replace(integrator, tally=Counter(started.engine.work.tally))
+        return Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:
         """Step on from :attr:`state` as CVODE and IDA do; on a failure the state stays and the status says why.

@@ -24,7 +24,7 @@ from problems import planar_chain
 from solvers._start import Place
 from solvers.hht.control.options import ControlOptions
 from solvers.hht.options import HHTOptions
-from solvers.hht.run.begin import begin
+from solvers.hht.run.start import begin
 from solvers.hht.run.stepper import control_of
 
 try:

@@ -29,7 +29,6 @@ from solvers.hht.step.state import State
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
 PILED_UP = "let the change end the motion there, or make the event terminal."
-NAMES = ("min_step", "max_step", "target", "integral", "proportional", "growth", "shrink", "least", "spacings")
 
 
 @dataclass(frozen=True)
@@ -46,15 +45,15 @@ class Accepted:
     """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
 
     state: State  #: after them
-    made: int  #: how many
     watch: EventState
+    made: int = 0  #: how many
     occurrences: tuple[Occurrence, ...] = ()
     stopping: tuple[int, ...] = ()  #: events at the end of the last step that end the integration or change the state
-    failure: Failure | None = None  #: why there are no more
+    ended: Failure | None = None  #: why there are no more: a failure, or a terminal event
 
 
 @dataclass(frozen=True)
-class Shortened:
+class Cut:
     """A step made shorter to end at an event."""
 
     attempt: Attempt
@@ -69,46 +68,46 @@ class Stepper:
     plan: Plan
     events: tuple[Event, ...] = ()
 
-    def advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
+    def advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float | None = None) -> Accepted:
         """At most as many accepted steps towards ``stop`` [s] as there are ``rows`` to write to, up to an event in one.
 
-        A spent budget and a value that is not finite are failures like others.
+        A spent budget and a value that is not finite are failures like others.  A first step does not pass ``horizon`` [s].
         """
         try:
-            return self._advance(state, watch, stop, rows)
+            return self._advance(state, watch, stop, rows, stop if horizon is None else horizon)
         except BudgetSpent as spent:
-            return Accepted(state, 0, watch, failure=budget_failure(spent, state.t))
+            return Accepted(state, watch, ended=budget_failure(spent, state.t))
         except NonFiniteValue as error:  # of an event function, or of the look at a motion's start
             text = f"{error}, in the step from t = {state.t:.17g}"
-            return Accepted(state, 0, watch, failure=Failure(Status.nonfinite_callback, text))
+            return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 
-    def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
+    def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float) -> Accepted:
         engine, by_error = self.engine, self.plan.by_error
         engine.work.check_time()
         engine.watch(self.events)
         if by_error is not None:
             engine.tolerate(by_error.tolerances.rtol, by_error.tolerances.atol)
             if state.memory is None:
-                state = prepared(engine, state, by_error.tolerances, by_error.options, stop)
+                state = prepared(engine, state, by_error.tolerances, by_error.options, horizon)
             if failure := by_error.unreachable(state, stop):
-                return Accepted(state, 0, watch, failure=failure)
+                return Accepted(state, watch, ended=failure)
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
         state, made, ended = engine.march(state, self._control(stop), lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
-            watch = replace(watch, values=engine.event_values(), changed=())
+            watch = replace(watch, values=engine.section(mem.EVENT_VALUES).copy(), changed=())
         if ended == mem.CONVERGED:
-            return Accepted(state, made, watch)
+            return Accepted(state, watch, made)
         if ended == mem.SUSPECT:
             engine.give_up_derivatives(before)
-            return self._advance(before, watch, stop, rows)
+            return self._advance(before, watch, stop, rows, horizon)
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
         if ended == mem.EVENT_FOUND:
             return self._with_events(state, watch, stop, rows)
-        return Accepted(state, 0, watch, failure=failure_of(engine, self.plan, state, ended))
+        return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
 
     def _control(self, stop: float) -> Control:
         by_error = self.plan.by_error
@@ -124,25 +123,25 @@ class Stepper:
             value_of(event, float(t), q, v, self.engine.work)
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
 
-    def terminal(self, accepted: Accepted) -> str | None:
-        """The event that ends the integration after ``accepted``, in words."""
-        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(accepted.watch.counts[i])]
-        if not named:
-            return None
-        return f"event {', '.join(map(repr, named))} at t = {accepted.state.t:.17g}. {Status.event.text}"
+    def after_events(self, accepted: Accepted) -> Accepted:
+        """``accepted`` with the changes that events make at its end; a terminal one, or a failed change, has ended it."""
+        state, watch, ended = accepted.state, accepted.watch, accepted.ended
+        if not accepted.stopping:
+            return accepted
+        changing = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
+        if changing:
+            changed = self._changed(state, changing)
+            if isinstance(changed, Failure):
+                return replace(accepted, ended=changed)
+            state, watch = changed, replace(watch, values=None, changed=accepted.stopping)
+        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(watch.counts[i])]
+        if named:
+            text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
+            ended = Failure(Status.event, text)
+        return replace(accepted, state=state, watch=watch, ended=ended)
 
-    def watch_after(self, accepted: Accepted, state: State) -> EventState:
-        """What goes on with ``state``, the end of ``accepted`` or what its events made of it."""
-        if state is accepted.state:
-            return accepted.watch
-        return replace(accepted.watch, values=None, changed=accepted.stopping)
-
-    def changed(self, accepted: Accepted) -> State | Failure:
-        """The state after the changes that events make at the end of ``accepted``; without one the end itself."""
-        state = accepted.state
-        events = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
-        if not events:
-            return state
+    def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
+        """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
         where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
         try:
             found = _begun_anew(self.engine, events, state)
@@ -156,6 +155,7 @@ class Stepper:
         """The step that the loops have tried, up to its first event that stops it."""
         engine, cut = self.engine, None
         whole = now = engine.attempted()
+        end = float(whole[0][mem.T_END])
         for _ in range(CUTS):
             output = along(before, now)
             times, values = engine.section(mem.SAMPLE_TIMES).copy(), engine.section(mem.SAMPLE_VALUES).copy()
@@ -163,33 +163,28 @@ class Stepper:
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:
-                return Accepted(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
+                return Accepted(before, watch, ended=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, row = engine.take(self._control(stop), estimates=cut is not None)
-                rows[0] = row
+                state, rows[0] = engine.take(self._control(stop), estimates=cut is not None)
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
-                return self._passed(state, output, found, replace(watch, values=engine.event_values(), changed=()))
-            if self._piled(earlier, before, float(whole[0][mem.T_END]), watch):
-                name, t = self.events[earlier.index].name, float(earlier.attempt[0][mem.T_END])
-                text = f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}"
-                return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, text))
+                watch = replace(watch, values=engine.section(mem.EVENT_VALUES).copy(), changed=())
+                return self._passed(state, output, found, watch)
             now, cut = earlier.attempt, earlier
+            t, event = float(now[0][mem.T_END]), self.events[cut.index]
+            again = cut.index in watch.changed and event.change is not None
+            if again and abs(t - before.t) < PILED * abs(end - before.t):  # the event that made `before` comes at once
+                text = f"changes by event {event.name!r} pile up at t = {t:.17g}; {PILED_UP}"
+                return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
             engine.put_back(now)
             if engine.look() == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        h = float(whole[0][mem.T_END]) - before.t
-        text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
-        return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, f"{text}; take shorter steps."))
+        text = f"in the step from t = {before.t:.17g} with h = {end - before.t:g} each look shows an event before the last"
+        return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
-    def _piled(self, cut: Shortened, before: State, end: float, watch: EventState) -> bool:
-        """Whether the event that made the state ``before`` comes again in no time, in a step that was to reach ``end``."""
-        again = cut.index in watch.changed and self.events[cut.index].change is not None
-        return again and abs(float(cut.attempt[0][mem.T_END]) - before.t) < PILED * abs(end - before.t)
-
-    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Shortened | None:
+    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
 
         What only the interpolant crosses is removed from ``found``.
@@ -197,7 +192,7 @@ class Stepper:
         while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
             attempt = step_to(self.engine, self.events[first.index], first, before, now)
             if attempt is not None:
-                return Shortened(attempt, first.index)
+                return Cut(attempt, first.index)
             found.remove(first)
         return None
 
@@ -219,16 +214,15 @@ class Stepper:
             if event.change is not None or event.ends(counts[crossing.index]):
                 stopping.append(crossing.index)
         watch = replace(watch, counts=tuple(counts))
-        return Accepted(state, 1, watch, tuple(occurrences), tuple(sorted(set(stopping))))
+        return Accepted(state, watch, 1, tuple(occurrences), tuple(sorted(set(stopping))))
 
 
 def control_of(o: ControlOptions, stop: float, controlled: bool, events: Sequence[Event]) -> Control:
     """As the loops take it."""
-    values = {name: float(getattr(o, name)) for name in (*NAMES, "after_failure", "grown")}
-    return Control(controlled=controlled, watching=bool(events), stop=float(stop), keep=o.keep, **values)
+    return Control(controlled, bool(events), float(stop), *(getattr(o, name) for name in Control._fields[3:]))
 
 
-def _with_cut(found: Sequence[Crossing], cut: Shortened | None, end: float) -> list[Crossing]:
+def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
     """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
     if cut is None:
         return list(found)

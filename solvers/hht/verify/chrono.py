@@ -16,7 +16,8 @@ from hhtbench.arguments import Vector
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution, Status
-from solvers._start import empty_solution
+from solvers._ending import empty_solution
+from solvers._start import Failure
 from solvers.hht.solver import HHT
 
 ROW = 5  # easy steps before the step is doubled
@@ -56,7 +57,7 @@ def solve_as_chrono(problem: Problem, request: Request, alpha: float) -> Solutio
         h = hht.state.h or t1 - t0
         status = hht.init_step(t0, problem.q0, problem.v0, step=h, **guesses)
     if status is not Status.success:
-        return empty_solution(problem.q0.size, status, hht.message, hht.counters)
+        return empty_solution(problem.q0.size, Failure(status, hht.message), hht.counters)
     found, ends = [_states(hht, times[times <= t0])], [t0]
     for status in chrono_steps(hht, h, t1):
         if status is Status.success and request.max_seconds and time.perf_counter() - began > request.max_seconds:
@@ -67,7 +68,8 @@ def solve_as_chrono(problem: Problem, request: Request, alpha: float) -> Solutio
         ends.append(hht.state.t)
     rows, counters = np.concatenate(found), replace(hht.counters, steps_accepted=len(ends) - 1)  # hard ones were withdrawn
     q, v = np.hsplit(rows, 2)
-    return replace(empty_solution(problem.q0.size, status, hht.message, counters), t=times[: len(rows)], q=q, v=v)
+    end = Failure(status, hht.message)
+    return replace(empty_solution(problem.q0.size, end, counters), t=times[: len(rows)], q=q, v=v)
 
 
 def _states(hht: HHT, times: Vector) -> Vector:
