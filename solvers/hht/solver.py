@@ -161,7 +161,7 @@ class HHT:
             tally = Counter(self._engine.work.tally)
             self._integrator = replace(integrator, distrusts=self._engine.distrusts, tally=tally)
             self._message = integrator.message
-            self._engine.raise_noted()  # an interrupt in a step that was made
+            self._engine.loops.raise_noted()  # an interrupt in a step that was made
         return status
 
     def interpolate(self, t: Any) -> DenseOutput:

@@ -24,6 +24,7 @@ from problems import planar_chain
 from solvers._start import Place
 from solvers.hht.control.options import ControlOptions
 from solvers.hht.options import HHTOptions
+from solvers.hht.run.history import columns
 from solvers.hht.run.start import begin
 from solvers.hht.run.stepper import control_of
 
@@ -75,7 +76,7 @@ class Ours:
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
         self.control = control_of(ControlOptions(), math.inf, False, ())
-        self.rows = np.zeros((1, self.engine.columns))
+        self.rows = np.zeros((1, columns(self.engine.structure)))
         self.engine.march(self.state, self.control, np.array([h]), np.array([h]), self.rows, None)  # compiles
 
     def step(self) -> None:

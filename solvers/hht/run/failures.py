@@ -18,7 +18,7 @@ RESIDUAL = "the step's residual"  # what is named where every function is finite
 
 def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     """Of the step from ``state`` that the loops tried last and left with ``ended``."""
-    numbers, by_error = engine.numbers(), plan.by_error
+    numbers, by_error = engine.loops.section(mem.ATTEMPT), plan.by_error
     h, t = float(numbers[mem.H_TRIED]), state.t
     where = f"in the step from t = {t:.17g} with h = {h:g}"
     if ended == mem.NO_ADVANCE:

@@ -69,7 +69,7 @@ class Integration:
             return self._nothing(end)
         output, t_eval = self.history.dense_output(), self.request.t_eval
         times = reached(output, t_eval)
-        rows = self.history.rows() if t_eval is None else output(times)
+        rows = (output.q.copy(), output.v.copy()) if t_eval is None else output(times)
         own = stage_values(self.history, None if t_eval is None else times)
         left = unrecovered(self.stepper.engine.dynamics, self.work, end, (times, *rows), own)
         return self._complete(left, output)
@@ -80,7 +80,7 @@ class Integration:
         self.work.only_output_is_left()
         output = history.dense_output()
         times = reached(output, t_eval)
-        rows = history.rows() if t_eval is None else rows_within(output, times, self.work)
+        rows = DenseOutput(output.q.copy(), output.v.copy()) if t_eval is None else rows_within(output, times, self.work)
         asked, times = times.size, times[: len(rows.q)]
         own = stage_values(history, None if t_eval is None else times)
         solution = solution_of(engine.acceleration, engine.dynamics, self.work, end, (times, *rows), own, engine.recovered)

@@ -22,7 +22,7 @@ from solvers.hht.events.locate import Attempt, NotMade, along, step_to
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.failures import failure_of
-from solvers.hht.run.march import Control
+from solvers.hht.run.march import Control, look
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
@@ -86,7 +86,8 @@ class Stepper:
         engine.work.check_time()
         engine.watch(self.events)
         if by_error is not None:
-            engine.tolerate(by_error.tolerances.rtol, by_error.tolerances.atol)
+            engine.loops.section(mem.RTOL)[:] = by_error.tolerances.rtol
+            engine.loops.section(mem.ATOL)[:] = by_error.tolerances.atol
             if state.memory is None:
                 state = prepared(engine, state, by_error.tolerances, by_error.options, horizon)
             if failure := by_error.unreachable(state, stop):
@@ -97,7 +98,7 @@ class Stepper:
         state, made, ended = engine.march(state, self._control(stop), lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
-            watch = replace(watch, values=engine.section(mem.EVENT_VALUES).copy(), changed=())
+            watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
         if ended == mem.CONVERGED:
             return Accepted(state, watch, made)
         if ended == mem.SUSPECT:
@@ -118,7 +119,7 @@ class Stepper:
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
         n = self.engine.structure.n
-        (t,), q, v = np.split(self.engine.section(mem.PLACE), [1, 1 + n])
+        (t,), q, v = np.split(self.engine.loops.section(mem.PLACE), [1, 1 + n])
         for event in self.events:
             value_of(event, float(t), q, v, self.engine.work)
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
@@ -158,7 +159,7 @@ class Stepper:
         end = float(whole[0][mem.T_END])
         for _ in range(CUTS):
             output = along(before, now)
-            times, values = engine.section(mem.SAMPLE_TIMES).copy(), engine.section(mem.SAMPLE_VALUES).copy()
+            times, values = engine.loops.section(mem.SAMPLE_TIMES).copy(), engine.loops.section(mem.SAMPLE_VALUES).copy()
             found = _with_cut(crossings(self.events, times, values, output, engine.work), cut, float(now[0][mem.T_END]))
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
@@ -170,7 +171,7 @@ class Stepper:
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
-                watch = replace(watch, values=engine.section(mem.EVENT_VALUES).copy(), changed=())
+                watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
                 return self._passed(state, output, found, watch)
             now, cut = earlier.attempt, earlier
             t, event = float(now[0][mem.T_END]), self.events[cut.index]
@@ -179,7 +180,7 @@ class Stepper:
                 text = f"changes by event {event.name!r} pile up at t = {t:.17g}; {PILED_UP}"
                 return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
             engine.put_back(now)
-            if engine.look() == mem.EVENT_NONFINITE:
+            if engine.loops.call(look) == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
         text = f"in the step from t = {before.t:.17g} with h = {end - before.t:g} each look shows an event before the last"
         return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))

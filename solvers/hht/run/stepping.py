@@ -16,6 +16,7 @@ from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
+from solvers.hht.run.history import columns
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
@@ -101,7 +102,7 @@ def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
 
 def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
     before, stop = integrator.state, goal.ahead * math.inf if goal.tstop is None else goal.tstop
-    rows = np.zeros((1, stepper.engine.columns))
+    rows = np.zeros((1, columns(stepper.engine.structure)))
     accepted = stepper.advance(before, integrator.watch, stop, rows, _horizon(integrator, goal))
     after = stepper.after_events(accepted)
     status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
