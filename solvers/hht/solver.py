@@ -18,13 +18,12 @@ from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, Place
-from solvers.hht.control.plan import ByError, Constant
+from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import make_options
-from solvers.hht.run.checkpoint import pack, unpack
+from solvers.hht.run.checkpoint import check, pack, unpack
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.legal_state import check
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepper import Stepper
@@ -245,11 +244,10 @@ class HHT:
         return engine
 
     def _stepper(self, engine: Engine, integrator: IntegratorState) -> Stepper:
-        if integrator.step is not None:
-            return Stepper(engine=engine, plan=Constant(integrator.step), events=self.events)
-        if integrator.tolerances is None:
-            raise ValueError("neither a step nor tolerances.")
-        return Stepper(engine=engine, plan=ByError(integrator.tolerances, self.options.control), events=self.events)
+        plan: Plan = Constant(integrator.step or 0.0)
+        if integrator.tolerances is not None:
+            plan = ByError(integrator.tolerances, self.options.control)
+        return Stepper(engine=engine, plan=plan, events=self.events)
 
     def _setup(self) -> dict[str, Any]:
         """What a checkpoint and the solver that resumes it must share, as texts."""

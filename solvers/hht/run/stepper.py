@@ -15,19 +15,21 @@ from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.first_step import prepared
 from solvers.hht.control.options import ControlOptions
-from solvers.hht.control.plan import Plan
+from solvers.hht.control.plan import ByError, Plan
+from solvers.hht.equations.coefficients import NEAR_HALF
+from solvers.hht.equations.formulas import SHORT
 from solvers.hht.events.crossings import Crossing, crossings
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, NotMade, along, step_to
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.failures import failure_of
 from solvers.hht.run.march import Control, look
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
+RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
 PILED_UP = "let the change end the motion there, or make the event terminal."
 
 
@@ -52,12 +54,7 @@ class Accepted:
     ended: Failure | None = None  #: why there are no more: a failure, or a terminal event
 
 
-@dataclass(frozen=True)
-class Cut:
-    """A step made shorter to end at an event."""
-
-    attempt: Attempt
-    index: int  #: of the event
+Cut = tuple[Attempt, int]  # a step made shorter to end at an event, and the number of that
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +92,7 @@ class Stepper:
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
-        state, made, ended = engine.march(state, self._control(stop), lengths, ends, rows, watch.values)
+        state, made, ended = engine.march(state, control_of(self.plan, stop, self.events), lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
             watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
@@ -109,12 +106,6 @@ class Stepper:
         if ended == mem.EVENT_FOUND:
             return self._with_events(state, watch, stop, rows)
         return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
-
-    def _control(self, stop: float) -> Control:
-        by_error = self.plan.by_error
-        return control_of(
-            ControlOptions() if by_error is None else by_error.options, stop, by_error is not None, self.events
-        )
 
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
@@ -144,13 +135,23 @@ class Stepper:
     def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
         """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
         where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
+        engine, q, v = self.engine, state.q, state.v
         try:
-            found = _begun_anew(self.engine, events, state)
+            for event in events:
+                q, v = changed_by(event, state.t, q, v)
+            place: Any = Place(state.t, q, v)
+            if engine.structure.constrained:
+                place = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
+                place = place if isinstance(place, Failure) else place[0]
+            failed = isinstance(place, Failure)
+            new = place if failed else first_state(engine, place, state.lam, state.mu, state.h or 0.0)
         except BudgetSpent as spent:
             return budget_failure(spent, state.t)
         except NonFiniteValue as error:
             return Failure(Status.nonfinite_callback, f"{error}, {where}")
-        return Failure(found.status, f"{where}: {found.message}") if isinstance(found, Failure) else found
+        if isinstance(new, Failure):
+            return Failure(new.status, f"{where}: {new.message}")
+        return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
 
     def _with_events(self, before: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         """The step that the loops have tried, up to its first event that stops it."""
@@ -167,15 +168,15 @@ class Stepper:
                 return Accepted(before, watch, ended=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, rows[0] = engine.take(self._control(stop), estimates=cut is not None)
+                state, rows[0] = engine.take(control_of(self.plan, stop, self.events), estimates=cut is not None)
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
                 watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
                 return self._passed(state, output, found, watch)
-            now, cut = earlier.attempt, earlier
-            t, event = float(now[0][mem.T_END]), self.events[cut.index]
-            again = cut.index in watch.changed and event.change is not None
+            (now, index), cut = earlier, earlier
+            t, event = float(now[0][mem.T_END]), self.events[index]
+            again = index in watch.changed and event.change is not None
             if again and abs(t - before.t) < PILED * abs(end - before.t):  # the event that made `before` comes at once
                 text = f"changes by event {event.name!r} pile up at t = {t:.17g}; {PILED_UP}"
                 return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
@@ -193,7 +194,7 @@ class Stepper:
         while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
             attempt = step_to(self.engine, self.events[first.index], first, before, now)
             if attempt is not None:
-                return Cut(attempt, first.index)
+                return attempt, first.index
             found.remove(first)
         return None
 
@@ -218,34 +219,54 @@ class Stepper:
         return Accepted(state, watch, 1, tuple(occurrences), tuple(sorted(set(stopping))))
 
 
-def control_of(o: ControlOptions, stop: float, controlled: bool, events: Sequence[Event]) -> Control:
+def control_of(plan: Plan, stop: float, events: Sequence[Event]) -> Control:
     """As the loops take it."""
-    return Control(controlled, bool(events), float(stop), *(getattr(o, name) for name in Control._fields[3:]))
+    options = ControlOptions() if plan.by_error is None else plan.by_error.options
+    constants = (getattr(options, name) for name in Control._fields[3:])
+    return Control(plan.by_error is not None, bool(events), float(stop), *constants)
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
     """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
     if cut is None:
         return list(found)
-    index, result = cut.index, list(found)
+    (_, index), result = cut, list(found)
     own = [crossing for crossing in result if crossing.index == index]
     if own:
         result.remove(own[-1])
     return [*result, replace(own[-1], t=end) if own else Crossing(index, end, 0, (end, end))]
 
 
-def _begun_anew(engine: Engine, events: Sequence[Event], state: State) -> State | Failure:
-    """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
-    q, v = state.q, state.v
-    for event in events:
-        q, v = changed_by(event, state.t, q, v)
-    place = Place(state.t, q, v)
-    if engine.structure.constrained:
-        projected: Any = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
-        if isinstance(projected, Failure):
-            return projected
-        place = projected[0]
-    new = first_state(engine, place, state.lam, state.mu, state.h or 0.0)
-    if isinstance(new, Failure):
-        return new
-    return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
+def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
+    """Of the step from ``state`` that the loops tried last and left with ``ended``."""
+    numbers, by_error = engine.loops.section(mem.ATTEMPT), plan.by_error
+    h, t = float(numbers[mem.H_TRIED]), state.t
+    where = f"in the step from t = {t:.17g} with h = {h:g}"
+    if ended == mem.NO_ADVANCE:
+        text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
+        return Failure(Status.time_resolution, text)
+    if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
+        return _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
+    cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
+    if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
+        return Failure(Status.nonfinite_callback, f"{cause}, {where}")
+    if ended == mem.SINGULAR:
+        return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
+    near = abs(engine.method.coefficients.b - 0.5) < NEAR_HALF
+    remedy = "b is close to the singular value 1/2, take b = 0" if near else "take a smaller step"
+    return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
+
+
+def _too_large(plan: ByError, before: State, numbers: np.ndarray, *, roundoff: bool) -> Failure:
+    """The error of the last step that was tried is more than what is allowed."""
+    o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
+    text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
+    if roundoff:
+        first = float(numbers[mem.FIRST_H])
+        text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
+        return Failure(Status.step_too_small, f"{text}: {plan.tolerances.reachable(before, first)}")
+    by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
+    moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
+    if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
+        return Failure(Status.time_resolution, f"{text}; {Status.time_resolution.text}")
+    return Failure(Status.step_too_small, f"{text}; {Status.step_too_small.text}")
