@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, minimum_norm, padded, unreduced
+from hhtbench.lowering import ConstraintLevels, minimum_norm, padded, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
-from solvers._start import Failure, points_of
+from solvers._start import Failure, Solving, points_of
 
+Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
+RecoverMany = Callable[..., Any] | None
 
 
 class OwnMultipliers(NamedTuple):
@@ -40,41 +41,26 @@ class Recovered(NamedTuple):
     instead: Status | None = None  #: of a success, where rows are missing or not recovered
 
 
-def solution_of(
-    level: AccelerationLevel,
-    dynamics: Dynamics,
-    work: Work,
-    end: Failure,
-    rows: tuple[Vector, Matrix, Matrix],
-    own: OwnMultipliers,
-    recover_many: Callable[..., Any] | None = None,
-) -> Solution:
-    """The Solution with ``rows`` t (k,), q and v (k, n), as far as the acceleration level is finite there."""
-    with work.for_output():
-        found = recover_multipliers(level, dynamics, work, rows, own, recover_many)
+def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Solution:
+    """The Solution with ``rows``, as far as the acceleration level is finite there."""
+    with run.work.for_output():
+        found = recover_multipliers(run, rows, own, recover_many)
         kept = len(found.lam)
         t, q, v = (array[:kept] for array in rows)
-        lam, mu = _of_all_rows(dynamics, work, (t, q, v), (found.lam, found.mu))
+        lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
     status = found.instead if found.instead is not None and end.status is Status.success else end.status
     message = f"{end.message} {found.note}".strip()
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=work.counters())
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=run.work.counters())
 
 
-def recover_multipliers(
-    level: AccelerationLevel,
-    dynamics: Dynamics,
-    work: Work,
-    rows: tuple[Vector, Matrix, Matrix],
-    own: OwnMultipliers,
-    recover_many: Callable[..., Any] | None = None,
-) -> Recovered:
+def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
     """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
 
     Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
     where it is not finite.  ``recover_many(t, q, v, lam, mu)`` puts those of easy rows in place and tells which.
     """
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
-    if not dynamics.structure.constrained:
+    if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
     with suppress(BudgetSpent):  # nothing more can be compiled
@@ -82,10 +68,10 @@ def recover_multipliers(
     for i in np.flatnonzero(~done).tolist():
         guess = _unless_nan(lam[i], guess[0]), _unless_nan(mu[i], guess[1])
         try:
-            work.check_time()
-            found = _acceleration_at(level, dynamics, work, float(times[i]), q[i], v[i], guess)
+            run.work.check_time()
+            found = _acceleration_at(run, float(times[i]), q[i], v[i], guess)
         except BudgetSpent:
-            ended = f"The time budget ended when {i} of {times.size} rows had their multipliers{work.clock.passed_in}"
+            ended = f"The time budget ended when {i} of {times.size} rows had their multipliers{run.work.clock.passed_in}"
             return Recovered(lam, mu, f"{ended}; {own.rest}.", Status.deadline)
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
@@ -105,40 +91,35 @@ def _unless_nan(own: Vector, otherwise: Vector) -> Vector:
     return otherwise if np.isnan(own).any() else own.copy()
 
 
-def _acceleration_at(
-    level: AccelerationLevel, dynamics: Dynamics, work: Work, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]
-) -> Acceleration:
+def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:
     """The acceleration level at one output time; a value that is not finite is tried once more."""
     for last in (False, True):
         try:
-            found = level.solve(t, q, v, *guess)
-            work.add("residual_evaluations", points_of(dynamics))
+            found = run.acceleration.solve(t, q, v, *guess)
+            run.work.add("residual_evaluations", points_of(run.dynamics))
             if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
-                explain_nonfinite(dynamics, t, q, v)
+                explain_nonfinite(run.dynamics, t, q, v)
             break
         except NonFiniteValue:
-            work.add("nonfinite_evaluations")
+            run.work.add("nonfinite_evaluations")
             if last:
                 raise
     return found
 
 
-def _of_all_rows(
-    dynamics: Dynamics, work: Work, rows: tuple[Vector, Matrix, Matrix], multipliers: Multipliers
-) -> Multipliers:
+def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Multipliers:
     """Multipliers of all constraints, of least norm where the solver works without the redundant ones.
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.
     """
-    whole = unreduced(dynamics)
-    if whole is dynamics:
+    whole, reduced = unreduced(run.dynamics), run.dynamics.structure
+    if whole is run.dynamics:
         return multipliers
-    lam, mu = padded(dynamics, *multipliers)
-    levels, m = ConstraintLevels(whole), whole.structure.m
-    rank = dynamics.structure.m + dynamics.structure.p
+    lam, mu = padded(run.dynamics, *multipliers)
+    levels, m, rank = ConstraintLevels(whole), whole.structure.m, reduced.m + reduced.p
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
         try:
-            work.check_time()
+            run.work.check_time()
             at = levels.at(float(t), q, v)
         except BudgetSpent:
             break
@@ -158,13 +139,11 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
         raise
 
 
-def unrecovered(
-    dynamics: Dynamics, work: Work, end: Failure, rows: tuple[Vector, Matrix, Matrix], own: OwnMultipliers
-) -> Solution:
+def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers) -> Solution:
     """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called."""
-    (t, q, v), (lam, mu) = rows, padded(dynamics, own.lam, own.mu)
+    (t, q, v), (lam, mu) = rows, padded(run.dynamics, own.lam, own.mu)
     message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=work.counters())
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=run.work.counters())
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

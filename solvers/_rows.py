@@ -61,13 +61,12 @@ def carried(form: Form, rows: Rows, dynamics: Dynamics) -> Mapping[str, Matrix] 
     Zero for redundant rows, which the solver leaves out.
     """
     if rows.rates is not None:
-        m = dynamics.structure.m
-        lam, mu = padded(dynamics, rows.rates[:, :m], rows.rates[:, m:])
-        return {"lam": lam, "mu": mu}
-    if not any(name in form.blocks for name in ("lam", "mu")):
+        own = np.split(rows.rates, [dynamics.structure.m], axis=1)
+    elif any(name in form.blocks for name in ("lam", "mu")):
+        own = [rows.y[:, form.blocks.get(name, slice(0, 0))].copy() for name in ("lam", "mu")]
+    else:
         return None
-    lam, mu = (rows.y[:, form.blocks.get(name, slice(0, 0))].copy() for name in ("lam", "mu"))
-    return dict(zip(("lam", "mu"), padded(dynamics, lam, mu), strict=True))
+    return dict(zip(("lam", "mu"), padded(dynamics, *own), strict=True))
 
 
 def doubt_about(rows: Rows, levels: ConstraintLevels, scales: Scales, work: Work, wanted: Vector | None) -> str:

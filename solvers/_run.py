@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import Clock, Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
@@ -21,7 +21,16 @@ from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
 from solvers._rows import Rows, carried, doubt_about, holds_integrals, make_rows, own_multipliers, rates_of
-from solvers._start import Failure, Place, budget_failure, check_start, dynamics_for, start_acceleration, tried_twice
+from solvers._start import (
+    Failure,
+    Place,
+    absolute_tolerances,
+    budget_failure,
+    check_start,
+    dynamics_for,
+    start_acceleration,
+    tried_twice,
+)
 
 __all__ = ["Halt", "Run"]
 
@@ -65,7 +74,7 @@ class Run:
         self.work.only_output_is_left()
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        solution = solution_of(self.level, self.dynamics, self.work, self._judged(rows, end), rows.motion, own)
+        solution = solution_of(self, self._judged(rows, end), rows.motion, own)
         return self._complete(solution, rows)
 
     def left_over(self, end: Failure) -> Solution:
@@ -74,7 +83,7 @@ class Run:
             return self._nothing(end)
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        return self._complete(unrecovered(self.dynamics, self.work, end, rows.motion, own), rows)
+        return self._complete(unrecovered(self, end, rows.motion, own), rows)
 
     def _complete(self, solution: Solution, rows: Rows) -> Solution:
         """With the multipliers that the library holds itself, and all counters."""
@@ -100,13 +109,14 @@ class Run:
         problem = self.problem
         place = Place(self.now, problem.q0, problem.v0)
         guesses = problem.lam_guess, problem.mu_guess
-        self.atol = self._tolerances()
+        self.atol = absolute_tolerances(problem, self.request)
         self.dynamics = dynamics_for(problem.system, place, self.work)
-        self.levels, self.level = ConstraintLevels(unreduced(self.dynamics), full=True), AccelerationLevel(self.dynamics)
+        self.levels = ConstraintLevels(unreduced(self.dynamics), full=True)
+        self.acceleration = AccelerationLevel(self.dynamics)
         failure = check_start(self.dynamics, self.levels, place, guesses)
         if failure is not None:
             return failure
-        found = start_acceleration(self.level, self.dynamics, self.work, place, guesses)
+        found = start_acceleration(self, place, guesses)
         if isinstance(found, Failure):
             return found
         self.form = form = forms.make_form(self.form_name, self.dynamics)
@@ -126,15 +136,6 @@ class Run:
         """``function`` guarded, in the library's time."""
         guarded = self.guard.wrap(function, shape, **points)
         return lambda t, *values: guarded(self.time(t), *values)
-
-    def _tolerances(self) -> Vector:
-        """Absolute tolerances of q and v, (2n,)."""
-        n, scales, atol = self.problem.q0.size, self.problem.scales, self.request.atol
-        if atol is None:
-            return float(self.request.rtol or 0.0) * np.concatenate([np.broadcast_to(s, n) for s in (scales.q, scales.v)])
-        if np.shape(atol) not in ((), (n,), (2 * n,)):
-            raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
-        return np.broadcast_to(atol, 2 * n) if np.ndim(atol) == 0 else np.resize(atol, 2 * n)
 
     def look_ahead(self, lost: float) -> None:
         """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).

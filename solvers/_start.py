@@ -6,7 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -33,7 +33,8 @@ from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.matrix_free import large
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.reduced import ReducedDynamics
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
@@ -56,6 +57,14 @@ class Place:
     v: Vector
 
 
+class Solving(Protocol):
+    """What belongs to one solve, whoever steps."""
+
+    dynamics: Dynamics
+    acceleration: AccelerationLevel
+    work: Work
+
+
 Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
 
 
@@ -71,6 +80,17 @@ def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
         except BudgetSpent as spent:
             return budget_failure(spent, t)
     return failure
+
+
+def absolute_tolerances(problem: Problem, request: Request) -> Vector:
+    """Of q and v, (2n,): those of the request, or ``rtol`` times the problem's scales where it gives none."""
+    n, scales, atol = problem.q0.size, problem.scales, request.atol
+    if atol is None:
+        typical = np.concatenate([np.broadcast_to(scale, n) for scale in (scales.q, scales.v)])
+        return np.asarray(np.resize(0.0 if request.rtol is None else request.rtol, 2 * n) * typical)
+    if np.shape(atol) not in ((), (n,), (2 * n,)):
+        raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
+    return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
 
 
 def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:
@@ -190,9 +210,7 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
     return at
 
 
-def start_acceleration(
-    level: AccelerationLevel, dynamics: Dynamics, work: Work, place: Place, guesses: Guesses
-) -> Acceleration | Failure:
+def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Acceleration | Failure:
     """Accelerations and multipliers of the start, or why there are none; a linear reaction looks at no guess.
 
     Raises
@@ -201,13 +219,13 @@ def start_acceleration(
         A function of the system is not finite at the start.
     """
     t, q, v = place.t, place.q, place.v
-    found = level.solve(t, q, v, *guesses)
-    work.add("residual_evaluations", points_of(dynamics))
+    found = run.acceleration.solve(t, q, v, *guesses)
+    run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)
     if not np.all(np.isfinite(found.vdot)):
-        explain_nonfinite(dynamics, t, q, v)
+        explain_nonfinite(run.dynamics, t, q, v)
     if not found.converged:
         message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
         return Failure(Status.newton_failed, message)

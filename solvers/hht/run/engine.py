@@ -56,11 +56,11 @@ class Engine:
         plain: bool = False,
     ) -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
-        self.structure, self.points = dynamics.structure, points_of(dynamics)  # a NumPy system counts its calls itself
+        self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions, self.layout = functions, functions.layout
         self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
         self.acceleration = AccelerationLevel(dynamics)
-        self._fallback, self._plain = fallback, plain
+        self._fallback, self.plain = fallback, plain
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
@@ -71,15 +71,14 @@ class Engine:
     def loops(self) -> Loops:
         """Made when they are first needed."""
         if self._loops is None:
-            counted = self.work, self.points
-            self._loops = Loops(self.functions, self._events, self.method, *counted, self._rare, plain=self._plain)
+            self._loops = Loops(self, self._events)
         return self._loops
 
     @property
     def why(self) -> str:
         """How the steps are made."""
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
-        return f"{'plain Python' if self._plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
+        return f"{'plain Python' if self.plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
 
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
         """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
@@ -202,7 +201,7 @@ class Engine:
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
-        if not isinstance(self.functions, MachineCode) or self._plain:
+        if not isinstance(self.functions, MachineCode) or self.plain:
             return np.zeros(times.size, dtype=bool)
         done = Recovery(self.functions.dynamics, self.loops.callbacks, self.work, self.points)(times, q, v, lam, mu)
         self.loops.raise_noted()
@@ -228,7 +227,7 @@ class Engine:
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
 
-    def _rare(self, callbacks: Callbacks) -> Codes:
+    def rare(self, callbacks: Callbacks) -> Codes:
         """What the loops ask Python for, seldom: the acceleration level, and steps shorter than roundoff."""
         s = self.structure
         n, m, p = s.n, s.m, s.p

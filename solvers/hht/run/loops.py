@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.foreign import Callbacks
-from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.layout import Layout
 from solvers.hht.events.compiled import EventFunctions
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import integer_view, view
-from solvers.hht.run.functions import Functions
 from solvers.hht.run.march import remake
 from solvers.hht.step.state import ControlMemory, Factorised, State
+
+if TYPE_CHECKING:
+    from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
@@ -34,33 +34,13 @@ Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parame
 
 
 class Loops:
-    """The loops over steps as one system's ``functions`` and ``events`` make them.
+    """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
 
-    Parameters
-    ----------
-    points
-        Evaluations per call; 0 for a NumPy system, whose callbacks count themselves.
-    rare
-        Callbacks to the addresses of what the loops ask Python for, seldom.
-    plain
-        Run the loops as plain Python: for debugging, and to compare with.
-    """
-
-    def __init__(
-        self,
-        functions: Functions,
-        events: Sequence[Event],
-        method: Method,
-        work: Work,
-        points: int,
-        rare: Callable[[Callbacks], Codes],
-        *,
-        plain: bool,
-    ) -> None:
-        self.functions, self.work, self._plain = functions, work, plain
-        self._points = points
+    def __init__(self, engine: Engine, events: Sequence[Event]) -> None:
+        self.functions, self.work, self._plain = engine.functions, engine.work, engine.plain
+        self._points, method, functions = engine.points, engine.method, engine.functions
         self.callbacks = functions.callbacks or Callbacks()
-        self.callbacks.check = work.check_time
+        self.callbacks.check = self.work.check_time
         self.events = EventFunctions(events, functions, self.callbacks)
         self.held: State | None = None  #: the state that is in the memory
         self.nonfinite: NonFiniteValue | None = None  #: the last value in the last call, where it is known
@@ -70,7 +50,7 @@ class Loops:
         view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
-        codes = functions.codes(self.callbacks) | rare(self.callbacks)
+        codes = functions.codes(self.callbacks) | engine.rare(self.callbacks)
         if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
             codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
         self._put(codes)

@@ -71,7 +71,7 @@ class Integration:
         times = reached(output, t_eval)
         rows = (output.q.copy(), output.v.copy()) if t_eval is None else output(times)
         own = stage_values(self.history, None if t_eval is None else times)
-        left = unrecovered(self.stepper.engine.dynamics, self.work, end, (times, *rows), own)
+        left = unrecovered(self.stepper.engine, end, (times, *rows), own)
         return self._complete(left, output)
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
@@ -83,7 +83,7 @@ class Integration:
         rows = DenseOutput(output.q.copy(), output.v.copy()) if t_eval is None else rows_within(output, times, self.work)
         asked, times = times.size, times[: len(rows.q)]
         own = stage_values(history, None if t_eval is None else times)
-        solution = solution_of(engine.acceleration, engine.dynamics, self.work, end, (times, *rows), own, engine.recovered)
+        solution = solution_of(engine, end, (times, *rows), own, engine.recovered)
         status, message, carried = solution.status, solution.message, None
         if times.size < asked:
             message += f" The time budget ended when {times.size} of {asked} rows were interpolated; no more follow."

@@ -125,7 +125,7 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
     t, q, v = place.t, place.q, place.v
     found: Any = None
     if engine.structure.constrained:  # first: where the KKT matrix is singular there may be no f either
-        found = start_acceleration(engine.acceleration, engine.dynamics, engine.work, place, (lam, mu))
+        found = start_acceleration(engine, place, (lam, mu))
         if isinstance(found, Failure):
             return found
     f0, inverse = engine.force(t, q, v)

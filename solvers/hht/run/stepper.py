@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -191,32 +191,31 @@ class Stepper:
 
         What only the interpolant crosses is removed from ``found``.
         """
-        while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
+        while (first := next((c for c, _, stops in self._counted(found, counts) if stops), None)) is not None:
+            if first.t == now[0][mem.T_END]:
+                break
             attempt = step_to(self.engine, self.events[first.index], first, before, now)
             if attempt is not None:
                 return attempt, first.index
             found.remove(first)
         return None
 
-    def _first_stop(self, crossings: Sequence[Crossing], counts: tuple[int, ...]) -> Crossing | None:
-        tally = list(counts)
-        for crossing in crossings:
-            event = self.events[crossing.index]
-            tally[crossing.index] += 1
-            if event.change is not None or event.ends(tally[crossing.index]):
-                return crossing
-        return None
-
-    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
-        counts, occurrences, stopping = list(watch.counts), [], []
+    def _counted(self, found: Sequence[Crossing], counts: tuple[int, ...]) -> Iterator[tuple[Crossing, int, bool]]:
+        """Each with the number of its occurrence, and whether it ends the integration or changes the state."""
+        numbers = list(counts)
         for crossing in found:
             event = self.events[crossing.index]
-            counts[crossing.index] += 1
-            occurrences.append(Occurrence(crossing.index, event.name, crossing.t, *output(crossing.t)))
-            if event.change is not None or event.ends(counts[crossing.index]):
-                stopping.append(crossing.index)
-        watch = replace(watch, counts=tuple(counts))
-        return Accepted(state, watch, 1, tuple(occurrences), tuple(sorted(set(stopping))))
+            numbers[crossing.index] += 1
+            number = numbers[crossing.index]
+            yield crossing, number, event.change is not None or event.ends(number)
+
+    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
+        counted, counts = list(self._counted(found, watch.counts)), list(watch.counts)
+        for crossing, number, _ in counted:
+            counts[crossing.index] = number
+        events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *output(c.t)) for c in found)
+        stopping = tuple(sorted({crossing.index for crossing, _, stops in counted if stops}))
+        return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
 
 
 def control_of(plan: Plan, stop: float, events: Sequence[Event]) -> Control:
