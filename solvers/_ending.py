@@ -45,8 +45,7 @@ def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, rec
     """The Solution with ``rows``, as far as the acceleration level is finite there."""
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
-        kept = len(found.lam)
-        t, q, v = (array[:kept] for array in rows)
+        t, q, v = (array[: len(found.lam)] for array in rows)
         lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
     status = found.instead if found.instead is not None and end.status is Status.success else end.status
     message = f"{end.message} {found.note}".strip()

@@ -38,7 +38,7 @@ class Rows:
 
 
 def make_rows(form: Form, times: list[float], states: list[Vector], rates: list[Vector]) -> Rows:
-    """The kept rows as arrays of their own."""
+    """The rows as arrays of their own."""
     y = np.array(states).reshape(-1, form.size)
     q, v = (part.copy() for part in form.state(y))
     complete = holds_integrals(form) and len(rates) == len(times)

@@ -146,7 +146,7 @@ class Run:
             t, y, h = self.t, self.y, lost - self.t
             slope = self.rhs(t, y)
             for part in (1.0, 0.5, 0.25, 0.125, 0.0):
-                if self.guard.stray is None:
+                if self.guard.nonfinite is None:
                     self.rhs(t + part * h, y + part * h * slope)
 
     # --- the steps -------------------------------------------------------------------------------------------------
@@ -226,8 +226,8 @@ class Run:
         else:
             message = f"the library raised {type(error).__name__} after t = {self.now:.17g}: {error}"
             end = Failure(Status.unreliable, message)
-        stray = self.guard.suspect
-        return end if stray is None or end.status is Status.max_steps else self._explained(end, stray)
+        suspect = self.guard.suspect
+        return end if suspect is None or end.status is Status.max_steps else self._explained(end, suspect)
 
     def _judged(self, rows: Rows, end: Failure) -> Failure:
         """How the run ended, after a look at what speaks against a success."""
@@ -254,7 +254,7 @@ class Run:
         return Failure(Status.nonfinite_callback, f"{found}; {self.name}: {end.message}")
 
     def rows(self) -> Rows:
-        """The kept rows."""
+        """The rows so far."""
         return make_rows(self.form, self._times, self._rows, self._rates)
 
     def counters(self) -> Counters:
@@ -265,6 +265,6 @@ class Run:
         unknown = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
         values: dict[str, Any] = dict.fromkeys(unknown) | counted | self.library_counters
         values |= dict.fromkeys(self.unseen)
-        told = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
-        told += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
-        return Counters(**values, provenance=f"counted{told}; None: not reported")
+        more = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
+        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
+        return Counters(**values, provenance=f"counted{more}; None: not reported")

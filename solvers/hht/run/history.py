@@ -1,4 +1,4 @@
-"""The accepted steps, kept in arrays that grow by doubling, and the events on the way."""
+"""The accepted steps, in one array that grows fourfold, and the events on the way."""
 
 from __future__ import annotations
 

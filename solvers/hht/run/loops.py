@@ -103,7 +103,7 @@ class Loops:
         self.held = State(
             t=t,
             h=h,
-            **{"earlier": None} | arrays,
+            **arrays,
             factorised=None if slot < 0 else self._factorised(int(slot)),
             size_q=size_q,
             size_v=size_v,
