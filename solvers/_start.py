@@ -29,11 +29,10 @@ from hhtbench.lowering import (
     singular_at,
     unreduced,
 )
-from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
 from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.reduced import ReducedDynamics
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import expect_finite, explain_nonfinite
