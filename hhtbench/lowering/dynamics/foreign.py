@@ -128,13 +128,14 @@ class Callbacks:
             try:
                 if self.cause is not None:
                     return
-                if key not in known:
+                found = known.get(key)
+                if found is None:
                     if len(known) == MOST_PLACES:
                         known.clear()
                     places = zip(places_of(*key), shapes, strict=True)
                     result, *arguments = [_at(place, shape) for place, shape in places if shape is not None]
-                    known[key] = result, arguments, [x.copy if x.ndim else x.item for x in arguments]
-                result, arguments, copies = known[key]
+                    found = known[key] = result, arguments, [x.copy if x.ndim else x.item for x in arguments]
+                result, arguments, copies = found
                 if self.nonfinite and not all(np.isfinite(x).all() for x in arguments):
                     return
                 result[...] = function(*[copy() for copy in copies])

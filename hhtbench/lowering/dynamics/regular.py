@@ -5,9 +5,10 @@ multipliers are not: adding to them a vector of the null space of ``C^T`` change
 motion; of all multipliers with the same reaction ``C^T [lam; mu]`` the one of smallest norm is reported, (H22).
 
 Where the mass is singular but the KKT matrix is regular: on the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so
-adding ``rho C^T (C vdot + c)`` to the equations changes nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The new
-mass is positive definite exactly where M is positive definite on the null space of C.  Solving with the KKT matrix inside
-every f instead would put the reaction into f and leave nothing for the two stage multipliers of the extended HHT method.
+adding ``rho C^T (C vdot + c)`` to the equations changes nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The
+new mass is positive definite exactly where M is positive definite on the null space of C.  Solving with the KKT matrix
+inside every f instead would put the reaction into f and leave nothing for the two stage multipliers of the extended HHT
+method.
 """
 
 from __future__ import annotations
