@@ -62,7 +62,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
-    none = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
+    none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     with suppress(BudgetSpent):  # nothing more can be compiled
         done = done if recover_many is None else recover_many(times, q, v, lam, mu)
     for i in np.flatnonzero(~done).tolist():
