@@ -62,10 +62,11 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
+    none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     with suppress(BudgetSpent):  # nothing more can be compiled
         done = done if recover_many is None else recover_many(times, q, v, lam, mu)
     for i in np.flatnonzero(~done).tolist():
-        guess = _unless_nan(lam[i], guess[0]), _unless_nan(mu[i], guess[1])
+        guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
         try:
             run.work.check_time()
             found = _acceleration_at(run, float(times[i]), q[i], v[i], guess)
@@ -84,10 +85,6 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
         return Recovered(lam, mu)
     note = f"The acceleration level determines no multipliers at {len(undetermined)} times, "
     return Recovered(lam, mu, f"{note}first at t = {undetermined[0]:.17g}; {own.some}.")
-
-
-def _unless_nan(own: Vector, otherwise: Vector) -> Vector:
-    return otherwise if np.isnan(own).any() else own.copy()
 
 
 def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:
