@@ -146,7 +146,7 @@ SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
 FACTOR_TOLD = floats(lambda s: 3)
-# What Python computes where it is rarely needed: [whether, v', lam, mu] of the acceleration level, [whether, END, M^-1].
+# What Python computes where it is rarely needed: [whether, lam, mu, v'] of the acceleration level, [whether, END, M^-1].
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 

@@ -143,8 +143,9 @@ class Engine:
         return state, made, ended
 
     def try_step(self, h: float, t1: float) -> int:
-        """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
+        """How a trial of a step of h [s] to t1 ended, from the state that is in the memory, with the last trial's matrix."""
         self.work.check_time()
+        self._held = None  # its factorisation gives way
         ended = self._call(try_step, self._memory(), float(h), float(t1))
         if ended == mem.SPENT:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
@@ -154,11 +155,20 @@ class Engine:
         """What the event functions do along the attempt."""
         return self._call(look, self._memory())
 
-    def take(self, control: Control, *, estimates: bool) -> tuple[State, Vector]:
-        """Accept the attempt: the state after it and its row; ``estimates``: its error is not known yet."""
-        z, row = self._memory(), np.zeros((1, self.columns))
-        controlled = self._held is not None and self._held.memory is not None
-        self._call(take, z, control, row, estimates)
+    def take(self, before: State, control: Control, values: Vector | None, *, located: bool) -> tuple[State, Vector]:
+        """Accept the attempt from ``before`` with ``values`` of event functions: the state after it and its row.
+
+        Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
+        """
+        row, controlled = np.zeros((1, self.columns)), before.memory is not None
+        if self._held is not before:
+            attempt = self.attempted()
+            self._prepared(before, values, controlled=controlled)
+            self.put_back(attempt)
+            if not located:  # the same bits again, with their matrix
+                self.try_step(attempt[0][mem.H_TRIED], attempt[0][mem.T_END])
+        z = self._memory()
+        self._call(take, z, control, row, located)
         self.work.add("steps_accepted")
         self._held = store(z, controlled=controlled)
         return self._held, row[0]

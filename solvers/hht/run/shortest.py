@@ -28,9 +28,9 @@ class Shortest:
         return {"acceleration": (level, 0), "shortest": (shortest, 0)}
 
     def acceleration_level(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-        """[1 where it is determined, else 0; v' (n,), lam (m,), mu (p,)], (H16)."""
+        """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
         found = self.engine.acceleration.solve(t, q, v, lam, mu)
-        return np.concatenate([[found.converged], found.vdot, found.lam, found.mu])
+        return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
 
     def shortest(self, state: Vector, step: Vector) -> Vector:
         """(H21): [1; q, v, a, f, lam, mu, v', M^-1] at the end of a ``step`` [h, t1] from ``state``; [0; ...] without one.

@@ -166,7 +166,7 @@ class Stepper:
                 return Accepted(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, row = engine.take(self._control(stop), estimates=cut is not None)
+                state, row = engine.take(before, self._control(stop), watch.values, located=cut is not None)
                 rows[0] = row
                 self.plan.made(1)
                 if cut is not None:
