@@ -126,7 +126,7 @@ class Factored:
         a, sections = self.analysis, self.analysis.sections()
         counts = {"matrix": a.own, "maps": a.rows.size - a.own, "couplings": len(sections.get("outside", ()))}
         kept = {"storage": a.storage, "inverse": a.inverse, "sections": sections}
-        z = allocate(Sizes(n=n, m=0, p=0, size=a.size, inverse_mass=0, raw=0, **counts, **kept))
+        z = allocate(Sizes(n=n, m=0, p=0, size=a.size, inverse_mass=0, **counts, **kept))
         a.fill(z)
         outside = a.outside()
         if outside is not None:

@@ -3,8 +3,8 @@
 Backend-neutral: the functions use operators and the array namespace ``dynamics.xp`` only, so that every engine traces
 or calls the same lines.  Nothing here branches on a value, only on what a system declares (:class:`Layout`).
 
-Everything known before a step travels in one vector (``Layout.pack``), everything unknown in another.  The unknowns
-are accelerations and multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
+The step and the state before it travel in one vector, everything unknown in another.  The unknowns are accelerations and
+multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.known import known_values
 from solvers.hht.equations.layout import Layout
 
 
@@ -54,15 +56,25 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
     return Stages(q1, v1, end, start_reaction, end_reaction)
 
 
-def step_residual(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
+def step_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
 
     Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
     velocity rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
     """
-    unknown, known = layout.split(x), layout.known(packed)
+    return step_residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
+
+
+def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    unknown, known = layout.split(x), known_values(dynamics, method, layout, given)
     place = stages(dynamics, layout, unknown, known)
-    return dynamics.xp.concatenate(_rows(dynamics, layout, unknown, known, place))
+    return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
+
+
+def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`residual_and_matrix` from the state."""
+    return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
 
 
 def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
@@ -86,7 +98,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
     return rows
 
 
-def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
+def residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, known: Mapping[str, Any]) -> Any:
     """Residual, exact Newton matrix and the derivatives of q1 and v1 by the unknowns, (H14).
 
     Returns
@@ -94,8 +106,7 @@ def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed:
     array (size + size*size + 2*n*size,)
         Residual, matrix, dq1/dx and dv1/dx, each in row-major order; :func:`unpack_matrix` takes them apart.
     """
-    xp = dynamics.xp
-    unknown, known = layout.split(x), layout.known(packed)
+    xp, unknown = dynamics.xp, layout.split(x)
     place = stages(dynamics, layout, unknown, known)
     q_x, v_x = _end_derivatives(dynamics, layout, unknown, known, place)
     residual = xp.concatenate(_rows(dynamics, layout, unknown, known, place))
@@ -103,15 +114,8 @@ def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed:
     return xp.concatenate([residual, matrix.ravel(), q_x.ravel(), v_x.ravel()])
 
 
-def step_residual_and_ends(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
-    unknown, known = layout.split(x), layout.known(packed)
-    place = stages(dynamics, layout, unknown, known)
-    return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
-
-
 def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
-    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`step_residual_and_matrix`."""
+    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`residual_and_matrix`."""
     size = layout.size
     return packed[:size], packed[size:].reshape(-1, size)
 

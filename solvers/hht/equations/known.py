@@ -11,11 +11,9 @@ from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.layout import Layout
 
 
-def packed_known(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
-    """What :func:`weighted` gives for the step and the state in ``given``, packed by :meth:`Layout.pack`."""
-    start = start_of(layout, given, dynamics.xp)
-    values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
-    return layout.pack(values, dynamics.xp)
+def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
+    """What :func:`weighted` gives for the step and the state in ``given``."""
+    return weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start_of(layout, given, dynamics.xp))
 
 
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a - f, of f and of a1
@@ -26,11 +24,10 @@ def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
     """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, then q, v, a, f (n,), lam, mu, vdot, M^-1."""
     s, at = layout.structure, len(GIVEN) + len(HEAD)
     start: dict[str, Any] = dict(zip((*GIVEN, *HEAD), given[:at], strict=True))
-    for name in ("q", "v", "a", "f"):
-        start[name], at = given[at : at + s.n], at + s.n
+    for name, size in {"q": s.n, "v": s.n, "a": s.n, "f": s.n, "lam": s.m, "mu": s.p, "vdot": s.n}.items():
+        start[name], at = given[at : at + size], at + size
     moved = start["of_f"] * start["f"] + start["of_a"] * (start["a"] - start["f"])
     start["a0"] = xp.where(start["of_a"] == 1.0, start["a"], moved)
-    at += s.m + s.p + s.n
     inverse = given[at : at + s.n * s.n]
     start["inverse_mass"] = layout.sparse_inverse(inverse, xp) if s.mass == "variable" else None
     return start
@@ -57,7 +54,7 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
     }
     if layout.structure.m:
         values |= _reaction_values(method.reaction, c.b, start["t"], q, v, h, t1)
-        if "inverse_mass_stage" in layout.arrays:
+        if layout.structure.mass == "variable" and not layout.end_unknown:
             values["inverse_mass_stage"] = inverse_mass(values["t_stage"], values["q_stage"])
     if layout.structure.p:
         values |= {"t_half": start["t"] + 0.5 * h, "q_half": q + 0.5 * h * v, "v0": v}  # (H10)

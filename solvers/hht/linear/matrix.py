@@ -131,10 +131,10 @@ def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
 def factor_outside(z: Any, slot: Any) -> Any:
     """A factorisation that Python keeps."""
     part(z, mem.SLOT_ASKED)[0] = slot
-    call_python(z, mem.C_FACTOR, mem.FACTOR_TOLD, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
-    told, record = part(z, mem.FACTOR_TOLD), half(z, mem.RECORD, slot)
-    record[mem.LEAST_PIVOT], record[mem.RANK] = told[1], told[2]
-    return mem.CONVERGED if told[0] > 0.0 else mem.SINGULAR
+    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
+    result, record = part(z, mem.FACTOR_RESULT), half(z, mem.RECORD, slot)
+    record[mem.LEAST_PIVOT], record[mem.RANK] = result[1], result[2]
+    return mem.CONVERGED if result[0] > 0.0 else mem.SINGULAR
 
 
 @inlined

@@ -16,6 +16,7 @@ import numpy as np
 from hhtbench.lowering.compile.loops import FloatArray, IntArray
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import GIVEN, HEAD
+from solvers.hht.equations.local_error import CONTROL as CONTROL_NUMBERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,6 @@ class Sizes:
     p: int  #: velocity constraints
     size: int  #: unknowns of a step
     inverse_mass: int  #: n*n where the mass varies, else 0
-    raw: int  #: what the raw errors are made from
     early: int = 0  #: what machine code computes before the iterate is known
     early_matrix: int = 0
     computed: int = 0  #: numbers that the matrix function returns
@@ -75,7 +75,7 @@ NEWTON_CONSTANTS = (
     "stalled", "second", "noise_margin", "matrix_cost",
 )  # fmt: skip
 
-# The step (GIVEN of solvers.hht.equations.known), then the state: `packed_known` takes them as one vector.
+# The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
 STEP = floats(lambda s: len(GIVEN))
 NUMBER = floats(lambda s: len(HEAD))
 Q = floats(lambda s: s.n)
@@ -91,7 +91,7 @@ X_EARLIER = floats(lambda s: HIGHEST * s.size)
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: its slot, or -1
 
 # What error control remembers: h_next, last, error (-1: none), whether R_k is known; f + r before and after the step; R_k.
-CONTROL = floats(lambda s: 4)
+CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
 ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
@@ -111,13 +111,14 @@ END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
 EARLY_MATRIX = floats(lambda s: s.early_matrix)
 FRESH = floats(lambda s: s.fresh)
+TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
+RECIPROCAL = floats(lambda s: 2)
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)  # in ATTEMPT
 
-# Its error: input and output of the raw errors, a place t, q, v to look at, the constraint levels there ...
-RAW_GIVEN = floats(lambda s: s.raw)
+# Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
 PLACE = floats(lambda s: 1 + 2 * s.n)
 LEVELS = floats(lambda s: 2 * s.m + s.p)
@@ -145,7 +146,7 @@ EVENT_VALUES = floats(lambda s: s.events)
 SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
-FACTOR_TOLD = floats(lambda s: 3)
+FACTOR_RESULT = floats(lambda s: 3)
 # What Python computes where it is rarely needed: [whether, lam, mu, v'] of the acceleration level, [whether, END, M^-1].
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)

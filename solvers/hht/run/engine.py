@@ -25,7 +25,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.march import Control, look, march, remake, take, try_step
-from solvers.hht.run.recover import Recovery
+from solvers.hht.run.recover import recovered
 from solvers.hht.run.shortest import Shortest
 from solvers.hht.run.transfer import expect_fits, load, store
 from solvers.hht.step.state import State
@@ -240,8 +240,7 @@ class Engine:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
         if not isinstance(self.functions, MachineCode) or self._plain:
             return np.zeros(times.size, dtype=bool)
-        recovery = Recovery(self.functions.dynamics, self.callbacks, self.work, self.points)
-        done = recovery(times, q, v, lam, mu)
+        done = recovered(self.functions.dynamics, self.callbacks, self.work, self.points, (times, q, v, lam, mu))
         self.raise_noted()
         return done
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, half, largest, part, put
-from solvers.hht.step.newton import damped, newton, spend, whole
+from solvers.hht.step.newton import newton, restarted, spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -111,22 +109,23 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     step[2], step[3], step[4] = start_weights(z, h)
     early(z)
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
-    typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    level, kept = z.i[2 * mem.LAM], int(number[mem.FACTOR])
+    typical = part(z, mem.TYPICAL)
+    typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
+    level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
-    ended, slot, rate = newton(z, kept, h, typical_q, typical_v, counts)
+    ended, slot, rate = newton(z, lagged, h, counts)
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
         level = multipliers_anew(z, h, counts)
         plain_guess(z, level)
-        ended, slot, rate = whole(z, kept, h, typical_q, typical_v, counts)
+        ended, slot, rate = restarted(z, lagged, h, False, counts)
         ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         early(z)
         plain_guess(z, level)
-        ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
+        ended, slot, rate = restarted(z, lagged, h, True, counts)
         ended = finished(z, ended, t1, counts)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
