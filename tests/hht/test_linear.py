@@ -35,7 +35,6 @@ from solvers.hht.loops.memory import (
     allocate,
     view,
 )
-from solvers.hht.loops.sections import half
 from solvers.hht.run import functions
 
 SAME = 1e-11
@@ -114,7 +113,7 @@ class Factored:
         self.z = self._memory(len(maps) // 2)
         entries = stacked[np.nonzero(stacked)]
         view(self.z, VALUES)[size:] = entries
-        half(self.z, MAPS, slot)[:] = entries[self.analysis.own :]
+        view(self.z, MAPS + slot)[:] = entries[self.analysis.own :]
         with self.callbacks if kind == "sparse" else nullcontext():
             if kind == "sparse":
                 self.ended = factor_outside(self.z, slot)
@@ -149,8 +148,8 @@ class Factored:
             respond(self.z, self.slot)
         return view(self.z, PAIR_SOLUTION).reshape(-1, 2).T, view(self.z, PAIR_CHANGE).reshape(-1, 2).T
 
-    def told(self, name):
-        return half(self.z, RECORD, self.slot)[name]
+    def recorded(self, name):
+        return view(self.z, RECORD + self.slot)[name]
 
 
 def pattern_of(matrix):
@@ -239,12 +238,12 @@ def test_a_pattern_with_entries_that_vanish_serves_later_matrices(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_factorisation_tells_its_least_pivot_and_its_rank(kind):
     factored = Factored(np.diag([3.0, -0.25, 5.0, 1.0, 2.0]), np.eye(5)[:2], kind)
-    assert (factored.ended, factored.told(LEAST_PIVOT), factored.told(RANK)) == (CONVERGED, 0.25, 5)
+    assert (factored.ended, factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (CONVERGED, 0.25, 5)
 
 
 def test_a_pivot_of_roundoff_counts_as_lost_rank_in_a_full_matrix():
     factored = Factored(np.diag([1.0, 1e-17, 1.0]), np.eye(3)[:2], "dense")
-    assert (factored.ended, factored.told(RANK)) == (CONVERGED, 2)
+    assert (factored.ended, factored.recorded(RANK)) == (CONVERGED, 2)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -254,7 +253,7 @@ def test_a_singular_matrix_has_no_factor(kind):
     matrix[3] = matrix[2]
     factored = Factored(matrix, np.eye(5)[:2], kind)
     assert factored.ended == SINGULAR
-    assert (factored.told(LEAST_PIVOT), factored.told(RANK)) == (0.0, 4)
+    assert (factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (0.0, 4)
 
 
 def test_a_value_that_is_not_finite_shows_in_the_largest_change():

@@ -22,7 +22,7 @@ import hhtbench  # noqa: F401 - 64 bit before anything else
 from hhtbench.counting import Work
 from problems import planar_chain
 from solvers._start import Place
-from solvers.hht.control.options import ControlOptions
+from solvers.hht.control.plan import ControlOptions
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.begin import begin
 from solvers.hht.run.stepper import control_of

@@ -9,9 +9,8 @@ from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, NOISE, REMAINDER
 from solvers.hht.events.scan import keep_values, scan
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import spacing, view
-from solvers.hht.loops.compiled import compiled, fit, growth, representable
-from solvers.hht.loops.sections import address, part, put
+from solvers.hht.loops.compiled import compiled, fit, growth, representable, spacing
+from solvers.hht.loops.sections import address, part, put, view
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
 
 NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none

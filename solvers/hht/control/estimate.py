@@ -9,13 +9,13 @@ from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.loops.sections import address, call, half, largest, part
+from solvers.hht.loops.sections import address, call, largest, part
 
 
 @compiled
 def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
     """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    right, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), half(z, mem.RECORD, slot)[mem.MADE_H], z.i[mem.M]
+    right, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
             right[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
@@ -38,7 +38,7 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), half(z, mem.RECORD, slot)[mem.MADE_H], part(z, mem.CONSTANTS)
+    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
     error, right = part(z, mem.ERROR), part(z, mem.PAIR_RIGHT)
     solutions, changes = part(z, mem.PAIR_SOLUTION), part(z, mem.PAIR_CHANGE)
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]

@@ -14,8 +14,7 @@ from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
 from solvers.hht.equations.formulas import force_at_end
-from solvers.hht.equations.known import known_values, start_of
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout, known_values, start_of
 
 SMALL = 12  #: unknowns up to which that is so
 

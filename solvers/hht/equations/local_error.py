@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.known import start_of
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout, named, start_of
 
 CONTROL = ("h_next", "last", "error", "has_reaction_k")  # numbers that step control remembers
 REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
@@ -34,18 +30,12 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given
     before, after, memory = start_of(layout, given, xp), layout.split(x), dict(zip(CONTROL, remembered, strict=False))
     names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
     names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
-    memory |= _named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
-    after |= _named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
+    memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
+    after |= named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
     force = after["f1"] + _reaction(dynamics, method, layout, before, after)
     h, last = before["h"], memory["last"]
     raw_v = after["v1"] - before["v"] - parabola(last, h, memory["earlier"], memory["acceleration"], force)  # (H25)
     return xp.concatenate([_position(dynamics, method, before, after, memory), raw_v, force])
-
-
-def _named(sizes: Mapping[str, int], vector: Any) -> dict[str, Any]:
-    """Parts of ``vector`` by name."""
-    places = np.cumsum([0, *sizes.values()])
-    return {name: vector[places[i] : places[i] + size] for i, (name, size) in enumerate(sizes.items())}
 
 
 def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:

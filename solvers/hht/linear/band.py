@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, inlined
+from solvers.hht.loops.sections import indices, part
 
 
 @compiled
@@ -67,26 +69,16 @@ def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
 
 
 @inlined
-def solve_blocks(
-    width: Any,
-    right: Any,
-    rows: Any,
-    columns: Any,
-    storage: Any,
-    pivots: Any,
-    blocks: Any,
-    starts: Any,
-    places: Any,
-    couplings: Any,
-    y: Any,
-    x: Any,
-) -> None:
+def solve_blocks(width: Any, z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
     """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
 
     ``width`` is 1 or 2: one right-hand side, or two with entry beside entry, which take little longer than one.
     Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
     rows of what a block takes from unknowns of earlier blocks.
     """
+    rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
+    starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + slot)
+    storage, pivots = part(z, mem.STORAGE + slot), indices(z, mem.PIVOTS + slot)
     offset, both = 0, width == 2
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]

@@ -58,6 +58,11 @@ def floats(size: Callable[[Sizes], int]) -> int:
     return len(_floats) - 1
 
 
+def slots(size: Callable[[Sizes], int]) -> int:
+    """A section of floats for each of the two factorisations; returns the number of the first."""
+    return [floats(size), floats(size)][0]
+
+
 def integers(size: Callable[[Sizes], int]) -> int:
     """A section of integers; returns its number."""
     _integers.append(size)
@@ -131,13 +136,13 @@ PAIR_WORK = floats(lambda s: 2 * s.size)
 PAIR_SOLUTION = floats(lambda s: 2 * s.size)
 PAIR_CHANGE = floats(lambda s: 4 * s.n)
 
-# Two slots for factorisations, one after the other: numbers of each, factors, maps, and where the matrix was made.
-RECORD = floats(lambda s: 2 * 8)
-STORAGE = floats(lambda s: 2 * s.storage)
-COUPLINGS = floats(lambda s: 2 * s.couplings)
-MAPS = floats(lambda s: 2 * s.maps)
-INVERSE = floats(lambda s: 2 * s.inverse)
-MADE_AT = floats(lambda s: 2 * (s.size + s.given))
+# Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
+RECORD = slots(lambda s: 8)
+STORAGE = slots(lambda s: s.storage)
+COUPLINGS = slots(lambda s: s.couplings)
+MAPS = slots(lambda s: s.maps)
+INVERSE = slots(lambda s: s.inverse)
+MADE_AT = slots(lambda s: s.size + s.given)
 MADE_H, RATE, USES, INVERTED, NOISE_Q, NOISE_V, LEAST_PIVOT, RANK = range(8)  # in RECORD
 
 CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
@@ -156,19 +161,14 @@ TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE,
 STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
-SLOTS = given_integers("slots")
-INSIDE = given_integers("inside")
-PLACES = given_integers("places")
-OUTSIDE = given_integers("outside")
-STARTS = given_integers("starts")
-COUPLED = given_integers("coupled")
-ROWS = given_integers("rows")
-COLUMNS = given_integers("columns")
-BLOCKS = given_integers("blocks")
-MAP_STARTS = given_integers("map_starts")
-MAP_COLUMNS = given_integers("map_columns")
-PIVOTS = integers(lambda s: 2 * s.size)
+SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
+    given_integers,
+    ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),
+)
+PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
+integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
+ONE, NOT_TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size
 EVENT_CODE = integers(lambda s: 2 * s.events)
 DIRECTIONS = integers(lambda s: s.events)
 SAMPLES = integers(lambda s: s.events)

@@ -25,7 +25,7 @@ from solvers.hht.equations.corrections import (
     state_size,
 )
 from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout
 from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem

@@ -8,8 +8,7 @@ import numpy as np
 
 from hhtbench.errors import ProblemError
 from solvers.hht.equations.formulas import HIGHEST
-from solvers.hht.equations.known import GIVEN, HEAD
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import GIVEN, HEAD, Layout
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import Factorised, State

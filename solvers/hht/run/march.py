@@ -18,7 +18,7 @@ from solvers.hht.step.newton import corrected
 
 
 class Control(NamedTuple):
-    """Constants of step control, named as in :class:`~solvers.hht.control.options.ControlOptions`."""
+    """Constants of step control, named as in :class:`~solvers.hht.control.plan.ControlOptions`."""
 
     controlled: bool
     watching: bool  #: whether there are event functions to look at

@@ -19,7 +19,7 @@ from solvers.hht.linear.matrix import factor_dense, solve, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory, Sizes, allocate
-from solvers.hht.loops.sections import address, call, finite, half, largest, part, put
+from solvers.hht.loops.sections import address, call, finite, largest, part, put
 
 FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
 FIRST = 512  # rows of the first call, and FEW of a NumPy system
@@ -78,7 +78,7 @@ def scaled_solve(z: Any) -> Any:
             return False
         for i in range(size):
             matrix[i * size + j] /= scale[j]
-    if factor_dense(z, 0, matrix) != mem.CONVERGED or half(z, mem.RECORD, 0)[mem.RANK] < size:
+    if factor_dense(z, 0, matrix) != mem.CONVERGED or part(z, mem.RECORD)[mem.RANK] < size:
         return False
     solve(z, 0, right, increment)
     for j in range(size):

@@ -14,11 +14,9 @@ from hhtbench.lowering import ConstraintLevels
 from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.first_step import prepared
-from solvers.hht.control.options import ControlOptions
-from solvers.hht.control.plan import Plan
-from solvers.hht.events.crossings import Crossing, crossings
+from solvers.hht.control.plan import ControlOptions, Plan
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
-from solvers.hht.events.locate import Attempt, NotMade, along, step_to
+from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.failures import failure_of
@@ -195,7 +193,7 @@ class Stepper:
         What only the interpolant crosses is removed from ``found``.
         """
         while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
-            attempt = step_to(self.engine, self.events[first.index], first, before, now)
+            attempt = StepTo(self.engine, self.events[first.index], first, before, now).attempt()
             if attempt is not None:
                 return Shortened(attempt, first.index)
             found.remove(first)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from hhtbench.errors import ProblemError
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.loops import memory as mem
@@ -26,7 +24,7 @@ def expect_fits(z: Memory, state: State) -> None:
     wanted = {section: view(z, section).size for section in _vectors(state)}
     found = {section: values.size for section, values in _vectors(state).items()}
     fits = wanted | {mem.X_EARLIER: most * size} == found | {mem.X_EARLIER: most * size if earlier is None else earlier.size}
-    fits &= most <= HIGHEST and (made is None or made.at.size == view(z, mem.MADE_AT).size // 2)
+    fits &= most <= HIGHEST and (made is None or made.at.size == view(z, mem.MADE_AT).size)
     if not fits or (z.i[mem.VARIABLE] == 1) == (state.inverse_mass is None):
         raise ProblemError("the state is none of this system with these options: its arrays are of other lengths.")
 
@@ -103,6 +101,5 @@ def _copies(z: Memory) -> Any:
 def _factorised(z: Memory, slot: int) -> Factorised | None:
     if slot < 0:
         return None
-    record = np.split(view(z, mem.RECORD), 2)[slot]
-    at = np.split(view(z, mem.MADE_AT), 2)[slot].copy()
+    record, at = view(z, mem.RECORD + slot), view(z, mem.MADE_AT + slot).copy()
     return Factorised(at=at, rate=float(record[mem.RATE]), uses=int(record[mem.USES]))

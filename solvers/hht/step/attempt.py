@@ -7,9 +7,8 @@ from typing import Any
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.loops.sections import address, call, call_python, finite, half, largest, part, put
+from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.newton import newton, restarted, spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
@@ -234,7 +233,7 @@ def accept(z: Any, row: Any) -> None:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
     if slot >= 0:
-        half(z, mem.RECORD, slot)[mem.RATE] = tried[mem.CONTRACTION]
+        part(z, mem.RECORD + slot)[mem.RATE] = tried[mem.CONTRACTION]
         number[mem.FACTOR] = slot
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, digits, has_digit
-from solvers.hht.loops.sections import half, part, put
+from solvers.hht.loops.sections import part, put, view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +64,9 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
     """
     o = part(z, mem.CONSTANTS)
     slot, spare = lagged, 1 - lagged if lagged >= 0 else 0
-    if slot >= 0 and abs(half(z, mem.RECORD, slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
+    if slot >= 0 and abs(part(z, mem.RECORD + slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
         slot = -1
-    worst = half(z, mem.RECORD, slot)[mem.RATE] if slot >= 0 else 0.0
+    worst = part(z, mem.RECORD + slot)[mem.RATE] if slot >= 0 else 0.0
     fresh = stagnated = sized = False
     last, before, first, taken, ended = math.inf, math.inf, 0.0, 0, mem.DIVERGED
     for _ in range(z.i[mem.MAX_ITERATIONS]):
@@ -114,7 +113,7 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
 def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
     """What follows after the :class:`Increment` ``i``."""
     o, enough = part(z, mem.CONSTANTS), enough_for(z, slot)
-    if converged(i.size, i.slowest if i.rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
+    if converged(z, slot, i.size, i.slowest if i.rate != 0.0 else 0.0):
         return DONE
     if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, slot, i.size, counts):
         return DONE if i.stagnated else STALL  # with a matrix at the very iterate too: roundoff is left
@@ -138,7 +137,7 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
 
     By whole increments, as long as every second is half as long, (H29); or ``damped``: halved while the next is not smaller.
     """
-    spare, second = 1 - lagged if lagged >= 0 else 0, part(z, mem.CONSTANTS)[mem.SECOND]
+    o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
     for k in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
@@ -151,14 +150,16 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
         moved = scaled(z, in_q, in_v, k == 0)
-        if is_last(z, spare, moved, moved / last if halvings == 0 else 0.0, counts):  # a halved increment tells no rate
+        rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
+        ends = converged(z, spare, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
+        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
         if damped:
             halvings = halved(z, spare, moved, counts)
             if halvings < 0:
                 return -1 - halvings, -1, 0.0
-        elif moved > second * before:
+        elif moved > o[mem.SECOND] * before:
             return mem.DIVERGED, -1, 0.0
         else:
             step_back(z)
@@ -203,11 +204,8 @@ def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
     in_q, in_v = correct(z, slot, evaluated)
     if evaluated and z.i[mem.NOISY] and spend(z, counts):
         counts[mem.SOLVES] += 1
-        put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
-        record = half(z, mem.RECORD, slot)
-        put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
-        record[mem.NOISE_Q], record[mem.NOISE_V] = disturbance(z, slot, -1)
-        settle(z)
+        record = part(z, mem.RECORD + slot)
+        record[mem.NOISE_Q], record[mem.NOISE_V] = noise(z, slot, -1, 0)
     return in_q, in_v
 
 
@@ -224,19 +222,10 @@ def scaled(z: Any, in_q: Any, in_v: Any, first: Any) -> Any:
 @compiled
 def enough_for(z: Any, slot: Any) -> Any:
     """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
-    o, record, own = part(z, mem.CONSTANTS), half(z, mem.RECORD, slot), part(z, mem.RECIPROCAL)
+    o, record, own = part(z, mem.CONSTANTS), part(z, mem.RECORD + slot), part(z, mem.RECIPROCAL)
     if not z.i[mem.NOISY]:
         return o[mem.TOLERANCE]
     return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * own[0], record[mem.NOISE_V] * own[1]))
-
-
-@compiled
-def is_last(z: Any, slot: Any, moved: Any, rate: Any, counts: Any) -> Any:
-    """Whether the increment, by a matrix at the iterate and ``rate`` times the last one (0: the first), ends it."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot)
-    if converged(moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
-        return True
-    return rate >= o[mem.STALLED] and is_roundoff(z, slot, moved, counts)
 
 
 @compiled
@@ -247,41 +236,36 @@ def is_roundoff(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
         return moved <= o[mem.STAGNATION]
     counts[mem.RESIDUALS] += evaluations
     counts[mem.SOLVES] += evaluations
-    noise = 0.0
-    put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
-    put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
-    for k in range(evaluations):
-        in_q, in_v = disturbance(z, slot, k)
-        noise = max(noise, scaled(z, in_q, in_v, False))
-    settle(z)
-    return moved <= o[mem.NOISE_MARGIN] * noise
+    in_q, in_v = noise(z, slot, 0, evaluations)
+    return moved <= o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v, False)
 
 
 @compiled
-def disturbance(z: Any, slot: Any, k: Any) -> Any:
-    """What one roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
+def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
+    """The largest that roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
 
-    Those of UNDISTURBED whose number has the binary digit k // 2 equal to k % 2, (H30), or for k = -1 a drawing of lots;
-    all away from zero, since the roundoff of regular values is not of both signs alike.
+    Looked at is one roundoff of those entries whose number has the binary digit k // 2 equal to k % 2, (H30), for every k
+    from ``first`` to ``end``, or for k = -1 of those that lots are drawn for; all away from zero, since the roundoff of
+    regular values is not of both signs alike.
     """
     n, state, before = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
-    for i in range(state.size):
-        moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
-        state[i] = before[i] * (1.0 + EPS) if moves else before[i]
+    increment, full, in_q, in_v = part(z, mem.INCREMENT), part(z, mem.FULL), 0.0, 0.0
+    put(before, 0, state)
+    put(full, 0, increment)
+    for k in range(first, end):
+        for i in range(state.size):
+            moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
+            state[i] = before[i] * (1.0 + EPS) if moves else before[i]
+        early(z)
+        correct(z, slot, False)
+        for i in range(part(z, mem.X).size):
+            increment[i] -= full[i]
+        of_q, of_v = moved_by(z, slot, increment)
+        in_q, in_v = max(in_q, of_q), max(in_v, of_v)
+    put(state, 0, before)
+    put(increment, 0, full)
     early(z)
-    correct(z, slot, False)
-    increment, full = part(z, mem.INCREMENT), part(z, mem.FULL)
-    for i in range(part(z, mem.X).size):
-        increment[i] -= full[i]
-    return moved_by(z, slot, increment)
-
-
-@compiled
-def settle(z: Any) -> None:
-    """The state and the increment as they were before disturbances."""
-    put(view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), 0, part(z, mem.UNDISTURBED))
-    put(part(z, mem.INCREMENT), 0, part(z, mem.FULL))
-    early(z)
+    return in_q, in_v
 
 
 @compiled
@@ -294,6 +278,7 @@ def length(x: Any, count: Any) -> Any:
 
 
 @compiled
-def converged(moved: Any, rate: Any, enough: Any, margin: Any) -> Any:
-    """Whether the last increment, or with a margin what contraction leaves of it, is at most ``enough``."""
+def converged(z: Any, slot: Any, moved: Any, rate: Any) -> Any:
+    """Whether the last increment, or with a margin what the contraction ``rate`` leaves of it, needs not shrink further."""
+    enough, margin = enough_for(z, slot), part(z, mem.CONSTANTS)[mem.MARGIN]
     return moved <= enough or (0.0 < rate < 1.0 and moved * rate <= margin * enough * (1.0 - rate))
