@@ -9,19 +9,27 @@ from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.loops.sections import address, call, largest, part
+from solvers.hht.loops.sections import address, call, largest, part, put
 
 
 @compiled
-def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
-    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    right, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
+def begin(z: Any, source: Any, scale: Any) -> None:
+    """A right-hand side of ``source`` (n,) over ``scale`` in the force rows, and else zero."""
+    right = part(z, mem.RIGHT)
+    for i in range(right.size):
+        right[i] = source[i] / scale if i < source.size else 0.0
+
+
+@compiled
+def put_levels(z: Any, slot: Any, sign: Any, position: Any) -> None:
+    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
+    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
-            right[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
-        right[2 * (z.i[mem.O_LAM1] + i) + which] = sign * off[m + i] / h
+            right[z.i[mem.O_LAM0] + i] = sign * off[i] * (2 / (h * h))
+        right[z.i[mem.O_LAM1] + i] = sign * off[m + i] / h
     for i in range(z.i[mem.P]):
-        right[2 * (z.i[mem.O_MU] + i) + which] = sign * off[2 * m + i] / h
+        right[z.i[mem.O_MU] + i] = sign * off[2 * m + i] / h
 
 
 @compiled
@@ -39,40 +47,33 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
     n, raw, made, o = z.i[mem.N], part(z, mem.RAW), part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
-    error, right = part(z, mem.ERROR), part(z, mem.PAIR_RIGHT)
-    solutions, changes = part(z, mem.PAIR_SOLUTION), part(z, mem.PAIR_CHANGE)
+    error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
-    for i in range(right.size):
-        right[i] = 0.0
-    for i in range(n):
-        right[2 * i], right[2 * i + 1] = raw[i] / in_q, raw[n + i] / in_v
+    begin(z, raw[:n], in_q)
     respond(z, slot)
     for i in range(n):
-        error[i] = changes[2 * i]
+        error[i] = change[i]
         if z.i[mem.O_RK] >= 0:
-            error[i] -= 0.5 * made * made * solutions[2 * (z.i[mem.O_RK] + i)]
-    for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
-        right[2 * i], right[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
+            error[i] -= 0.5 * made * made * solution[z.i[mem.O_RK] + i]
+    begin(z, raw[n : 2 * n], in_v)
+    respond(z, slot)
+    begin(z, change[n:], in_v)  # once more, together with what the error of q makes of v across the constraints
     if z.i[mem.M] + z.i[mem.P] > 0:
         place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
         levels_at(z, t1)
-        put_levels(z, slot, 0, -1.0, False)
-    if inside:
-        levels_inside(z, h)
-        put_levels(z, slot, 1, 1.0, True)
+        put_levels(z, slot, -1.0, False)
     respond(z, slot)
-    off = 0.0
-    for i in range(n):
-        error[n + i] = changes[2 * (n + i)]
-    weights = part(z, mem.WEIGHTS)
+    put(error, n, change[n:])
     size = weighted_rms(error, weights)
-    if inside:
-        for i in range(2 * n):
-            error[i] = changes[2 * i + 1]
-        off = weighted_rms(error, weights)
-    return size, off
+    if not inside:
+        return size, 0.0
+    begin(z, change[:0], 1.0)
+    levels_inside(z, h)
+    put_levels(z, slot, 1.0, True)
+    respond(z, slot)
+    return size, weighted_rms(change, weights)
 
 
 @compiled

@@ -131,41 +131,26 @@ def factor_outside(z: Any, slot: Any) -> Any:
     return mem.CONVERGED if result[0] > 0.0 else mem.SINGULAR
 
 
-@inlined
-def solve_width(width: Any, z: Any, slot: Any, right: Any, work: Any, out: Any) -> None:
-    """``out``: the inverse of the matrix in ``slot`` times one or two right-hand sides, entry beside entry."""
-    kind = z.i[mem.KIND]
-    if kind == mem.KIND_INVERSE:
-        times_inverse(width, z, slot, right, out)
-    elif kind == mem.KIND_BAND:
-        solve_blocks(width, z, slot, right, work, out)
-    else:
-        for c in range(width):
-            solve_full(z, slot, width, c, right, out)
-
-
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    solve_width(1, z, slot, right, part(z, mem.WORK), out)
-
-
-@compiled
-def solve_full(z: Any, slot: Any, width: Any, which: Any, right: Any, out: Any) -> None:
-    """One right-hand side with LAPACK's factors, or with those that Python keeps."""
-    work, size = part(z, mem.WORK), z.i[mem.SIZE]
-    for i in range(size):
-        work[i] = right[width * i + which]
-    if z.i[mem.KIND] == mem.KIND_DENSE:
-        order, matrix = index_address(z, mem.LAPACK), address(z, mem.STORAGE + slot)
+    kind, work = z.i[mem.KIND], part(z, mem.WORK)
+    if kind == mem.KIND_INVERSE:
+        times_inverse(z, slot, right, out)
+    elif kind == mem.KIND_BAND:
+        solve_blocks(z, slot, right, work, out)
+    elif kind == mem.KIND_DENSE:
+        put(work, 0, right)
+        order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + slot)
+        matrix = address(z, mem.STORAGE + slot)
         one, no, info = order + 8 * mem.ONE, order + 8 * mem.NOT_TRANSPOSED, order + 8 * mem.INFO
-        pivots, solution = index_address(z, mem.PIVOTS + slot), work
         invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
+        put(out, 0, work)
     else:
-        part(z, mem.SLOT_ASKED)[0], solution = slot, part(z, mem.RIGHT)
-        call_python(z, mem.C_SOLVE, mem.RIGHT, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
-    for i in range(size):
-        out[width * i + which] = solution[i]
+        put(work, 0, right)
+        part(z, mem.SLOT_ASKED)[0] = slot
+        call_python(z, mem.C_SOLVE, mem.SOLVED, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
+        put(out, 0, part(z, mem.SOLVED))
 
 
 @compiled
@@ -178,21 +163,19 @@ def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
         return
     if record[mem.INVERTED] == 0.0:
         invert(z, slot)
-    times_inverse(1, z, slot, right, out)
+    times_inverse(z, slot, right, out)
 
 
-@inlined
-def times_inverse(width: Any, z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out``: the product of the kept inverse with one or two vectors, entry beside entry."""
+@compiled
+def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
+    """``out``: the product of the inverse in ``slot`` with ``right``."""
     columns, size = part(z, mem.INVERSE + slot), z.i[mem.SIZE]
-    for i in range(width * size):
+    for i in range(size):
         out[i] = 0.0
     for j in range(size):
-        first, second, at = right[width * j], right[width * j + width - 1], j * size
+        factor, at = right[j], j * size
         for i in range(size):
-            out[width * i] += columns[at + i] * first
-            if width == 2:
-                out[width * i + 1] += columns[at + i] * second
+            out[i] += columns[at + i] * factor
 
 
 @compiled
@@ -227,16 +210,15 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 
 @compiled
 def respond(z: Any, slot: Any) -> None:
-    """What the two right-hand sides in PAIR_RIGHT make of the unknowns, PAIR_SOLUTION, and of q1 and v1, PAIR_CHANGE."""
-    solution, changes, n = part(z, mem.PAIR_SOLUTION), part(z, mem.PAIR_CHANGE), z.i[mem.N]
-    solve_width(2, z, slot, part(z, mem.PAIR_RIGHT), part(z, mem.PAIR_WORK), solution)
+    """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
+    solution, changes = part(z, mem.SOLUTION), part(z, mem.CHANGE)
+    solve(z, slot, part(z, mem.RIGHT), solution)
     starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
-    for i in range(2 * n):
-        first = second = 0.0
+    for i in range(changes.size):
+        total = 0.0
         for e in range(starts[i], starts[i + 1]):
-            first += maps[e] * solution[2 * columns[e]]
-            second += maps[e] * solution[2 * columns[e] + 1]
-        changes[2 * i], changes[2 * i + 1] = first, second
+            total += maps[e] * solution[columns[e]]
+        changes[i] = total
 
 
 @compiled

@@ -131,10 +131,8 @@ ERROR = floats(lambda s: 2 * s.n)
 WEIGHTS = floats(lambda s: 2 * s.n)
 RTOL = floats(lambda s: 2 * s.n)
 ATOL = floats(lambda s: 2 * s.n)
-PAIR_RIGHT = floats(lambda s: 2 * s.size)  # ... two right-hand sides at once, entry beside entry
-PAIR_WORK = floats(lambda s: 2 * s.size)
-PAIR_SOLUTION = floats(lambda s: 2 * s.size)
-PAIR_CHANGE = floats(lambda s: 4 * s.n)
+SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
+CHANGE = floats(lambda s: 2 * s.n)
 
 # Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
 RECORD = slots(lambda s: 8)
@@ -152,6 +150,7 @@ SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
 FACTOR_RESULT = floats(lambda s: 3)
+SOLVED = floats(lambda s: s.size)
 # What Python computes where it is rarely needed: [whether, lam, mu, v'] of the acceleration level, [whether, END, M^-1].
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
