@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import cython_lapack
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
 from hhtbench.lowering.compile.coloured import Indices, Pattern
-from solvers.hht.linear.lapack import address_of
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order
-from solvers.hht.linear.superlu import SuperLU, fill
+from solvers.hht.linear.superlu import SuperLU
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
 
@@ -60,9 +61,11 @@ class Analysis:
         starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
         named = {"slots": self.slots, "map_starts": starts, "map_columns": self.columns[own:]}
         i, j = self.rows[:own], self.columns[:own]
+        if not self.storage:
+            return named
         if self.kind == "dense":
             return named | {"inside": np.arange(own), "places": i.astype(np.int64) + j.astype(np.int64) * size}
-        return named | self._blocks(_inverse(self.order.rows)[i], _inverse(self.order.columns)[j]) if self.storage else named
+        return named | self._blocks(np.argsort(self.order.rows)[i], np.argsort(self.order.columns)[j])
 
     def _blocks(self, i: Indices, j: Indices) -> dict[str, Any]:
         """Where the entries at the places ``i, j`` (own,) stand in bands, and which couple blocks."""
@@ -101,48 +104,35 @@ class Analysis:
 
 def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> Analysis:
     """For the entries that machine code computes; systems of up to ``small`` unknowns keep the inverse."""
-    computed = np.zeros(matrix.size, dtype=bool)
-    computed[matrix.varying] = True
-    flat = np.flatnonzero(computed | (matrix.constants != 0.0))
-    flat = flat[flat >= size] - size  # entries of matrix and maps, row by row
-    place = np.full(matrix.size, -1)
-    place[:size] = np.arange(size)
-    place[size + flat] = size + np.arange(flat.size)
-    constants = np.concatenate([matrix.constants[:size], matrix.constants[size + flat]])
-    given = flat // size, flat % size, 2 * n, place[matrix.varying].astype(np.int64), constants
+    flat = np.union1d(matrix.varying, np.flatnonzero(matrix.constants))
+    flat = flat[flat >= size]  # entries of matrix and maps, row by row
+    places = np.concatenate([np.arange(size), flat])
+    slots = np.searchsorted(places, matrix.varying)
+    given = flat // size - 1, flat % size, 2 * n, slots, matrix.constants[places]
     if linsolver == "auto" and size <= small:
         return Analysis("inverse", f"up to {small} unknowns", size, *given)
-    return chosen(size, *given, linsolver=linsolver, measured=False)
+    return chosen(size, *given, linsolver, False)
 
 
 def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
     """For the entries of a sparse derivative, which come after the residual."""
-    rows = np.asarray(pattern.rows, dtype=np.int64)
-    columns, total = np.asarray(pattern.columns, dtype=np.int64), size + pattern.entries
-    maps = pattern.shape[0] - size
-    return chosen(size, rows, columns, maps, np.arange(total), np.zeros(total), linsolver=linsolver, measured=True)
+    rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
+    total = size + pattern.entries
+    given = size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total)
+    return chosen(*given, linsolver, True)
 
 
 def full(size: int, n: int, linsolver: str, reason: str) -> Analysis:
     """For full matrices."""
     rows, columns = (x.ravel() for x in np.indices((size + 2 * n, size)))
-    total = size + rows.size
-    given = size, rows, columns, 2 * n, np.arange(total), np.zeros(total)
+    given = size, rows, columns, 2 * n, np.arange(size + rows.size), np.zeros(size + rows.size)
     if linsolver in ("auto", "dense"):
         return Analysis("dense", reason, *given)
-    return chosen(*given, linsolver=linsolver, measured=False)
+    return chosen(*given, linsolver, False)
 
 
 def chosen(
-    size: int,
-    rows: Indices,
-    columns: Indices,
-    maps: int,
-    slots: Indices,
-    constants: Vector,
-    *,
-    linsolver: str,
-    measured: bool,
+    size: int, rows: Indices, columns: Indices, maps: int, slots: Indices, constants: Vector, linsolver: str, measured: bool
 ) -> Analysis:
     """The kind asked for, or with "auto" the cheapest: by the band, and where ``measured`` by SuperLU's fill."""
     given, own = (size, rows, columns, maps, slots, constants), int(np.searchsorted(rows, size))
@@ -156,7 +146,7 @@ def chosen(
         return Analysis("band", shape, *given, order=order)
     if not measured and order.storage > size * size:
         return Analysis("dense", f"{shape}, more than the full matrix", *given)
-    filled = fill(rows[:own], columns[:own], size) if measured else order.storage
+    filled = SuperLU(rows[:own], columns[:own], size).fill() if measured else order.storage
     if measured and min(filled, order.storage) > CROWDED * size * size:
         return Analysis("dense", f"{filled} entries of {size} x {size} fill in", *given)
     if order.storage <= BAND_GAIN * filled:
@@ -164,7 +154,11 @@ def chosen(
     return Analysis("sparse", f"{shape}; SuperLU fills {filled}", *given)
 
 
-def _inverse(order: Indices) -> Indices:
-    places = np.empty_like(order)
-    places[order] = np.arange(order.size)
-    return places
+def address_of(name: str) -> int:
+    """Of SciPy's LAPACK routine ``name``: integers are of 32 bits, every argument goes by its address."""
+    routines: Any = cython_lapack.__pyx_capi__
+    capsule = routines[name]
+    get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(get_pointer(capsule, get_name(capsule)))

@@ -50,13 +50,7 @@ class SuperLU:
         """The inverse of the matrix in ``slot`` times ``right`` (size,)."""
         return self._slots[int(slot[0])].solve(right)
 
-
-def fill(rows: Indices, columns: Indices, size: int) -> int:
-    """Entries of SuperLU's factors, measured on a matrix of the pattern with arbitrary values."""
-    values = 1.0 + np.random.default_rng(0).random(rows.size)
-    matrix: Any = sp.csc_array((values, (rows, columns)), shape=(size, size))
-    try:
-        lu = splu(matrix, permc_spec="COLAMD")
-    except RuntimeError:
-        return size * size
-    return int(lu.nnz)
+    def fill(self) -> int:
+        """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
+        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._rows.size))
+        return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size

@@ -26,7 +26,7 @@ from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.history import columns
 from solvers.hht.run.loops import Codes, Loops
 from solvers.hht.run.march import Control, march, take, try_step
-from solvers.hht.run.recover import Recovery
+from solvers.hht.run.recover import recovered
 from solvers.hht.step.state import State
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
@@ -125,8 +125,7 @@ class Engine:
         if self._stopped is not None and self._stopped[0] is state:  # after the steps of the last call
             made, ended = 0, self._stopped[1]
         else:
-            suspicious = self._fallback is not None and self._not_suspect is not state
-            loops.load(state, values, controlled=control.controlled, suspicious=suspicious)
+            self._load(state, values, controlled=control.controlled)
             made = loops.call_noting(march, control, lengths, ends, rows)
             if not made:
                 loops.raise_noted()
@@ -141,9 +140,14 @@ class Engine:
             loops.held = None  # what a failed step leaves behind is not the state
         return state, made, self._unless_spent(ended)
 
+    def _load(self, state: State, values: Vector | None, *, controlled: bool) -> None:
+        suspicious = self._fallback is not None and self._not_suspect is not state
+        self.loops.load(state, values, controlled=controlled, suspicious=suspicious)
+
     def try_step(self, h: float, t1: float) -> int:
-        """How an attempt at a step of h [s] to t1 ended, from the state that is in the memory."""
+        """How a trial of a step of h [s] to t1 ended, from the state that is in the memory, with the last trial's matrix."""
         self.work.check_time()
+        self.loops.held = None  # its factorisation gives way
         return self._unless_spent(self.loops.call(try_step, float(h), float(t1)))
 
     def _unless_spent(self, ended: int) -> int:
@@ -151,11 +155,19 @@ class Engine:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
         return ended
 
-    def take(self, control: Control, *, estimates: bool) -> tuple[State, Vector]:
-        """Accept the attempt: the state after it and its row; ``estimates``: its error is not known yet."""
-        loops, row = self.loops, np.zeros((1, columns(self.structure)))
-        controlled = loops.held is not None and loops.held.memory is not None
-        loops.call(take, control, row, estimates)
+    def take(self, before: State, control: Control, values: Vector | None, *, located: bool) -> tuple[State, Vector]:
+        """Accept the attempt from ``before`` with ``values`` of event functions: the state after it and its row.
+
+        Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
+        """
+        loops, row, controlled = self.loops, np.zeros((1, columns(self.structure))), before.memory is not None
+        if loops.held is not before:
+            attempt = self.attempted()
+            self._load(before, values, controlled=controlled)
+            self.put_back(attempt)
+            if not located:  # the same bits again, with their matrix
+                self.try_step(attempt[0][mem.H_TRIED], attempt[0][mem.T_END])
+        loops.call(take, control, row, located)
         self.work.add("steps_accepted")
         return loops.store(controlled=controlled), row[0]
 
@@ -203,7 +215,8 @@ class Engine:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
         if not isinstance(self.functions, MachineCode) or self.plain:
             return np.zeros(times.size, dtype=bool)
-        done = Recovery(self.functions.dynamics, self.loops.callbacks, self.work, self.points)(times, q, v, lam, mu)
+        functions, callbacks = self.functions, self.loops.callbacks
+        done = recovered(functions.dynamics, callbacks, self.work, self.points, (times, q, v, lam, mu))
         self.loops.raise_noted()
         return done
 
@@ -237,9 +250,9 @@ class Engine:
         return {"acceleration": (level, 0), "shortest": (shortest, 0)}
 
     def _acceleration_level(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-        """[1 where it is determined, else 0; v' (n,), lam (m,), mu (p,)], (H16)."""
+        """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
         found = self.acceleration.solve(t, q, v, lam, mu)
-        return np.concatenate([[found.converged], found.vdot, found.lam, found.mu])
+        return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
 
     def _shortest(self, state: Vector, step: Vector) -> Any:
         """(H21): [1; q, v, a, f, lam, mu, v', M^-1] at the end of a ``step`` [h, t1] from ``state``; zero without one.

@@ -19,16 +19,14 @@ from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
 from solvers.hht.equations.corrections import (
     fresh_correction,
-    kept_correction_and_end,
+    lagged_correction_and_end,
     residual_and_end,
-    residual_and_ends,
-    residual_and_matrix,
-    residual_of,
     state_after,
     state_size,
 )
-from solvers.hht.equations.layout import Layout
-from solvers.hht.equations.local_error import SCALARS, inputs, levels, raw_errors
+from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
+from solvers.hht.equations.known import Layout
+from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, allocate
@@ -75,12 +73,14 @@ class Functions:
     def given(self) -> tuple[int, ...]:
         """The shape of the step and the state before it, as one vector."""
         s = self.layout.structure
-        return (Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n * s.n * (s.mass == "variable"), raw=0).given,)
+        return (Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n * s.n * (s.mass == "variable")).given,)
 
     @property
-    def raw(self) -> tuple[int, ...]:
-        """The shape of what the raw errors are made from."""
-        return (len(SCALARS) + sum(inputs(self.layout).values()),)
+    def raw(self) -> tuple[tuple[int, ...], ...]:
+        """The shapes of what the raw errors are made from."""
+        s = self.layout.structure
+        end = state_size(self.layout) + s.n * s.n * (s.mass == "variable")
+        return (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
 
     def memory(self, events: int, samples: int) -> Memory:
         """Room for the loops of one engine; no state is in it yet."""
@@ -101,7 +101,6 @@ class Functions:
             p=s.p,
             size=layout.size,
             inverse_mass=s.n * s.n if s.mass == "variable" else 0,
-            raw=self.raw[0],
             **self.extra_sizes(),
             computed=analysis.slots.size,
             matrix=analysis.own,
@@ -147,8 +146,8 @@ class MachineCode(Functions):
         super().__init__(dynamics, method, layout)
         static = self.method, layout
         x, options = (layout.size,), dict[str, Any](shapes=((layout.size,), self.given))
-        early_matrix = native(residual_and_matrix, dynamics, *static, stage="early", **options)
-        matrix = native(residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
+        early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
+        matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
         self.analysis = of_code(matrix, layout.size, s.n, linsolver, SMALLEST)
         function: Any = residual_and_end
         head, more = layout.size, tuple[Any, ...]()
@@ -159,7 +158,7 @@ class MachineCode(Functions):
             early_matrix, matrix = (
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
-            function, head = kept_correction_and_end, layout.size + 2
+            function, head = lagged_correction_and_end, layout.size + 2
             options = {"shapes": (x, (layout.size**2,), (flat.size,), self.given)}
         end = head + state_size(layout)
         self._native = {
@@ -182,7 +181,7 @@ class MachineCode(Functions):
         with _lock:  # they are shared between solvers, and these between threads
             if not self._of_error:
                 s = self.layout.structure
-                made = {"raw": native(raw_errors, self.dynamics, self.method, self.layout, shapes=(self.raw,))}
+                made = {"raw": native(raw_errors, self.dynamics, self.method, self.layout, shapes=self.raw)}
                 if s.constrained:
                     made["levels"] = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
                 self._of_error = made
@@ -205,11 +204,11 @@ class PythonFunctions(Functions):
         source, entries = self._sparse(linsolver)
         self._source = source
         if entries is None:
-            entries = compile_function(residual_and_matrix, dynamics, *static)
+            entries = compile_function(step_residual_and_matrix, dynamics, *static)
         one, x = self.given, (size,)
         computed = self.analysis.slots.size
         self._functions: dict[str, tuple[Callable[..., Any], int, tuple[Any, ...]]] = {
-            "residual": (compile_function(residual_of, source, *static), size, (x, one, None)),
+            "residual": (compile_function(step_residual, source, *static), size, (x, one, None)),
             "matrix": (entries, computed, (x, one, None)),
             "end": (compile_function(state_after, source, *static), state_size(layout), (x, one, None)),
         }
@@ -228,7 +227,7 @@ class PythonFunctions(Functions):
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
-                coloured = Coloured(residual_and_ends, products, *static, example=example)
+                coloured = Coloured(step_residual_and_ends, products, *static, example=example)
             except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
                 reason = f"the pattern of its derivatives cannot be read: {error}"
             else:
@@ -249,7 +248,7 @@ class PythonFunctions(Functions):
         """Addresses of what only error control needs."""
         s = self.layout.structure
         raw = compile_function(raw_errors, self._source, self.method, self.layout)
-        found = {"raw": (callbacks.entry(raw, 3 * s.n, (self.raw,)), 0)}
+        found = {"raw": (callbacks.entry(raw, 3 * s.n, self.raw), 0)}
         if s.constrained:
             rows = compile_function(levels, self._source)
             found["levels"] = callbacks.entry(rows, 2 * s.m + s.p, ((), (s.n,), (s.n,))), 0

@@ -13,7 +13,7 @@ from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.equations.formulas import HIGHEST
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout
 from solvers.hht.events.compiled import EventFunctions
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
@@ -171,8 +171,7 @@ class Loops:
         return ControlMemory(h_next=h_next, last=last, **arrays, error=None if error < 0.0 else error)
 
     def _factorised(self, slot: int) -> Factorised:
-        record = np.split(self.section(mem.RECORD), 2)[slot]
-        at = np.split(self.section(mem.MADE_AT), 2)[slot].copy()
+        record, at = self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot).copy()
         return Factorised(at=at, rate=float(record[mem.RATE]), uses=int(record[mem.USES]))
 
 

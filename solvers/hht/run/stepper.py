@@ -14,13 +14,11 @@ from hhtbench.lowering import ConstraintLevels
 from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.first_step import prepared
-from solvers.hht.control.options import ControlOptions
-from solvers.hht.control.plan import ByError, Plan
+from solvers.hht.control.plan import ByError, ControlOptions, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
-from solvers.hht.events.crossings import Crossing, crossings
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
-from solvers.hht.events.locate import Attempt, NotMade, along, step_to
+from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import Control, look
@@ -168,7 +166,8 @@ class Stepper:
                 return Accepted(before, watch, ended=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, rows[0] = engine.take(control_of(self.plan, stop, self.events), estimates=cut is not None)
+                taken = engine.take(before, control_of(self.plan, stop, self.events), watch.values, located=cut is not None)
+                state, rows[0] = taken
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
@@ -194,7 +193,7 @@ class Stepper:
         while (first := next((c for c, _, stops in self._counted(found, counts) if stops), None)) is not None:
             if first.t == now[0][mem.T_END]:
                 break
-            attempt = step_to(self.engine, self.events[first.index], first, before, now)
+            attempt = StepTo(self.engine, self.events[first.index], first, before, now).attempt()
             if attempt is not None:
                 return attempt, first.index
             found.remove(first)
