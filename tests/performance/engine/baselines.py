@@ -32,6 +32,7 @@ class Case:
     steps: int
     source: str  #: file and prefix of the C function
     limit: float = 1.0  #: our time over C's
+    rtol: float | None = None  #: ours under error control, and C's steps of the mean length, as many
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,20 @@ def cases(share: float = 1.0) -> tuple[Case, ...]:
             source="pendulum",
         ),
         Case(
+            name="pendulum of the paper, 40 s, rtol 1e-6",
+            problem=jay_negrut_pendulum.problem(t_end=40.0 * share),
+            h=1e-3,
+            steps=int(40_000 * share),
+            source="pendulum",
+            rtol=1e-6,
+        ),
+        Case(
             name="andrews, 0.03 s",
             problem=andrews.problem(t_end=0.03 * share),
             h=0.03 / 12_000,
             steps=int(12_000 * share),
             source="andrews",
+            limit=0.6,
         ),
     )
 
