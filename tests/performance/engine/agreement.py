@@ -33,9 +33,10 @@ def main(arguments: list[str]) -> int:
     asked = parser.parse_args(arguments)
     found: dict[str, list[tuple[str, float | None]]] = {}
     with loaded(asked.load):
-        for _ in range(asked.runs):
+        for number in range(asked.runs):
             for name, line in verdicts(asked.only, asked.problems).items():
                 found.setdefault(name, []).append(line)
+            sys.stderr.write(f"run {number + 1}: {', '.join(line[-1][0] for line in found.values())}\n")
     apart = False
     for name, lines in found.items():
         counts, values = Counter(verdict for verdict, _ in lines), [value for _, value in lines if value is not None]

@@ -18,8 +18,8 @@ from typing import Any
 from scipy.stats import binom
 
 CONFIDENCE = 0.95  # of an interval, at whichever of the looks it is taken
-LOOKS = (8, 16, 32, 64)  # rounds after which the interval is looked at
-PATIENCE = 30.0  # seconds after which no round is begun
+LOOKS = (8, 16, 32, 64, 128, 256)  # rounds after which the interval is looked at
+PATIENCE = 20.0  # seconds after which no round is begun
 HOLDS, BROKEN, UNDECIDED, UNMEASURED = "holds", "BROKEN", "not decided", "not measured"
 
 Actions = Mapping[str, Callable[[], object]]

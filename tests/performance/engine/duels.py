@@ -16,8 +16,9 @@ from hhtbench.analysis import STEADY, Cost, race
 from hhtbench.analysis.cells import Point, points
 from hhtbench.analysis.fronts import constrained_levels, cost_at, holds, pareto
 from hhtbench.store import RunRow
-from tests.performance.engine.clock import LOOKS, UNDECIDED, estimate
+from tests.performance.engine.clock import UNDECIDED, estimate
 
+LOOKS = (8, 16, 32)  # rounds after which a comparison may be decided
 KINDS = ("holder", "other", "explicit")  # of rivals, as Race names them
 FASTER, SLOWER = "faster", "slower"  # HHT is
 
@@ -47,13 +48,13 @@ class Duel:
             self.factors.append(costs[1].value / costs[0].value)  # type: ignore[union-attr]
 
     def verdict(self) -> str:
-        found = estimate(self.factors)
+        found = estimate(self.factors, LOOKS)
         return FASTER if found.low > 1.0 else SLOWER if found.high < 1.0 else UNDECIDED
 
     def lines(self) -> list[dict[str, Any]]:
         """One line a kind of rival."""
         ours, theirs = (side[-1] for side in self.sides)
-        found = asdict(estimate(self.factors)) if self.factors else dict.fromkeys(("value", "low", "high", "count"))
+        found = asdict(estimate(self.factors, LOOKS)) if self.factors else dict.fromkeys(("value", "low", "high", "count"))
         line = {"problem": ours.problem, "target": self.target, "subject": ours.entry, "rival": theirs.entry}
         return [
             {**line, "kind": kind, **found, "verdict": self.verdict() if self.factors else UNDECIDED} for kind in self.kinds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,22 @@ import numpy as np
 
 from hhtbench.result import Solution
 from solvers.hht import HHT
-from tests.performance.engine.baselines import ALPHA, Case, End, build, cases, difference, take_steps
+from tests.performance.engine.baselines import (
+    ALPHA,
+    Case,
+    End,
+    after_first_steps,
+    build,
+    cases,
+    difference,
+    take_controlled,
+    take_steps,
+)
 from tests.performance.engine.clock import BROKEN, Compared, compare, unmeasured
 from tests.performance.engine.ours import ENGINE, constant_steps
 
 SAME = 1e-9  # relative difference of the two ends
-MANY = 100_000  # steps of one action at least: short runs are repeated
+ALIKE = 0.05  # of the steps under error control, that C may take more or fewer
 
 
 def measure_steps() -> list[dict[str, Any]]:
@@ -31,70 +41,80 @@ def measure_steps() -> list[dict[str, Any]]:
         return [_line(case, functions[case.source]) for case in scenes]
 
 
+@dataclass(frozen=True)
+class Run:
+    """One run of one side."""
+
+    end: End
+    steps: int
+
+
 def _line(case: Case, function: Any) -> dict[str, Any]:
-    ours = _ours(case, case.steps)
-    if case.rtol is not None:  # C's steps are of the mean length
-        attempts = _attempts(ours)
-        case = replace(case, h=case.h * case.steps / attempts, steps=attempts)
-    theirs = take_steps(function, case)
-    batch = max(1, MANY // case.steps)
+    theirs_of = _c_runs(case, function)
+    ours, theirs = _ours(case), theirs_of()
     found = compare(
-        {
-            "ours": lambda: _repeat(batch, lambda: _ours(case, case.steps)),
-            "start": lambda: _repeat(batch, lambda: _ours(case, 1)),
-            "c": lambda: _repeat(batch, lambda: take_steps(function, case)),
-        },
-        lambda seconds: (seconds["ours"] - seconds["start"]) / seconds["c"],
+        {"ours": lambda: _ours(case), "start": lambda: _start(case), "c": theirs_of},
+        lambda seconds: (seconds["ours"] - seconds["start"]) / ours.steps / (seconds["c"] / theirs.steps),
         case.limit,
     )
-    end = End(ours.q[-1], ours.v[-1], int(ours.counters.newton_iterations or 0))
-    apart = difference(end, theirs) if case.rtol is None else None
+    apart = difference(ours.end, theirs.end)
     line = {
-        **_common(case, found, batch),
+        **_common(case, found, ours.steps),
         **found.line(),
-        "c_s": found.cpu("c") / batch / case.steps,
+        "c_s": found.cpu("c") / theirs.steps,
         "difference": apart,
-        "iterations": end.iterations / case.steps,
-        "c_iterations": theirs.iterations / case.steps,
-        "note": ""
-        if case.rtol is None
-        else "HHT with error estimate and step control, C with constant steps of the mean length",
+        "iterations": ours.end.iterations / ours.steps,
+        "c_iterations": theirs.end.iterations / theirs.steps,
+        "note": "" if case.rtol is None else f"{theirs.steps} steps of C",
     }
-    if apart is not None and apart > SAME:
-        line |= {"verdict": BROKEN, "note": "the two ends differ: another trajectory"}
-    return line
+    same = apart <= SAME if case.rtol is None else abs(theirs.steps - ours.steps) <= ALIKE * ours.steps
+    return line if same else {**line, "verdict": BROKEN, "note": "C goes another way: steps or ends differ"}
 
 
-def _common(case: Case, found: Compared, batch: int) -> dict[str, Any]:
-    start = found.cpu("start") / batch
-    ours = (found.cpu("ours") / batch - start) / case.steps
-    return {"scene": case.name, "h": case.h, "steps": case.steps, "ours_s": ours, "start_s": start}
+def _c_runs(case: Case, function: Any) -> Callable[[], Run]:
+    """The C version of the case."""
+    if case.rtol is None:
+        return lambda: Run(take_steps(function, case), case.steps)
+    start = after_first_steps(case)
+
+    def run() -> Run:
+        found = take_controlled(function, case, start)
+        return Run(found.end, found.accepted)
+
+    return run
+
+
+def _common(case: Case, found: Compared, steps: int) -> dict[str, Any]:
+    start = found.cpu("start")
+    ours = (found.cpu("ours") - start) / steps
+    return {"scene": case.name, "h": case.h or None, "steps": steps, "ours_s": ours, "start_s": start}
 
 
 def _alone(case: Case, reason: str) -> dict[str, Any]:
     """Without the C version."""
-    steps = _attempts(_ours(case, case.steps))
-    actions = {"ours": lambda: _ours(case, case.steps), "start": lambda: _ours(case, 1)}
+    steps = _ours(case).steps
+    actions = {"ours": lambda: _ours(case), "start": lambda: _start(case)}
     found = compare(actions, lambda seconds: seconds["ours"], float("inf"))
     missing = dict.fromkeys(("c_s", "difference", "iterations", "c_iterations"))
-    return {**_common(replace(case, steps=steps), found, 1), **unmeasured(case.limit, reason), **missing}
+    return {**_common(case, found, steps), **unmeasured(case.limit, reason), **missing}
 
 
-def _ours(case: Case, steps: int) -> Solution:
-    """The whole of a controlled run is asked for by all its ``steps``; one step, of either kind, is its start."""
-    if case.rtol is None:
-        return constant_steps(case.problem, case.h, steps, alpha=ALPHA, b=0.0)
-    problem = case.problem
-    hht, most = HHT(problem.system, alpha=ALPHA, b=0.0, engine=ENGINE), 1 if steps == 1 else None
-    guess = {"lam_guess": problem.lam_guess, "max_num_steps": most}
-    return hht.solve(problem.t_span, problem.q0, problem.v0, rtol=case.rtol, t_eval=np.array([problem.t_span[1]]), **guess)
+def _ours(case: Case) -> Run:
+    return _run(_controlled(case) if case.rtol else constant_steps(case.problem, case.h, case.steps, alpha=ALPHA, b=0.0))
 
 
-def _attempts(solution: Solution) -> int:
-    found = solution.counters
-    return found.steps_accepted + (found.steps_rejected_error or 0) + (found.steps_rejected_newton or 0)
+def _start(case: Case) -> Run:
+    """The start and one step."""
+    return _run(_controlled(case, 1) if case.rtol else constant_steps(case.problem, case.h, 1, alpha=ALPHA, b=0.0))
 
 
-def _repeat(times: int, action: Callable[[], object]) -> None:
-    for _ in range(times):
-        action()
+def _controlled(case: Case, most: int | None = None) -> Solution:
+    problem, hht = case.problem, HHT(case.problem.system, alpha=ALPHA, b=0.0, engine=ENGINE)
+    asked = {"rtol": case.rtol, "atol": case.rtol, "max_num_steps": most, "t_eval": np.array([problem.t_span[1]])}
+    return hht.solve(problem.t_span, problem.q0, problem.v0, lam_guess=problem.lam_guess, **asked)
+
+
+def _run(solution: Solution) -> Run:
+    iterations = int(solution.counters.newton_iterations or 0)
+    end = End(solution.q[-1], solution.v[-1], iterations) if len(solution.t) else End(np.empty(0), np.empty(0), iterations)
+    return Run(end, solution.counters.steps_accepted)
