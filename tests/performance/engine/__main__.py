@@ -35,7 +35,7 @@ SECTIONS: dict[str, Callable[[], list[dict[str, Any]]]] = {
     "memory": measure_memory,
 }
 CONTEST = "runs"
-WHOLE = 690.0  # all sections together on the clock [s]; the contest takes what the others leave
+WHOLE = 715.0  # all sections together on the clock [s]; the contest takes what the others leave
 
 
 def main(arguments: list[str]) -> int:

@@ -53,6 +53,7 @@ ENTRANTS = (
 MAX_SECONDS = 3.0  # of one solve: more than a hundred times what HHT needs on most problems [s]
 REPEATS = 2  # of every run, to find who is compared with whom; the comparisons repeat what they need
 STARTS = 3  # times of a start
+BEHIND = 100.0  # times what HHT's longest solve takes: behind it, and LONG, a finer tolerance of another decides nothing
 LONG = 0.5  # solves from which one time is enough [s]
 DECIDING = 8.0  # for the comparisons of one problem [s]
 CLIMBING = 0.7  # of the time of the problem, after which no solve of a ladder is begun
@@ -87,9 +88,12 @@ def contest(spec: str, seconds: float) -> tuple[list[RunRow], list[dict[str, Any
     climbing, limit = (Limit(time.perf_counter() + part * seconds) for part in (CLIMBING, 1.0))
     problem = load_problem(spec)
     entrants = [Entrant(name, *_entrant(name, problem, spec)) for name in ENTRANTS]
+    slowest = LONG
     for entrant in entrants:
         if entrant.solver is not None:
-            _climb(entrant, problem, spec, climbing)
+            _climb(entrant, problem, spec, climbing, slowest)
+            if entrant.spec.startswith("hht"):
+                slowest = max([slowest, *(BEHIND * row.timing.get("solve_s", 0.0) for row in entrant.rows)])
     timer = Timer(entrants, problem)
     timer.all_in_turn(limit)
     rows = [row for entrant in entrants for row in entrant.rows]
@@ -111,16 +115,21 @@ def _entrant(name: str, problem: Problem, spec: str) -> tuple[Any, list[RunRow]]
     return MinimalSolver(load_solver(name.removeprefix(MINIMAL)), reduced), []
 
 
-def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit) -> None:
-    """From the loosest tolerance to the one that reaches ``FINEST``, or the first that takes too long."""
+def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit, slowest: float) -> None:
+    """From the loosest tolerance to the one that reaches ``FINEST``, or the first that takes too long, ``slowest`` [s]."""
     warm: dict[str, float] = {}
+    took, ours = 0.0, entrant.spec.startswith("hht")
     for rtol in LADDERS.get(entrant.spec.partition("(")[0], LADDERS[""]):
         if limit.passed():
             found: dict[str, Any] = {"status": NOT_RUN, "message": "the time of the section was up"}
+        elif took > slowest and not ours:
+            text = f"the tolerance before took {took:.1f} s, over {BEHIND:.0f} times HHT's longest"
+            found = {"status": NOT_RUN, "message": text}
         else:
             found = run_cell(problem, entrant.solver, _asked(rtol), warm, lambda _: None)
         row = _row(spec, entrant.spec, rtol, found)
         entrant.rows.append(row)
+        took = row.timing.get("solve_s", 0.0)
         error = state_error(row) if row.success else None
         if row.status in HOPELESS or (error is not None and error <= FINEST):
             return

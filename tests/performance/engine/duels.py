@@ -62,9 +62,9 @@ class Duel:
 
 
 def duels(rows: Sequence[RunRow], solve: Solve, patience: float) -> list[dict[str, Any]]:
-    """Every comparison of the tables, decided as far as ``patience`` [s] suffices."""
+    """Every comparison of the tables, decided as far as ``patience`` suffices [s of processor time]."""
     known = _pairings(rows)
-    end, affordable, spent = time.perf_counter() + patience, list[Duel](), 0.0
+    end, affordable, spent = time.process_time() + patience, list[Duel](), 0.0
     for duel in sorted(known, key=Duel.seconds):
         spent += LOOKS[0] * duel.seconds()  # an upper bound: they share runs
         if spent <= patience:
@@ -78,7 +78,7 @@ def duels(rows: Sequence[RunRow], solve: Solve, patience: float) -> list[dict[st
 def _rounds(open_ones: list[Duel], solve: Solve, end: float, most: int = LOOKS[-1]) -> None:
     for count in range(1, most + 1):
         runs = list({run.key: run for duel in open_ones for run in duel.runs()}.values())
-        if not runs or time.perf_counter() > end:
+        if not runs or time.process_time() > end:
             return
         times = {run.key: solve(run) for run in (runs if count % 2 else reversed(runs))}
         for duel in open_ones:

@@ -20,7 +20,7 @@ from tests.performance.engine.contest import ENTRANTS, MINIMAL
 QUICK = ("jay_negrut_pendulum", "andrews", "knife_edge")
 JOBS = 2
 GENEROUS = 3.0  # times its part of the time that one problem may take: most need less
-GRACE = 60.0  # beyond its own limit a process may take for its imports, the last compilation and the last solve [s]
+GRACE = 45.0  # beyond its own limit a process may take for its imports, the last compilation and the last solve [s]
 
 Found = dict[str, list[dict[str, Any]]]  # "runs" and "duels"
 
