@@ -31,8 +31,6 @@ from solvers.hht.loops.memory import (
     SINGULAR,
     SOLUTION,
     VALUES,
-    Sizes,
-    allocate,
     view,
 )
 from solvers.hht.run import functions
@@ -122,11 +120,8 @@ class Factored:
         assert self.callbacks.take_cause() is None
 
     def _memory(self, n):
-        a, sections = self.analysis, self.analysis.sections()
-        counts = {"matrix": a.own, "maps": a.rows.size - a.own, "couplings": len(sections.get("outside", ()))}
-        kept = {"storage": a.storage, "inverse": a.inverse, "sections": sections}
-        z = allocate(Sizes(n=n, m=0, p=0, size=a.size, inverse_mass=0, **counts, **kept))
-        a.fill(z)
+        a = self.analysis
+        z = a.memory(n=n, m=0, p=0, inverse_mass=0)
         outside = a.outside()
         if outside is not None:
             z.i[CALLS_PYTHON] = 1

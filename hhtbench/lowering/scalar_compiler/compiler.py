@@ -39,6 +39,11 @@ class Native:
         """Entries of the result."""
         return self.constants.size
 
+    @property
+    def pair(self) -> tuple[int, int]:
+        """Addresses of the code and of its parameters, as loops take them."""
+        return self.address, int(self.parameters.ctypes.data)
+
 
 _memory, _last = Cache(4096), Cache(1)
 

@@ -40,10 +40,10 @@ class EventFunctions:
 
     def codes(self) -> list[int]:
         """Addresses of every function and of its parameters."""
-        pairs = []
+        pairs = list[int]()
         for event, seen, code, called in zip(self.events, self._seen, self._code, self._called, strict=True):
             stays = code is not None and seen == seen_by(event.function)
-            pairs += [code.address, int(code.parameters.ctypes.data)] if code is not None and stays else [called, 0]
+            pairs += code.pair if code is not None and stays else (called, 0)
         return pairs
 
     def fill(self, z: Memory) -> None:

@@ -7,16 +7,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import cython_lapack
+from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
 from hhtbench.lowering.compile.coloured import Indices, Pattern
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from solvers.hht.equations.formulas import EPS, FULL_RANK
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order
-from solvers.hht.linear.superlu import SuperLU
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, integer_view, view
+from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view, view
 
 KINDS = ("auto", "dense", "band", "sparse")
 CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}
@@ -24,6 +27,48 @@ NARROW = 64  # diagonals up to which a band is taken without a look at what Supe
 BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
 NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+
+
+class SuperLU:
+    """Factorisations of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,), in two slots.
+
+    Columns are ordered by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with pivots on the diagonal, meets zeros there
+    and fills in without bound when it pivots.
+    """
+
+    def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
+        self._sorted = np.lexsort((rows, columns))
+        self._rows = rows[self._sorted].astype(np.int32)
+        self._starts = np.searchsorted(columns[self._sorted], np.arange(size + 1)).astype(np.int32)
+        self._size = size
+        self._slots: list[Any] = [None, None]
+
+    def codes(self, callbacks: Callbacks, entries: int) -> dict[str, tuple[int, int]]:
+        """Addresses by name of what the loops call; ``entries``: of matrix and maps."""
+        factor = callbacks.entry(self.factor, 3, ((1,), (entries,)))
+        return {"factor": (factor, 0), "solve": (callbacks.entry(self.solve, self._size, ((1,), (self._size,))), 0)}
+
+    def factor(self, slot: Vector, entries: Vector) -> Vector:
+        """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
+        values = entries[self._sorted]  # those of the maps follow
+        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size), copy=True)
+        matrix.eliminate_zeros()
+        try:
+            made = splu(matrix, permc_spec="COLAMD")
+        except RuntimeError:  # SuperLU's word for a pivot of exactly zero
+            return np.array([0.0, 0.0, self._size - 1.0])
+        self._slots[int(slot[0])] = made
+        pivots = np.abs(made.U.diagonal())
+        return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
+
+    def solve(self, slot: Vector, right: Vector) -> Vector:
+        """The inverse of the matrix in ``slot`` times ``right`` (size,)."""
+        return self._slots[int(slot[0])].solve(right)
+
+    def fill(self) -> int:
+        """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
+        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._rows.size))
+        return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
 @dataclass(frozen=True)
@@ -88,18 +133,21 @@ class Analysis:
             "blocks": order.blocks.ravel(),
         }
 
-    def fill(self, z: Memory) -> None:
-        """Put what does not change into the loops' memory."""
+    def memory(self, **sizes: int) -> Memory:
+        """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it."""
+        sections = self.sections()
+        own = {"matrix": self.own, "maps": self.rows.size - self.own, "couplings": len(sections.get("outside", ()))}
+        kept = {"storage": self.storage, "inverse": self.inverse}
+        z = allocate(Sizes(**sizes, **own, **kept, size=self.size, sections=sections))
         view(z, mem.VALUES)[:] = self.constants
         z.i[mem.KIND], z.i[mem.OWN] = CODES[self.kind], self.own
         z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
         integer_view(z, mem.LAPACK)[:] = self.size, 1, ord("N"), 0
+        return z
 
     def outside(self) -> SuperLU | None:
         """What keeps factorisations in Python."""
-        if self.kind != "sparse":
-            return None
-        return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size)
+        return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size) if self.kind == "sparse" else None
 
 
 def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> Analysis:

@@ -21,6 +21,7 @@ from solvers.hht.loops.sections import (
     index_address,
     indices,
     invoke,
+    largest,
     part,
     put,
     view,
@@ -190,35 +191,32 @@ def invert(z: Any, slot: Any) -> None:
 
 
 @compiled
-def moved_by(z: Any, slot: Any, increment: Any) -> Any:
-    """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    starts, columns, maps, n = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot), z.i[mem.N]
-    in_q = in_v = 0.0
-    for i in range(2 * n):
+def move(z: Any, slot: Any, increment: Any) -> None:
+    """What an increment of the unknowns makes of q1 and v1, into CHANGE."""
+    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
+    changes = part(z, mem.CHANGE)
+    for i in range(changes.size):
         total = 0.0
         for e in range(starts[i], starts[i + 1]):
             total += maps[e] * increment[columns[e]]
-        size = abs(total)
-        if size != size:
-            return size, size
-        if i < n:
-            in_q = max(in_q, size)
-        else:
-            in_v = max(in_v, size)
-    return in_q, in_v
+        changes[i] = total
+
+
+@compiled
+def moved_by(z: Any, slot: Any, increment: Any) -> Any:
+    """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
+    move(z, slot, increment)
+    changes, n = part(z, mem.CHANGE), z.i[mem.N]
+    in_q, in_v = largest(changes[:n]), largest(changes[n:])
+    both = in_q + in_v
+    return (in_q, in_v) if both == both else (both, both)
 
 
 @compiled
 def respond(z: Any, slot: Any) -> None:
     """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
-    solution, changes = part(z, mem.SOLUTION), part(z, mem.CHANGE)
-    solve(z, slot, part(z, mem.RIGHT), solution)
-    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
-    for i in range(changes.size):
-        total = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * solution[columns[e]]
-        changes[i] = total
+    solve(z, slot, part(z, mem.RIGHT), part(z, mem.SOLUTION))
+    move(z, slot, part(z, mem.SOLUTION))
 
 
 @compiled

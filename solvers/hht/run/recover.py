@@ -18,7 +18,7 @@ from solvers.hht.linear.analysis import full
 from solvers.hht.linear.matrix import factor_dense, solve, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
-from solvers.hht.loops.memory import Memory, Sizes, allocate
+from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import address, call, finite, largest, part, put
 
 FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
@@ -96,16 +96,8 @@ def recovered(
         return done
     size = s.n + s.m + s.p
     kkt = native(kkt_terms, dynamics, shapes=((), (s.n,), (s.n,), (size,)))
-    analysis = full(size, 0, "dense", "multipliers")
-    numbers: dict[str, Any] = {
-        "computed": kkt.size,
-        "matrix": size * size,
-        "storage": analysis.storage,
-        "sections": analysis.sections(),
-    }
-    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=size, inverse_mass=0, **numbers))
-    analysis.fill(z)
-    z.i[mem.CALLS_PYTHON], z.i[mem.C_MATRIX], z.i[mem.C_MATRIX + 1] = not points, kkt.address, kkt.parameters.ctypes.data
+    z = full(size, 0, "dense", "multipliers").memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=kkt.size)
+    z.i[mem.CALLS_PYTHON], z.i[mem.C_MATRIX : mem.C_MATRIX + 2] = not points, kkt.pair
     packed = np.concatenate([times[:, None], *rows[1:]], axis=1)
     first, block = 0, FIRST if points else FEW
     while first < times.size and work.clock.left() >= 0.0:
