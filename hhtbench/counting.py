@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,7 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.result import Counters
 from hhtbench.terminal import told_when_slow
 
+OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
 
@@ -125,28 +127,23 @@ class preparing:
 
 @dataclass
 class Work:
-    """Tally of one solve.  The one mutable object of a solve; a solver reads it through :meth:`counters`.
-
-    ``calls`` counts the callbacks of a NumPy system by name; a JAX system has none to count, its compiled
-    functions state how many points they evaluate.
-    """
+    """Tally of one solve.  The one mutable object of a solve; a solver reads it through :meth:`counters`."""
 
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
     tally: Counter[str] = field(default_factory=Counter)
-    calls: Counter[str] = field(default_factory=Counter)
+    output: Counter[str] = field(default_factory=Counter)  #: of ``tally``, what output rows have cost
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""
         self.tally[name] += amount
 
     def on_call(self, name: str) -> None:
-        """Before a callback of a NumPy system: count it, and stop when a budget is spent."""
-        self.calls[name] += 1
+        """Before a callback of a NumPy system: count that of the force, and stop when a budget is spent."""
         if name == "force":
             self._spend_residual()
         else:
-            self.check_time()
+            self.clock.check()
 
     def counted(self, function: Callable[..., Any], *, residuals: int = 0, jacobians: int = 0) -> Callable[..., Any]:
         """``function`` with its points counted: ``residuals`` evaluations of F and ``jacobians`` per call."""
@@ -168,10 +165,22 @@ class Work:
         self.max_evaluations, self.clock.kept_back = None, 0.0
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
+    @contextmanager
+    def for_output(self) -> Iterator[None]:
+        """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
+        before = self.tally.copy()
+        try:
+            yield
+        finally:
+            self.output += Counter({name: self.tally[name] - before[name] for name in OF_OUTPUT})
+
+    def counted_for_steps(self) -> dict[str, Any]:
+        """The tally without what output rows have cost, which is ``output_evaluations``."""
+        return dict(self.tally - self.output) | {"output_evaluations": self.output["residual_evaluations"]}
+
     def counters(self) -> Counters:
         """The tally, frozen."""
-        counted: dict[str, Any] = dict(self.tally)
-        return Counters(**counted)
+        return Counters(**self.counted_for_steps())
 
     def _spend_residual(self) -> None:
         if self.max_evaluations is not None and self.tally["residual_evaluations"] >= self.max_evaluations:

@@ -22,9 +22,9 @@ from hhtbench.protocol import PHYSICS, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 from solvers import forms
-from solvers._ending import left_over
+from solvers._ending import empty_solution, solved
 from solvers._run import Halt, Run
-from solvers._start import empty_solution
+from solvers._start import Failure
 from solvers._sundials import overheard
 
 TOO_ACCURATE = -2
@@ -100,14 +100,10 @@ class Adapter:
         with timed(request.max_seconds) as clock:
             reason = self.accepts(problem, request)
             if reason is not None:
-                return empty_solution(problem.q0.size, Status.declined, reason, Counters(provenance="nothing was called"))
+                declined = Failure(Status.declined, reason)
+                return empty_solution(problem.q0.size, declined, Counters(provenance="nothing was called"))
             run = Run(self.name, problem, request, self.form, clock)
-            try:
-                return run.solution(self.drive)
-            except BaseException as error:
-                left = left_over(run, error)
-                BaseException.__setattr__(error, "partial_solution", left)  # also where the class is frozen
-                raise
+            return solved(lambda: run.solution(self.drive), run.left_over)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""

@@ -1,85 +1,149 @@
-"""What one solve by a foreign library hands over: rows believed, with multipliers, or what is left when something raises."""
+"""What every solver hands over: rows with multipliers from the acceleration level, or what is left when something raises."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import padded
-from hhtbench.result import Solution, Status
-from hhtbench.trust import unresolved
-from solvers._rows import Rows, carried, doubt_about, own_multipliers, recover_multipliers
-from solvers._start import Failure, all_multipliers, budget_failure, empty_solution
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import ConstraintLevels, minimum_norm, padded, unreduced
+from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.result import Counters, Solution, Status
+from solvers._finite import explain_nonfinite
+from solvers._start import Failure, Solving, points_of
 
-if TYPE_CHECKING:
-    from solvers._run import Run
-
-
-def assembled(run: Run, end: Failure) -> Solution:
-    """The Solution: rows believed, multipliers from the acceleration level."""
-    rows = run.rows()
-    found_end = judged(run, rows, end)
-    status, message = found_end.status, found_end.message
-    with run.for_output():
-        found = recover_multipliers(run.level, run.dynamics, run.work, run.form, run.first, rows)
-        kept = len(found.lam)
-        every = rows.t[:kept], rows.q[:kept], rows.v[:kept]
-        lam, mu = all_multipliers(run.dynamics, run.work, *every, found.lam, found.mu)
-    if found.instead is not None and status is Status.success:
-        status = found.instead
-    own = carried(run.form, rows, run.dynamics)
-    return Solution(
-        t=every[0],
-        q=every[1],
-        v=every[2],
-        lam=lam,
-        mu=mu,
-        status=status,
-        message=f"{message} {found.note}".strip(),
-        counters=run.counters(),
-        carried=None if own is None else {name: values[:kept] for name, values in own.items()},
-    )
+Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
+Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
+RecoverMany = Callable[..., Any] | None
 
 
-def judged(run: Run, rows: Rows, end: Failure) -> Failure:
-    """How the run ended, after a look at what speaks against a success."""
-    if end.status is not Status.success:
-        return end
-    if run.t != run.t1:
-        doubt = f"It stopped at t = {run.now:.17g} and not at {run.time(run.t1):.17g}."
-        return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
+class OwnMultipliers(NamedTuple):
+    """A solver's own multipliers of its rows, which pick the root and stand where none are recovered; NaN: none."""
+
+    lam: Matrix  #: (k, m)
+    mu: Matrix  #: (k, p)
+    first: tuple[Vector, Vector]  #: what picks the root in the rows before the first that has its own
+    every: str  #: what they are, in words
+    rest: str  #: the same of those after a row
+    some: str  #: and of some
+
+
+class Recovered(NamedTuple):
+    """Multipliers (k, m) and (k, p) of the acceleration level; fewer rows where it is not finite.  ``note`` says so."""
+
+    lam: Matrix
+    mu: Matrix
+    note: str = ""
+    instead: Status | None = None  #: of a success, where rows are missing or not recovered
+
+
+def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Solution:
+    """The Solution with ``rows``, as far as the acceleration level is finite there."""
+    with run.work.for_output():
+        found = recover_multipliers(run, rows, own, recover_many)
+        t, q, v = (array[: len(found.lam)] for array in rows)
+        lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
+    status = found.instead if found.instead is not None and end.status is Status.success else end.status
+    message = f"{end.message} {found.note}".strip()
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=run.work.counters())
+
+
+def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
+    """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
+
+    Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
+    where it is not finite.  ``recover_many(t, q, v, lam, mu)`` puts those of easy rows in place and tells which.
+    """
+    (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
+    if not run.dynamics.structure.constrained:
+        return Recovered(lam, mu)
+    done, undetermined = np.zeros(times.size, dtype=bool), []
+    none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
+    with suppress(BudgetSpent):  # nothing more can be compiled
+        done = done if recover_many is None else recover_many(times, q, v, lam, mu)
+    for i in np.flatnonzero(~done).tolist():
+        guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
+        try:
+            run.work.check_time()
+            found = _acceleration_at(run, float(times[i]), q[i], v[i], guess)
+        except BudgetSpent:
+            ended = f"The time budget ended when {i} of {times.size} rows had their multipliers{run.work.clock.passed_in}"
+            return Recovered(lam, mu, f"{ended}; {own.rest}.", Status.deadline)
+        except NonFiniteValue as error:
+            note = f"{error}, when the multipliers were recovered."
+            return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
+        if found.converged:
+            guess = found.lam, found.mu
+        else:
+            undetermined.append(float(times[i]))
+        lam[i], mu[i] = guess
+    if not undetermined:
+        return Recovered(lam, mu)
+    note = f"The acceleration level determines no multipliers at {len(undetermined)} times, "
+    return Recovered(lam, mu, f"{note}first at t = {undetermined[0]:.17g}; {own.some}.")
+
+
+def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:
+    """The acceleration level at one output time; a value that is not finite is tried once more."""
+    for last in (False, True):
+        try:
+            found = run.acceleration.solve(t, q, v, *guess)
+            run.work.add("residual_evaluations", points_of(run.dynamics))
+            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
+                explain_nonfinite(run.dynamics, t, q, v)
+            break
+        except NonFiniteValue:
+            run.work.add("nonfinite_evaluations")
+            if last:
+                raise
+    return found
+
+
+def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Multipliers:
+    """Multipliers of all constraints, of least norm where the solver works without the redundant ones.
+
+    Where the time budget ends before, zeros stand for the redundant ones in the rest.
+    """
+    whole, reduced = unreduced(run.dynamics), run.dynamics.structure
+    if whole is run.dynamics:
+        return multipliers
+    lam, mu = padded(run.dynamics, *multipliers)
+    levels, m, rank = ConstraintLevels(whole), whole.structure.m, reduced.m + reduced.p
+    for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
+        try:
+            run.work.check_time()
+            at = levels.at(float(t), q, v)
+        except BudgetSpent:
+            break
+        jacobian = np.concatenate([at.position_jacobian, at.velocity_jacobian])
+        lam[i], mu[i] = np.split(minimum_norm(jacobian, np.concatenate([lam[i], mu[i]]), rank), [m])
+    return lam, mu
+
+
+def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solution]) -> Solution:
+    """``solve()``; what is raised in it carries ``.partial_solution``, what is ``left_over``."""
     try:
-        doubt = doubt_about(rows, run.levels, run.problem.scales, run.work, run.request.t_eval)
-    except BudgetSpent as spent:
-        return budget_failure(spent, run.now)
-    coarse = unresolved(run.problem.t_span, run.steps, run.rtol, run.t - run.t0)
-    if doubt:
-        return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
-    return Failure(Status.time_resolution, coarse) if coarse else end
+        return solve()
+    except BaseException as error:
+        status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
+        left = left_over(Failure(status, f"{type(error).__name__}: {error}."))
+        BaseException.__setattr__(error, "partial_solution", left)  # also where the class is frozen
+        raise
 
 
-def left_over(run: Run, error: BaseException) -> Solution:
-    """What was accepted before an exception; no function of the system is called for it."""
-    status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
-    message = f"{type(error).__name__}: {error}."
-    if not hasattr(run, "start"):
-        return empty_solution(run.problem.q0.size, status, message, run.counters())
-    rows = run.rows()
-    s = run.dynamics.structure
-    none = np.full(s.m, np.nan), np.full(s.p, np.nan)
-    own = [own_multipliers(run.form, y, none) for y in rows.y]
-    reduced = (np.array([pair[i] for pair in own]).reshape(len(rows.t), none[i].size) for i in range(2))
-    lam, mu = padded(run.dynamics, *reduced)
-    return Solution(
-        t=rows.t,
-        q=rows.q,
-        v=rows.v,
-        lam=lam,
-        mu=mu,
-        status=status,
-        message=f"{message} The multipliers are those of the form, NaN where it has none.",
-        counters=run.counters(),
-        carried=carried(run.form, rows, run.dynamics),
-    )
+def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers) -> Solution:
+    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called."""
+    (t, q, v), (lam, mu) = rows, padded(run.dynamics, own.lam, own.mu)
+    message = f"{end.message} The multipliers are {own.every}."
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=run.work.counters())
+
+
+def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:
+    """A Solution without rows: nothing was integrated."""
+    none, rows = np.zeros((0, 0)), np.zeros((0, n))
+    status, message = end.status, end.message
+    return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)

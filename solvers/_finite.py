@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.inverse import inverse
-from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.lowering.dynamics.jax_dynamics import large
 from solvers._trust import as_arguments
 
 

@@ -12,7 +12,7 @@ from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, Stop
 from hhtbench.result import Status
 
-MOST_STRAYS = 100  # values that are not finite within one step: a library shrinks its step tenfold long before
+MOST_NONFINITE = 100  # values that are not finite within one step: a library shrinks its step tenfold long before
 
 
 class Halt(Stop):
@@ -35,9 +35,9 @@ class Guard:
         self.work = work
         self.t = t0  #: end of the last step [s]
         self.cause: BaseException | None = None  #: what a callback has raised
-        self.stray: Any = None  #: first value of this step that is not finite: the error, or (t, y)
-        self._stray_before: Any = None  # the same of the step before: Radau fails one step late
-        self._strays = 0
+        self.nonfinite: Any = None  #: first value of this step that is not finite: the error, or (t, y)
+        self._nonfinite_before: Any = None  # the same of the step before: Radau fails one step late
+        self._count = 0
 
     def wrap(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
         """``function(t, y, ...)`` counted, on private copies: libraries reuse and free what they pass."""
@@ -51,10 +51,10 @@ class Guard:
                     value = np.array(counted(float(t), y, *(np.array(x) for x in more)))
                 except NonFiniteValue as error:
                     value = np.full(shape, np.nan)
-                    self._note_stray(y, error)
+                    self._note_nonfinite(y, error)
                 else:
                     if not np.isfinite(value).all():
-                        self._note_stray(y, (float(t), y))
+                        self._note_nonfinite(y, (float(t), y))
             except BaseException as error:
                 self.cause = error
                 raise
@@ -69,18 +69,18 @@ class Guard:
 
     def step_taken(self, t: float) -> None:
         """A step that ended at ``t`` was accepted: what was not finite on the way did no harm, unless the next one fails."""
-        self.t, self._strays = t, 0
-        self.stray, self._stray_before = None, self.stray
+        self.t, self._count = t, 0
+        self.nonfinite, self._nonfinite_before = None, self.nonfinite
 
     @property
     def suspect(self) -> Any:
         """The value to blame for a failure, or None."""
-        return self._stray_before if self.stray is None else self.stray
+        return self._nonfinite_before if self.nonfinite is None else self.nonfinite
 
-    def _note_stray(self, y: Vector, where: Any) -> None:
-        self._strays += 1
+    def _note_nonfinite(self, y: Vector, where: Any) -> None:
+        self._count += 1
         if np.isfinite(y).all():  # else the library passes on what it was given before
             self.work.add("nonfinite_evaluations")
-            self.stray = where if self.stray is None else self.stray
-        if self._strays >= MOST_STRAYS:
-            raise Halt(Status.nonfinite_callback, f"{MOST_STRAYS} values were not finite after t = {self.t:.17g}")
+            self.nonfinite = where if self.nonfinite is None else self.nonfinite
+        if self._count >= MOST_NONFINITE:
+            raise Halt(Status.nonfinite_callback, f"{MOST_NONFINITE} values were not finite after t = {self.t:.17g}")

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy import linalg
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering.dynamics.kkt_sparse import solve_scaled_sparse
+from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
 
 DEPENDENT = 1e-13  # singular values below this of the scaled matrix are roundoff of dependent rows
 

@@ -1,21 +1,19 @@
-"""What becomes of the rows that a library has given: are they to be believed, and which multipliers belong to them."""
+"""What becomes of the rows that a library has given: are they to be believed, and which multipliers does it hold itself."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, padded
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import ConstraintLevels, Dynamics, padded
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Scales
-from hhtbench.result import Status
-from solvers._start import acceleration_at
+from solvers._ending import OwnMultipliers
 from solvers.forms.form import Form
 
 BELIEVABLE = 0.1  # constraint violation in units of the typical size: beyond it the rows show another mechanism
@@ -33,18 +31,14 @@ class Rows:
     v: Matrix  #: (k, n)
     rates: Matrix | None  #: (k, m + p) rates of the multipliers' integrals; None where the form or the library has none
 
-
-class Recovered(NamedTuple):
-    """Multipliers (k, m) and (k, p) of the acceleration level; fewer rows where it is not finite.  ``note`` says so."""
-
-    lam: Matrix
-    mu: Matrix
-    note: str = ""
-    instead: Status | None = None  #: of a success, where rows are missing or not recovered
+    @property
+    def motion(self) -> tuple[Vector, Matrix, Matrix]:
+        """t, q and v."""
+        return self.t, self.q, self.v
 
 
 def make_rows(form: Form, times: list[float], states: list[Vector], rates: list[Vector]) -> Rows:
-    """The kept rows as arrays of their own."""
+    """The rows as arrays of their own."""
     y = np.array(states).reshape(-1, form.size)
     q, v = (part.copy() for part in form.state(y))
     complete = holds_integrals(form) and len(rates) == len(times)
@@ -67,13 +61,12 @@ def carried(form: Form, rows: Rows, dynamics: Dynamics) -> Mapping[str, Matrix] 
     Zero for redundant rows, which the solver leaves out.
     """
     if rows.rates is not None:
-        m = dynamics.structure.m
-        lam, mu = padded(dynamics, rows.rates[:, :m], rows.rates[:, m:])
-        return {"lam": lam, "mu": mu}
-    if not any(name in form.blocks for name in ("lam", "mu")):
+        own = np.split(rows.rates, [dynamics.structure.m], axis=1)
+    elif any(name in form.blocks for name in ("lam", "mu")):
+        own = [rows.y[:, form.blocks.get(name, slice(0, 0))].copy() for name in ("lam", "mu")]
+    else:
         return None
-    lam, mu = (rows.y[:, form.blocks.get(name, slice(0, 0))].copy() for name in ("lam", "mu"))
-    return dict(zip(("lam", "mu"), padded(dynamics, lam, mu), strict=True))
+    return dict(zip(("lam", "mu"), padded(dynamics, *own), strict=True))
 
 
 def doubt_about(rows: Rows, levels: ConstraintLevels, scales: Scales, work: Work, wanted: Vector | None) -> str:
@@ -113,51 +106,14 @@ def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales, work: 
     return f"A constraint is violated by up to {largest:.2g} of its size, most at t = {at_time:.17g}."
 
 
-def own_multipliers(form: Form, y: Vector, otherwise: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
-    """The multipliers that the form carries in ``y``, else ``otherwise``: they pick the root of a nonlinear reaction."""
-    lam, mu = (
-        y[form.blocks[name]] if name in form.blocks else other for name, other in zip(("lam", "mu"), otherwise, strict=True)
+def own_multipliers(form: Form, rows: Rows, dynamics: Dynamics, first: Acceleration) -> OwnMultipliers:
+    """The multipliers among the unknowns of the form, NaN where it has none."""
+    s, k, every = dynamics.structure, rows.t.size, "those of the form, NaN where it has none"
+    return OwnMultipliers(
+        lam=rows.y[:, form.blocks["lam"]].copy() if "lam" in form.blocks else np.full((k, s.m), np.nan),
+        mu=rows.y[:, form.blocks["mu"]].copy() if "mu" in form.blocks else np.full((k, s.p), np.nan),
+        first=(first.lam, first.mu),
+        every=every,
+        rest=f"the rest are {every}",
+        some="the values of the form or of the row before stand there",
     )
-    return lam, mu
-
-
-def late_note(recovered: int, times: Vector, work: Work) -> str:
-    """That the time budget has ended before all rows had their multipliers, in words."""
-    ended = f"The time budget ended when {recovered} of {times.size} rows had their multipliers"
-    return f"{ended}{work.clock.passed_in}"
-
-
-def recover_multipliers(
-    level: AccelerationLevel, dynamics: Dynamics, work: Work, form: Form, first: Acceleration, rows: Rows
-) -> Recovered:
-    """lam (k, m) and mu (k, p) from the acceleration level, as far as the time budget goes.
-
-    Rows end before a time where it is not finite.
-    """
-    s = dynamics.structure
-    lam, mu = np.full((rows.t.size, s.m), np.nan), np.full((rows.t.size, s.p), np.nan)
-    if not s.constrained:
-        return Recovered(lam, mu)
-    guesses, undetermined_at = (first.lam, first.mu), []
-    for i, t in enumerate(rows.t):
-        guesses = own_multipliers(form, rows.y[i], guesses)
-        try:
-            work.check_time()
-            found = acceleration_at(level, dynamics, work, float(t), rows.q[i], rows.v[i], guesses)
-        except BudgetSpent:
-            for k in range(i, rows.t.size):
-                lam[k], mu[k] = own_multipliers(form, rows.y[k], (lam[k], mu[k]))
-            note = f"{late_note(i, rows.t, work)}; the rest are those of the form, NaN where it has none."
-            return Recovered(lam, mu, note, Status.deadline)
-        except NonFiniteValue as error:
-            note = f"{error}, when the multipliers were recovered."
-            return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
-        if not found.converged:
-            undetermined_at.append(float(t))
-        else:
-            guesses = found.lam, found.mu
-        lam[i], mu[i] = guesses
-    if not undetermined_at:
-        return Recovered(lam, mu)
-    note = f"The acceleration level determines no multipliers at {len(undetermined_at)} times, first at t = "
-    return Recovered(lam, mu, f"{note}{undetermined_at[0]:.17g}; the values of the form or of the row before stand there.")

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import Clock, Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
+from hhtbench.trust import unresolved
 from solvers import forms
-from solvers._ending import assembled
+from solvers._ending import empty_solution, solution_of, unrecovered
+from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
-from solvers._rows import (
-    Rows,
-    holds_integrals,
-    make_rows,
-    rates_of,
-)
+from solvers._rows import Rows, carried, doubt_about, holds_integrals, make_rows, own_multipliers, rates_of
 from solvers._start import (
     Failure,
     Place,
+    absolute_tolerances,
     budget_failure,
-    check_guesses,
-    counted_dynamics,
+    check_start,
     dynamics_for,
-    empty_solution,
-    explain_nonfinite,
-    inconsistency,
     start_acceleration,
-    undetermined,
+    tried_twice,
 )
 
 __all__ = ["Halt", "Run"]
@@ -62,8 +56,6 @@ class Run:
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
         self.steps = 0
-        self.output_evaluations = 0  #: of those in ``work``, for rows inside steps and for multipliers at rows
-        self.output_jacobians = 0  #: the same of the Jacobians
         self.unseen: list[str] = []  #: Counters of work inside compiled code
         self.library_counters: dict[str, int] = {}  #: Counters that only the library knows
         self.guard = Guard(self.work, problem.t_span[0])
@@ -75,12 +67,32 @@ class Run:
         """The whole solve."""
         if self.request.t_eval is not None:
             check_output_times(self.request.t_eval, *self.problem.t_span)
-        failure = self._prepare()
+        failure = tried_twice(self._begin, self.work, self.now)
         if failure is not None:
-            return empty_solution(self.problem.q0.size, failure.status, failure.message, self.counters())
+            return self._nothing(failure)
         end = self._end(drive)
         self.work.only_output_is_left()
-        return assembled(self, end)
+        rows = self.rows()
+        own = own_multipliers(self.form, rows, self.dynamics, self.first)
+        solution = solution_of(self, self._judged(rows, end), rows.motion, own)
+        return self._complete(solution, rows)
+
+    def left_over(self, end: Failure) -> Solution:
+        """What was accepted before an exception; no function of the system is called for it."""
+        if not hasattr(self, "start"):
+            return self._nothing(end)
+        rows = self.rows()
+        own = own_multipliers(self.form, rows, self.dynamics, self.first)
+        return self._complete(unrecovered(self, end, rows.motion, own), rows)
+
+    def _complete(self, solution: Solution, rows: Rows) -> Solution:
+        """With the multipliers that the library holds itself, and all counters."""
+        own = carried(self.form, rows, self.dynamics)
+        own = None if own is None else {name: values[: solution.t.size] for name, values in own.items()}
+        return replace(solution, carried=own, counters=self.counters())
+
+    def _nothing(self, failure: Failure) -> Solution:
+        return empty_solution(self.problem.q0.size, failure, self.counters())
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock."""
@@ -93,34 +105,18 @@ class Run:
 
     # --- the start -------------------------------------------------------------------------------------------------
 
-    def _prepare(self) -> Failure | None:
-        failure = None
-        for _ in range(2):  # one stray value is not the cause
-            try:
-                return self._begin()
-            except NonFiniteValue as error:
-                self.work.add("nonfinite_evaluations")
-                failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
-            except BudgetSpent as spent:
-                return budget_failure(spent, self.now)
-        return failure
-
     def _begin(self) -> Failure | None:
         problem = self.problem
         place = Place(self.now, problem.q0, problem.v0)
         guesses = problem.lam_guess, problem.mu_guess
-        self.atol = self._tolerances()
-        self.dynamics = counted_dynamics(dynamics_for(problem.system, place), self.work)
-        whole = unreduced(self.dynamics)
-        self.levels, self.level = ConstraintLevels(whole, full=True), AccelerationLevel(self.dynamics)
-        failure = undetermined(self.dynamics, place)
-        if failure is None and self.dynamics.structure.constrained:
-            failure = inconsistency(self.levels, place, reduced=whole is not self.dynamics)
+        self.atol = absolute_tolerances(problem, self.request)
+        self.dynamics = dynamics_for(problem.system, place, self.work)
+        self.levels = ConstraintLevels(unreduced(self.dynamics), full=True)
+        self.acceleration = AccelerationLevel(self.dynamics)
+        failure = check_start(self.dynamics, self.levels, place, guesses)
         if failure is not None:
             return failure
-        check_guesses(whole.structure, guesses)
-        guesses = guesses if whole is self.dynamics else (None, None)  # its reaction is linear
-        found = start_acceleration(self.level, self.dynamics, self.work, place, guesses)
+        found = start_acceleration(self, place, guesses)
         if isinstance(found, Failure):
             return found
         self.form = form = forms.make_form(self.form_name, self.dynamics)
@@ -141,15 +137,6 @@ class Run:
         guarded = self.guard.wrap(function, shape, **points)
         return lambda t, *values: guarded(self.time(t), *values)
 
-    def _tolerances(self) -> Vector:
-        """Absolute tolerances of q and v, (2n,)."""
-        n, scales, atol = self.problem.q0.size, self.problem.scales, self.request.atol
-        if atol is None:
-            return float(self.request.rtol or 0.0) * np.concatenate([np.broadcast_to(s, n) for s in (scales.q, scales.v)])
-        if np.shape(atol) not in ((), (n,), (2 * n,)):
-            raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
-        return np.broadcast_to(atol, 2 * n) if np.ndim(atol) == 0 else np.resize(atol, 2 * n)
-
     def look_ahead(self, lost: float) -> None:
         """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).
 
@@ -159,7 +146,7 @@ class Run:
             t, y, h = self.t, self.y, lost - self.t
             slope = self.rhs(t, y)
             for part in (1.0, 0.5, 0.25, 0.125, 0.0):
-                if self.guard.stray is None:
+                if self.guard.nonfinite is None:
                     self.rhs(t + part * h, y + part * h * slope)
 
     # --- the steps -------------------------------------------------------------------------------------------------
@@ -200,7 +187,7 @@ class Run:
         rest = self.wanted[len(self._times) :]
         for time in rest[: np.searchsorted(self.direction * rest, self.direction * t, "right")].tolist():
             self.work.check_time()
-            with self.for_output():
+            with self.work.for_output():
                 self._keep(time, y if time == t or between is None else between(time), rate)
 
     def _keep_end(self, t: float, y: Vector, rate: Interpolate | None) -> None:
@@ -217,17 +204,6 @@ class Run:
             self._rates.append(rates_of(self.form, np.array(rate(time), dtype=np.float64)))
         asked = self.request.t_eval
         self._times.append(self.time(time) if asked is None else float(asked[len(self._times)]))
-
-    @contextmanager
-    def for_output(self) -> Iterator[None]:
-        """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
-        tally = self.work.tally
-        before = tally["residual_evaluations"], tally["jacobian_evaluations"]
-        try:
-            yield
-        finally:
-            self.output_evaluations += tally["residual_evaluations"] - before[0]
-            self.output_jacobians += tally["jacobian_evaluations"] - before[1]
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
@@ -250,8 +226,22 @@ class Run:
         else:
             message = f"the library raised {type(error).__name__} after t = {self.now:.17g}: {error}"
             end = Failure(Status.unreliable, message)
-        stray = self.guard.suspect
-        return end if stray is None or end.status is Status.max_steps else self._explained(end, stray)
+        suspect = self.guard.suspect
+        return end if suspect is None or end.status is Status.max_steps else self._explained(end, suspect)
+
+    def _judged(self, rows: Rows, end: Failure) -> Failure:
+        """How the run ended, after a look at what speaks against a success."""
+        if end.status is not Status.success:
+            return end
+        doubt = f"It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}." if self.t != self.t1 else ""
+        try:
+            doubt = doubt or doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
+        except BudgetSpent as spent:
+            return budget_failure(spent, self.now)
+        if doubt:
+            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
+        coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
+        return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _explained(self, end: Failure, found: Any) -> Failure:
         """A failure after values that were not finite: the function that gave them is its cause."""
@@ -264,19 +254,17 @@ class Run:
         return Failure(Status.nonfinite_callback, f"{found}; {self.name}: {end.message}")
 
     def rows(self) -> Rows:
-        """The kept rows."""
+        """The rows so far."""
         return make_rows(self.form, self._times, self._rows, self._rates)
 
     def counters(self) -> Counters:
         """The work done so far; what nobody reports is None."""
-        counted = dict.fromkeys(("steps_accepted", "residual_evaluations", "jacobian_evaluations", "event_evaluations"), 0)
-        counted |= {"nonfinite_evaluations": 0} | dict(self.work.tally)
-        counted["residual_evaluations"] -= self.output_evaluations
-        counted["jacobian_evaluations"] -= self.output_jacobians
-        counted["output_evaluations"] = self.output_evaluations
+        names = ("steps_accepted", "residual_evaluations", "jacobian_evaluations", "event_evaluations")
+        counted = dict.fromkeys((*names, "nonfinite_evaluations"), 0) | self.work.counted_for_steps()
+        jacobians = self.work.output["jacobian_evaluations"]
         unknown = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
         values: dict[str, Any] = dict.fromkeys(unknown) | counted | self.library_counters
         values |= dict.fromkeys(self.unseen)
-        told = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
-        told += f"; {self.output_jacobians} Jacobians for output rows left out" if self.output_jacobians else ""
-        return Counters(**values, provenance=f"counted{told}; None: not reported")
+        more = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
+        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
+        return Counters(**values, provenance=f"counted{more}; None: not reported")

@@ -1,15 +1,17 @@
-"""What every solver does before its first step and after a failure: derive, check the start, name the cause."""
+"""What every solver does before its first step: derive, check the start, find its accelerations and multipliers."""
 
 from __future__ import annotations
 
 import dataclasses
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
@@ -18,24 +20,21 @@ from hhtbench.lowering import (
     ConstraintLevels,
     Dynamics,
     Levels,
-    Structure,
     augment,
     constraint_rank,
     derive,
-    minimum_norm,
-    padded,
     reduce_redundant,
     route_of,
     singular_at,
     unreduced,
 )
-from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
+from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.matrix_free import large
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.reduced import ReducedDynamics
-from hhtbench.protocol import NumpySystem, System
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
+from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.request import Request
+from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
 
@@ -57,8 +56,44 @@ class Place:
     v: Vector
 
 
-def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
-    """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
+class Solving(Protocol):
+    """What belongs to one solve, whoever steps."""
+
+    dynamics: Dynamics
+    acceleration: AccelerationLevel
+    work: Work
+
+
+Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
+
+
+def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
+    """What ``begin`` makes of the start at ``t`` [s], or a :class:`Failure`; one value that is not finite is no cause."""
+    failure = None
+    for _ in range(2):
+        try:
+            return begin()
+        except NonFiniteValue as error:
+            work.add("nonfinite_evaluations")
+            failure = Failure(Status.nonfinite_callback, f"{error}, at the start")
+        except BudgetSpent as spent:
+            return budget_failure(spent, t)
+    return failure
+
+
+def absolute_tolerances(problem: Problem, request: Request) -> Vector:
+    """Of q and v, (2n,): those of the request, or ``rtol`` times the problem's scales where it gives none."""
+    n, scales, atol = problem.q0.size, problem.scales, request.atol
+    if atol is None:
+        typical = np.concatenate([np.broadcast_to(scale, n) for scale in (scales.q, scales.v)])
+        return np.asarray(np.resize(0.0 if request.rtol is None else request.rtol, 2 * n) * typical)
+    if np.shape(atol) not in ((), (n,), (2 * n,)):
+        raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
+    return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
+
+
+def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:
+    """Derived functions with a regular mass, counted; declared derivatives that enter the equations are compared first.
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.
@@ -76,10 +111,18 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
             stacklevel=2,
         )
         dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
-    return regular(independent(dynamics, place), place)
+    return usable(dynamics, place, work)
 
 
-def independent(dynamics: Dynamics, place: Place) -> Dynamics:
+def usable(dynamics: Dynamics, place: Place, work: Work) -> Dynamics:
+    """``dynamics`` without dependent rows and with a regular mass; a NumPy system tells ``work`` of every callback."""
+    dynamics = _independent(dynamics, place)
+    if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
+        dynamics = augment(dynamics, *as_arguments(dynamics, place.t, place.q))
+    return _counted(dynamics, work)
+
+
+def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
     if not dynamics.structure.constrained:
         return dynamics
@@ -99,19 +142,28 @@ def independent(dynamics: Dynamics, place: Place) -> Dynamics:
     return reduced
 
 
-def regular(dynamics: Dynamics, place: Place) -> Dynamics:
-    """``dynamics`` itself, or augmented where its mass is singular at ``place``."""
-    if not dynamics.structure.constrained or not singular_at(dynamics, place.t, place.q):
-        return dynamics
-    return augment(dynamics, *as_arguments(dynamics, place.t, place.q))
+def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
+    """Why no motion begins at ``place``; None where one does.  ``levels`` and ``guesses`` are of all rows of [g; k].
 
-
-def undetermined(dynamics: Dynamics, place: Place) -> Failure | None:
-    """Without constraints a singular mass leaves accelerations undetermined."""
-    if dynamics.structure.constrained or not singular_at(dynamics, place.t, place.q):
-        return None
-    message = "the mass matrix is singular at the start and no constraint determines the accelerations"
-    return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
+    Raises
+    ------
+    NonFiniteValue
+        A constraint or its Jacobian holds NaN or infinity.
+    ProblemError
+        A guess has not one entry per constraint.
+    """
+    s = levels.structure
+    if s.constrained:
+        failure = inconsistency(levels, place, reduced=unreduced(dynamics) is not dynamics)
+        if failure is not None:
+            return failure
+    elif singular_at(dynamics, place.t, place.q):
+        message = "the mass matrix is singular at the start and no constraint determines the accelerations"
+        return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
+    for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
+        if guess is not None and guess.shape != (size,):
+            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+    return None
 
 
 def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:
@@ -157,44 +209,8 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
     return at
 
 
-def all_multipliers(
-    dynamics: Dynamics, work: Work, t: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix
-) -> tuple[Matrix, Matrix]:
-    """Multipliers (k, m) and (k, p) of all rows, of least norm where the solver works without the redundant ones.
-
-    Where the time budget ends before, zeros stand for the redundant ones in the rest.
-    """
-    whole = unreduced(dynamics)
-    if whole is dynamics:
-        return lam, mu
-    lam, mu = padded(dynamics, lam, mu)
-    levels, m = ConstraintLevels(whole), whole.structure.m
-    rank = dynamics.structure.m + dynamics.structure.p
-    for i in range(len(lam)):
-        try:
-            work.check_time()
-            at = levels.at(float(t[i]), q[i], v[i])
-        except BudgetSpent:
-            break
-        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        lam[i], mu[i] = np.split(minimum_norm(rows, np.concatenate([lam[i], mu[i]]), rank), [m])
-    return lam, mu
-
-
-Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
-
-
-def check_guesses(structure: Structure, guesses: Guesses) -> None:
-    """Raise unless guessed multipliers have one entry per constraint."""
-    for name, guess, size in (("lam_guess", guesses[0], structure.m), ("mu_guess", guesses[1], structure.p)):
-        if guess is not None and guess.shape != (size,):
-            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
-
-
-def start_acceleration(
-    level: AccelerationLevel, dynamics: Dynamics, work: Work, place: Place, guesses: Guesses
-) -> Acceleration | Failure:
-    """Accelerations and multipliers of the start, or why there are none.
+def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Acceleration | Failure:
+    """Accelerations and multipliers of the start, or why there are none; a linear reaction looks at no guess.
 
     Raises
     ------
@@ -202,34 +218,16 @@ def start_acceleration(
         A function of the system is not finite at the start.
     """
     t, q, v = place.t, place.q, place.v
-    found = level.solve(t, q, v, *guesses)
-    work.add("residual_evaluations", points_of(dynamics))
+    found = run.acceleration.solve(t, q, v, *guesses)
+    run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)
     if not np.all(np.isfinite(found.vdot)):
-        explain_nonfinite(dynamics, t, q, v)
+        explain_nonfinite(run.dynamics, t, q, v)
     if not found.converged:
         message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
         return Failure(Status.newton_failed, message)
-    return found
-
-
-def acceleration_at(
-    level: AccelerationLevel, dynamics: Dynamics, work: Work, t: float, q: Vector, v: Vector, guesses: Guesses
-) -> Acceleration:
-    """The acceleration level at one output time; a stray value that is not finite is tried once more."""
-    for last in (False, True):
-        try:
-            found = level.solve(t, q, v, *guesses)
-            work.add("residual_evaluations", points_of(dynamics))
-            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
-                explain_nonfinite(dynamics, t, q, v)
-            break
-        except NonFiniteValue:
-            work.add("nonfinite_evaluations")
-            if last:
-                raise
     return found
 
 
@@ -244,17 +242,9 @@ def budget_failure(spent: BudgetSpent, t: float) -> Failure:
     return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
 
 
-def counted_dynamics(dynamics: Dynamics, work: Work) -> Dynamics:
-    """A NumPy system's dynamics tells ``work`` of every callback."""
+def _counted(dynamics: Dynamics, work: Work) -> Dynamics:
     if isinstance(dynamics, NumpyDynamics):
         return dataclasses.replace(dynamics, on_call=work.on_call)
     if isinstance(dynamics, AugmentedDynamics | ReducedDynamics) and route_of(dynamics) == "numpy":
-        return dataclasses.replace(dynamics, inner=counted_dynamics(dynamics.inner, work))
+        return dataclasses.replace(dynamics, inner=_counted(dynamics.inner, work))
     return dynamics
-
-
-def empty_solution(n: int, status: Status, message: str, counters: Counters) -> Solution:
-    """A Solution without rows: nothing was integrated."""
-    none = np.zeros((0, 0))
-    rows = np.zeros((0, n))
-    return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)

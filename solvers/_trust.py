@@ -62,7 +62,7 @@ def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v:
 
 
 def _always(kind: type[Exception], dynamics: Dynamics, derived: Any, name: str, arguments: list[Any]) -> bool:
-    """Whether the error comes again at the same point; one that does not is a stray value and is told to the caller."""
+    """Whether the error comes again at the same point; one that does not is tried again by the caller."""
     try:
         getattr(dynamics, name)(*arguments)
         getattr(derived, name)(*arguments)

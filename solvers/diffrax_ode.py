@@ -99,7 +99,7 @@ class DiffraxSolver(Adapter):
                 run.accept(t, row[2 : 2 + run.form.size], between)
             if counted:
                 inside = _ticked(ticket)  # of the shorter steps to output times
-                run.output_evaluations += inside
+                run.work.output["residual_evaluations"] += inside
                 _book(run, inside)
             if not accepted:
                 run.look_ahead(run.direction * lost)

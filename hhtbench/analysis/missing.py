@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from hhtbench.analysis.cells import Point
 
+NOT_RUN = "not run"  # status of a run for which there was no time: it says nothing about the solver
 LEAST_ORDER = 0.25  # of error against setting between the two finest runs: a lower one is a standstill
 
 
@@ -34,6 +35,9 @@ def drifting(accurate: Sequence[Point], bound: float) -> Missing:
 
 def why_missing(runs: Sequence[Point], measure: str) -> Missing:
     """From all runs of one solver on one problem, loosest first, none of which reaches the error."""
+    if any(run.status == NOT_RUN for run in runs):
+        message = next(run.message for run in runs if run.status == NOT_RUN)
+        return Missing(kind="untried", text=f"{NOT_RUN}: {message}")
     failed = Counter(run.status for run in runs if not run.success)
     outcome = ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
     good = [run for run in runs if run.error is not None]

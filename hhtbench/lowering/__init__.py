@@ -5,16 +5,13 @@ from Python.  Beside it HHT's loops take machine code by its address from ``nati
 :mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
 """
 
-from hhtbench.lowering.compile.compiling import compile_function, routes
-from hhtbench.lowering.compile.routes import Route, route_of, too_large
-from hhtbench.lowering.dynamics.augmented import augment
+from hhtbench.lowering.compile.compiling import Route, compile_function, route_of, routes, too_large
 from hhtbench.lowering.dynamics.derive import derive
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel, ConstraintRank, constraint_rank
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.dynamics.reduced import minimum_norm, padded, reduce_redundant, unreduced
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.regular import augment, minimum_norm, padded, reduce_redundant, unreduced
 from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 import stat
+import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Hashable
@@ -11,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import jax
+
+CHECKSUM = hashlib.sha256().digest_size
 
 
 class ById:
@@ -46,12 +51,6 @@ class Cache:
             while len(self._values) >= self._size:
                 self._values.pop(next(iter(self._values)))
             return self._values.setdefault(key, made)
-
-    def __contains__(self, key: Hashable) -> bool:
-        return key in self._values
-
-    def __len__(self) -> int:
-        return len(self._values)
 
     def values(self) -> list[Any]:
         """All that is kept."""
@@ -96,6 +95,32 @@ def _foreign_access(folder: Path) -> str:
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"can be written by others; run chmod go-w on it once you trust what is in it, or {remedy}"
     return ""
+
+
+def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> bytes:
+    """Machine code of what ``content`` says in full, by ``make()`` where there is none.
+
+    No key of other kind can tell what a function's value depends on.  A folder that cannot be written and a damaged file,
+    whose checksum does not match, are as good as none.
+    """
+    folder = private_folder("native")
+    if folder is None:
+        return make()
+    file = folder / f"{hashlib.sha256(content).hexdigest()}.{kind}"
+    with contextlib.suppress(OSError):
+        data = file.read_bytes()
+        if hashlib.sha256(data[CHECKSUM:]).digest() == data[:CHECKSUM]:
+            return data[CHECKSUM:]
+    body = make()
+    with contextlib.suppress(OSError):
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".")  # beside it first: no reader ever sees half a file
+        try:
+            with os.fdopen(handle, "wb") as opened:
+                opened.write(hashlib.sha256(body).digest() + body)
+            os.replace(temporary, file)
+        except OSError:
+            os.unlink(temporary)
+    return body
 
 
 def use_disk_cache() -> None:

@@ -1,10 +1,10 @@
-"""A dynamics taken apart: parameters as one vector, and what selects its compiled code."""
+"""A pytree taken apart: parameters as one vector, and what selects the compiled code of its functions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable
+from typing import Any, Concatenate, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering.caching import ById, Cache
 
+Tree = TypeVar("Tree")  #: a pytree of parameters and of what is no number: a dynamics
 _jitted = Cache(4096)
 _flattened = Cache(64)
 
@@ -25,21 +26,23 @@ class _Flattened(NamedTuple):
 
 
 class Flat(NamedTuple):
-    """A function of a JAX dynamics with the dynamics' parameters as its first argument, uncompiled."""
+    """A function of a pytree with the pytree's parameters as its first argument, uncompiled."""
 
+    name: str
     function: Callable[..., Any]  #: (parameters, *arrays) -> array
     parameters: Any  #: (k,)
     key: Any  #: equal for functions that differ in parameter values only
 
 
-def flat_function(function: Callable[..., Any], dynamics: Any, *static: Any) -> Flat:
-    """``function(dynamics, *static, *arrays)`` taken apart."""
-    parts: _Flattened = _flattened.find(ById(dynamics), lambda: _flatten(dynamics))
+def flat_function(function: Callable[Concatenate[Tree, ...], Any], tree: Tree, *static: Hashable) -> Flat:
+    """``function(tree, *static, *arrays)`` taken apart."""
+    parts: _Flattened = _flattened.find(ById(tree), lambda: _flatten(tree))
 
     def of_parameters(flat: Any, *arguments: Any) -> Any:
         return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)
 
-    return Flat(of_parameters, parts.flat, (function, static, parts.key))
+    name = getattr(function, "__name__", type(function).__name__)
+    return Flat(name, of_parameters, parts.flat, (function, static, parts.key))
 
 
 def jitted(flat: Flat) -> Any:
@@ -47,29 +50,24 @@ def jitted(flat: Flat) -> Any:
     return _jitted.find(flat.key, lambda: jax.jit(flat.function))
 
 
-def _flatten(dynamics: Any) -> _Flattened:
-    arrays, rest = eqx.partition(dynamics, eqx.is_inexact_array)
-    flat, unravel = _ravel(arrays)
-    return _Flattened(flat, unravel, rest, (_signature(arrays), _signature(rest)))
-
-
-def _ravel(tree: Any) -> tuple[Any, Callable[[Any], Any]]:
+def _flatten(tree: Any) -> _Flattened:
     """All arrays of ``tree`` as one vector, and the way back.
 
     For float64 arrays by NumPy: ``ravel_pytree`` compiles the concatenation, 30 ms for every system.
     """
-    leaves, structure = jax.tree.flatten(tree)
+    arrays, rest = eqx.partition(tree, eqx.is_inexact_array)
+    key = _signature(arrays), _signature(rest)
+    leaves, structure = jax.tree.flatten(arrays)
     if any(leaf.dtype != np.float64 for leaf in leaves):
-        return ravel_pytree(tree)
+        return _Flattened(*ravel_pytree(arrays), rest, key)
     shapes = [np.shape(leaf) for leaf in leaves]
     bounds = [0, *np.cumsum([math.prod(shape) for shape in shapes]).tolist()]
-    flat = np.concatenate([np.zeros(0), *(np.ravel(leaf) for leaf in leaves)])
 
     def unravel(vector: Any) -> Any:
         parts = [vector[a:b].reshape(shape) for a, b, shape in zip(bounds, bounds[1:], shapes, strict=False)]
         return jax.tree.unflatten(structure, parts)
 
-    return flat, unravel
+    return _Flattened(np.concatenate([np.zeros(0), *map(np.ravel, leaves)]), unravel, rest, key)
 
 
 def _signature(tree: Any) -> Any:

@@ -82,7 +82,7 @@ def speed_page(speed: Mapping[str, Any], command: str) -> str:
     ]
     links = [f'<a href="#{key}">{escape(section.title)}</a>' for key, section in present.items()]
     if rows:
-        parts.append(_contest(rows))
+        parts.append(_contest(rows, speed.get("duels") or []))
         links.append('<a href="#contest">At equal error, beside the reference solvers</a>')
     else:
         absent.append("At equal error, beside the reference solvers")
@@ -105,7 +105,7 @@ def speed_page(speed: Mapping[str, Any], command: str) -> str:
 PARTS = ("speed.html", "comparison.css")
 
 
-def _contest(rows: Sequence[RunRow]) -> str:
+def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]]) -> str:
     lines = race(rows)
     figures = "\n".join(_figure([line for line in lines if line.target == target], target) for target in RACE_TARGETS)
     every = "\n".join(
@@ -113,14 +113,14 @@ def _contest(rows: Sequence[RunRow]) -> str:
         f"{html_table(everyone_table(rows, name))}</details>"
         for name in problems(rows)
     )
-    said = "<br>".join(escape(text) for text in summary(rows))
+    said = "<br>".join(escape(text) for text in summary(rows, duels))
     return f"""\
 <h2 id="contest">At equal error, beside the reference solvers</h2>
 <p class="lead">{escape(CONTEST)}<br>{said}</p>
 <div class="charts">
 {figures}
 </div>
-{html_table(contest_table(rows))}
+{html_table(contest_table(rows, duels))}
 <h3>Where the time of the others goes</h3>
 {html_table(shares_table(rows))}
 {every}"""
@@ -132,7 +132,7 @@ def _figure(lines: Sequence[Race], target: float) -> str:
 <figure id="time-{target:.0e}">
 <h3>Time to reach an error of {target:.0e}</h3>
 <div class="plot" style="height:{figure.layout.height}px"><script type="application/json">{embedded(figure)}</script></div>
-<figcaption class="caption">Left is faster. Who has no mark does not get there: the tables say why.</figcaption>
+<figcaption class="caption">Left is faster. Who has no mark has no time at this error: the tables say why.</figcaption>
 </figure>"""
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
+from solvers._start import absolute_tolerances
 from solvers.hht.options import KNOWN, make_options
 from solvers.hht.solver import HHT
 
@@ -40,13 +40,11 @@ class HHTSolver:
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem`` over its interval."""
         hht = HHT(problem.system, **{**self.options, **request.options})
-        names = ("rtol", "atol", "step", "steps", "t_eval", "max_num_steps", "max_evaluations", "max_seconds")
-        asked = {name: getattr(request, name) for name in names}
+        asked: dict[str, Any] = {f.name: getattr(request, f.name) for f in fields(Request) if f.name != "options"}
         if not request.fixed and request.atol is None:
-            asked["atol"] = np.resize(np.asarray(request.rtol, dtype=np.float64), 2 * problem.q0.size) * _scales(problem)
-        return hht.solve(
-            problem.t_span, problem.q0, problem.v0, lam_guess=problem.lam_guess, mu_guess=problem.mu_guess, **asked
-        )
+            asked["atol"] = absolute_tolerances(problem, request)
+        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+        return hht.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
@@ -57,9 +55,3 @@ def solver(**options: Any) -> HHTSolver:
     """The extended HHT-alpha method; options as in :class:`~solvers.hht.options.HHTOptions`."""
     make_options(**options)
     return HHTSolver("hht", dict(options))
-
-
-def _scales(problem: Problem) -> Vector:
-    """The problem's scales of q and v, (2n,)."""
-    n = problem.q0.size
-    return np.concatenate([np.broadcast_to(problem.scales.q, n), np.broadcast_to(problem.scales.v, n)])

@@ -9,7 +9,7 @@ from typing import Any
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
-from solvers.hht.control.options import ControlOptions
+from solvers.hht.control.plan import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.hht.linear.analysis import KINDS
 
@@ -94,9 +94,8 @@ class HHTOptions:
     @cached_property
     def control(self) -> ControlOptions:
         """The bounds of the step [s] with the constants of its control."""
-        names = ("first_step", "min_step", "max_step")
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        bounds: dict[str, Any] = {name: real_number(name, value, unit=" [s]") for name, value in given.items()}
+        given = {name: getattr(self, name) for name in ("first_step", "min_step", "max_step")}
+        bounds: dict[str, Any] = {name: real_number(name, x, unit=" [s]") for name, x in given.items() if x is not None}
         for name, value in bounds.items():
             if value <= 0:
                 raise ProblemError(f"{name} must be positive [s]; got {value:g}.")

@@ -10,23 +10,22 @@ from dataclasses import replace
 from typing import Any
 
 from hhtbench.arguments import real_number
-from hhtbench.counting import Clock, Work, timed
+from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
-from solvers._start import Guesses, Place
-from solvers.hht.control.plan import ByError, Constant
+from solvers._ending import solved
+from solvers._start import Failure, Guesses, Place
+from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import make_options
-from solvers.hht.run.begin import Started, begin, start_values
-from solvers.hht.run.checkpoint import pack, unpack
+from solvers.hht.run.checkpoint import check, pack, unpack
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.legal_state import check
-from solvers.hht.run.make_engine import make_engine
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
+from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepper import Stepper
 from solvers.hht.run.stepping import IntegratorState, begun, make_goal, take
 from solvers.hht.step.state import State
@@ -69,7 +68,7 @@ class HHT:
         self._integrator: IntegratorState | None = None  # of stepping by hand
         self._engine: Engine | None = None
         self._message = ""
-        self._busy = threading.Lock()
+        self._alone = _Alone()
 
     def solve(
         self, tspan: Any, q0: Any, v0: Any, *, lam_guess: Any = None, mu_guess: Any = None, **request: Any
@@ -91,13 +90,14 @@ class HHT:
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         check_request(asked, place.q.size, t0, t1)
-        with _Alone(self._busy, asked.max_seconds, began) as clock:
-            return Integration(self, asked, t1, place, guesses, clock).solution()
+        with self._alone, timed(asked.max_seconds, began) as clock:
+            integration = Integration(self, asked, t1, place, guesses, clock)
+            return solved(integration.solution, integration.left_over)
 
-    def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started:
+    def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
         started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled)
-        self.engine_used = "" if started.engine is None else started.engine.why
+        self.engine_used = "" if isinstance(started, Failure) else started.engine.why
         return started
 
     def init_step(
@@ -122,15 +122,16 @@ class HHT:
             raise ProblemError("step must not be zero.")
         asked = make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol)
         check_accuracy(asked, place.q.size)
-        with _Alone(self._busy):
+        with self._alone, timed(None):
             started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
-            self._engine, self._integrator = started.engine, None
-            self._message = started.failure.message if started.failure else started.note
-            if started.engine is not None and started.state is not None:
-                tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
-                integrator = begun(place, started.state, h, tolerances, len(self.events))
-                self._integrator = replace(integrator, tally=Counter(started.engine.work.tally))
-        return started.failure.status if started.failure else Status.success
+            self._engine = self._integrator = None
+            if isinstance(started, Failure):
+                self._message = started.message
+                return started.status
+            self._engine, self._message = started.engine, started.note
+            tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
+            self._integrator = begun(place, started.state, h, tolerances, len(self.events))
+        return Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:
         """Step on from :attr:`state` as CVODE and IDA do; on a failure the state stays and the status says why.
@@ -150,30 +151,28 @@ class HHT:
         Status
             ``event`` after a terminal event, with the state at it; a further call goes on from there.
         """
-        with _Alone(self._busy):
-            integrator = self._stands()
+        with self._alone, timed(None):
+            integrator = self._current()
             goal = make_goal(t, method, tstop, integrator)
             self._engine = self._engine or self._rebuild(integrator)
-            integrator, status = take(self._stepper(self._engine, integrator), integrator, goal)
-            tally = Counter(self._engine.work.tally)
-            self._integrator = replace(integrator, distrusts=self._engine.distrusts, tally=tally)
-            self._message = integrator.message
-            self._engine.raise_noted()  # an interrupt in a step that was made
+            self._integrator, status = take(self._stepper(self._engine, integrator), integrator, goal)
+            self._message = self._integrator.message
+            self._engine.loops.raise_noted()  # an interrupt in a step that was made
         return status
 
     def interpolate(self, t: Any) -> DenseOutput:
         """q and v at ``t`` [s] (scalar or (k,)) within the last step; at an event that changed the state: after it."""
-        return self._stands().last(t)
+        return self._current().last(t)
 
     @property
     def state(self) -> State:
         """The frozen state after the last step taken by hand."""
-        return self._stands().state
+        return self._current().state
 
     @property
     def occurrences(self) -> tuple[Occurrence, ...]:
         """The events of the last :meth:`step` call, in order of time."""
-        return self._stands().occurrences
+        return self._current().occurrences
 
     @property
     def message(self) -> str:
@@ -195,7 +194,7 @@ class HHT:
         text.  A NumpySystem has none, as its functions hide their numbers, nor has a System with a function in a field:
         that it is the same is up to you.
         """
-        return pack(replace(self._stands(), message=self._message), self._setup())
+        return pack(self._saved(), self._setup())
 
     def resume(self, data: bytes) -> None:
         """Step on from a :meth:`checkpoint` of a solver with the same system, options and events, to the same bits.
@@ -210,7 +209,7 @@ class HHT:
         if setup["fingerprint"] is None:
             text = f"the system {self._named()[1]}, which has no fingerprint: that it is the checkpoint's system, with the"
             warnings.warn(f"{text} same numbers, is not checked.", UserWarning, stacklevel=2)
-        with _Alone(self._busy):
+        with self._alone, timed(None):
             try:
                 engine = self._rebuild(integrator)
             except (ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -228,7 +227,7 @@ class HHT:
         h = (old.step if old else None) if step is None else real_number("step", step, unit=" [s]")
         if h == 0.0 or (h is None and (old is None or old.tolerances is None)):
             raise ProblemError("restart needs a step [s] other than zero; give step=h.")
-        with _Alone(self._busy):
+        with self._alone, timed(None):
             place = Place(state.t, state.q, state.v) if old is None else old.place
             integrator = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
             self._integrator = integrator if old is None else replace(integrator, distrusts=old.distrusts, tally=old.tally)
@@ -242,11 +241,10 @@ class HHT:
         return engine
 
     def _stepper(self, engine: Engine, integrator: IntegratorState) -> Stepper:
-        if integrator.step is not None:
-            return Stepper(engine=engine, plan=Constant(integrator.step), events=self.events)
-        if integrator.tolerances is None:
-            raise ValueError("neither a step nor tolerances.")
-        return Stepper(engine=engine, plan=ByError(integrator.tolerances, self.options.control), events=self.events)
+        plan: Plan = Constant(integrator.step or 0.0)
+        if integrator.tolerances is not None:
+            plan = ByError(integrator.tolerances, self.options.control)
+        return Stepper(engine=engine, plan=plan, events=self.events)
 
     def _setup(self) -> dict[str, Any]:
         """What a checkpoint and the solver that resumes it must share, as texts."""
@@ -262,31 +260,34 @@ class HHT:
         except NoFingerprint as error:
             return None, str(error)
 
-    def _stands(self) -> IntegratorState:
+    def _current(self) -> IntegratorState:
         if self._integrator is None:
             raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
         return self._integrator
 
+    def _saved(self) -> IntegratorState:
+        """With what the engine knows: enough to go on with another one."""
+        now, engine = replace(self._current(), message=self._message), self._engine
+        return now if engine is None else replace(now, distrusts=engine.distrusts, tally=Counter(engine.work.tally))
+
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_busy", "_engine")}
+        saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
+        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__dict__.update(saved, _busy=threading.Lock(), _engine=None)
+        self.__dict__.update(saved, _alone=_Alone(), _engine=None)
 
 
-class _Alone(timed):
-    """Holds the lock of one HHT object, with the clock of what it does."""
+class _Alone:
+    """A lock of one HHT object, which does not wait."""
 
-    def __init__(self, busy: Any, max_seconds: float | None = None, began: float | None = None) -> None:
-        super().__init__(max_seconds, began)
-        self.busy = busy
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
 
-    def __enter__(self) -> Clock:
-        if not self.busy.acquire(blocking=False):
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
-        return super().__enter__()
 
     def __exit__(self, *error: object) -> None:
-        super().__exit__(*error)
-        self.busy.release()
+        self._lock.release()

@@ -8,12 +8,11 @@ from solvers.hht import HHT
 from solvers.hht.equations.corrections import (
     SMALL,
     fresh_correction,
-    kept_correction_and_end,
+    lagged_correction_and_end,
     residual_and_end,
-    residual_and_matrix,
     state_size,
 )
-from solvers.hht.equations.discretise import stages, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.discretise import residual_and_matrix, stages, step_residual_and_matrix, unpack_matrix
 from solvers.hht.equations.known import weighted
 from solvers.hht.run.functions import layout_of
 
@@ -37,7 +36,7 @@ def begun(name, steps, **options):
 
 
 def given_of(state, h, weights):
-    """What the straight lines take, written down from what packed_known says of it."""
+    """What the straight lines take, written down from what start_of says of it."""
     inverse = [] if state.inverse_mass is None else [state.inverse_mass.ravel()]
     head = [h, state.t + h, *weights, state.t, state.h or 0.0, state.size_q, state.size_v, 0.0, -1.0]
     vectors = state.q, state.v, state.a, state.f, state.lam, state.mu, state.vdot
@@ -45,11 +44,11 @@ def given_of(state, h, weights):
 
 
 def known_of(hht, state, h, a0):
-    """The known values of the step (k,), from the state by name; no reaction here needs a mass elsewhere."""
+    """The known values of the step, from the state by name; no reaction here needs a mass elsewhere."""
     dynamics, method = hht._engine.dynamics, hht._engine.functions.method
     layout, start = layout_of(dynamics, method), {"t": state.t, "h": h, "t1": state.t + h, "from_end": 0.0, "a0": a0}
     start |= {name: getattr(state, name) for name in ("q", "v", "f", "inverse_mass")}
-    return layout, layout.pack(weighted(method, layout, None, start))
+    return layout, weighted(method, layout, None, start)
 
 
 def near(state, size, spread):
@@ -71,16 +70,16 @@ def test_known_values_residual_matrix_and_state_are_those_of_the_equations(name,
     h, rescaled = shorter * h, steps > 0 and options.get("rescale_a", True)
     weights = (shorter if rescaled else 1.0, 1.0, 0.0)
     a0 = state.f + shorter * (state.a - state.f) if rescaled else state.a  # (H11)
-    plain, packed = known_of(hht, state, h, a0)
+    plain, known = known_of(hht, state, h, a0)
     given, dynamics, layout = given_of(state, h, weights), engine.dynamics, engine.layout
     size, n = layout.size, layout.structure.n
     x, static = near(state, size, 0.1), (engine.functions.method, layout)
-    wanted = np.asarray(step_residual_and_matrix(dynamics, plain, x, packed))
-    found = np.asarray(residual_and_matrix(dynamics, *static, x, given))
+    wanted = np.asarray(residual_and_matrix(dynamics, plain, x, known))
+    found = np.asarray(step_residual_and_matrix(dynamics, *static, x, given))
     np.testing.assert_allclose(found, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
     after = np.asarray(residual_and_end(dynamics, *static, x, given))
     np.testing.assert_allclose(after[:size], wanted[:size], rtol=1e-11, atol=1e-12 * np.abs(wanted[:size]).max())
-    place = stages(dynamics, plain, plain.split(x), plain.known(packed))
+    place = stages(dynamics, plain, plain.split(x), known)
     end = np.concatenate(
         [part for part in (place.q1, place.v1, place.start_reaction, place.end_reaction) if part is not None]
     )
@@ -110,9 +109,9 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
     entries = tuple(flat[analysis.own :].tolist())
     given, lots = given_of(state, h, (1.0, 1.0, 0.0)), np.random.default_rng(1)
     x, other = (state.unknowns * (1 + 0.05 * lots.standard_normal(size)) for _ in range(2))
-    plain, packed = known_of(hht, state, h, state.a)
+    plain, known = known_of(hht, state, h, state.a)
     n = layout.structure.n
-    residual, blocks = unpack_matrix(layout, np.asarray(step_residual_and_matrix(dynamics, plain, x, packed)))
+    residual, blocks = unpack_matrix(layout, np.asarray(residual_and_matrix(dynamics, plain, x, known)))
     fresh = np.asarray(fresh_correction(dynamics, *static, entries, x, given))
     matrix, maps = blocks[:size], blocks[size:]
 
@@ -127,7 +126,7 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
     np.testing.assert_allclose(inverse.reshape(size, size).T @ matrix, np.eye(size), atol=1e-9)
     np.testing.assert_array_equal(kept, maps.ravel()[list(entries)])
     np.testing.assert_allclose(largest, [max(np.abs(residual).max(), np.abs(blocks).max())], rtol=1e-12)
-    later = np.asarray(kept_correction_and_end(dynamics, *static, entries, other, inverse, kept, given))
+    later = np.asarray(lagged_correction_and_end(dynamics, *static, entries, other, inverse, kept, given))
     both = np.asarray(residual_and_end(dynamics, *static, other, given))
     agrees(later[: size + 2], both[:size])
     np.testing.assert_allclose(later[size + 2 :], both[size:], rtol=1e-13, atol=1e-13)

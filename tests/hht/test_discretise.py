@@ -10,7 +10,6 @@ import pytest
 import hhtbench as hb
 from solvers.hht import HHT
 from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix, unpack_matrix
-from solvers.hht.equations.known import packed_known
 
 METHODS = (
     {},
@@ -32,13 +31,13 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, met
     assert hht.step() is hb.Status.success
     layout, dynamics, method = hht._engine.layout, hht._engine.dynamics, hht._engine.method
     unknowns, given = np.split(hht.state.factorised.at, [layout.size])
-    known = packed_known(dynamics, method, layout, jnp.asarray(given))
+    static, given = (dynamics, method, layout), jnp.asarray(given)
     x = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size))
-    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, layout, x, known))
-    matrix = jax.jacfwd(lambda y: step_residual(dynamics, layout, y, known))(x)
-    maps = jax.jacfwd(lambda y: step_residual_and_ends(dynamics, layout, y, known)[layout.size :])(x)
+    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(*static, x, given))
+    matrix = jax.jacfwd(lambda y: step_residual(*static, y, given))(x)
+    maps = jax.jacfwd(lambda y: step_residual_and_ends(*static, y, given)[layout.size :])(x)
     wanted = np.concatenate([matrix, maps])
-    np.testing.assert_array_equal(residual, step_residual(dynamics, layout, x, known))
+    np.testing.assert_array_equal(residual, step_residual(*static, x, given))
     np.testing.assert_allclose(
         blocks / np.abs(wanted).max(axis=1, keepdims=True),
         wanted / np.abs(wanted).max(axis=1, keepdims=True),

@@ -194,3 +194,12 @@ def test_without_events_nothing_is_looked_for_by_hand(monkeypatch):
     assert solver.counters.event_evaluations == 0
     assert solver.counters.steps_accepted == 5
     assert solver.occurrences == ()
+
+
+def test_a_value_that_is_not_finite_in_the_look_at_the_motions_start_is_a_status():
+    """The auxiliary acceleration of a shifted start is looked up before the start, once the first step's length is known."""
+    system = NumpySystem(force=lambda t, q, v: -q if t >= 0.0 else np.nan * q)
+    solver = HHT(system, start="shifted", alpha=-0.2)
+    assert solver.init_step(0.0, [1.0], [0.0], rtol=1e-4) is Status.success
+    assert solver.step() is Status.nonfinite_callback
+    assert "force[0] = nan" in solver.message and solver.state.t == 0.0

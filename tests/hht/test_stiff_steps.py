@@ -58,13 +58,13 @@ def test_a_stiff_spring_far_from_the_origin_has_the_roundoff_of_its_coordinates(
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8, 9])
 def test_of_any_two_coordinates_one_is_disturbed_alone(monkeypatch, n):
     """(H30), by one roundoff each; sums of both would hide the roundoff of what depends on their difference."""
-    z, seen = allocate(Sizes(n=n, m=0, p=0, size=n, inverse_mass=0, raw=0)), []
+    z, seen = allocate(Sizes(n=n, m=0, p=0, size=n, inverse_mass=0)), []
     state = z.w[z.i[2 * Q] : z.i[2 * Q] + 4 * n]  # q, v, a, f
     state[:], z.i[EVALUATIONS] = 1.0, 1000
     monkeypatch.setattr(newton, "early", lambda z: None)
     monkeypatch.setattr(newton, "correct", lambda *_: seen.append(state.copy()))
     monkeypatch.setattr(newton, "moved_by", lambda *_: (0.0, 0.0))
-    newton.is_roundoff(z, 0, 1.0, 1.0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
+    newton.is_roundoff(z, 0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
     changes = np.array(seen).reshape(-1, 4, n) - 1.0
     assert set(changes.ravel()) <= {0.0, np.finfo(float).eps}
     for moved in np.moveaxis(changes > 0.0, 1, 0):

@@ -5,8 +5,7 @@ import jax
 import numpy as np
 
 from hhtbench.lowering import flattening, native
-from hhtbench.lowering.scalar_compiler import compiler
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import compiler, native_call
 
 
 class Nothing(eqx.Module):
@@ -21,7 +20,7 @@ class Holding(eqx.Module):
 
 def native_pieces():
     """How many functions this process has as machine code, or knows it cannot have."""
-    return len(compiler._memory)
+    return len(compiler._memory.values())
 
 
 def compiled_pieces():

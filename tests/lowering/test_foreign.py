@@ -10,7 +10,7 @@ import pytest
 
 from hhtbench.lowering import derive, native
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
@@ -19,8 +19,8 @@ from tests.lowering.systems import RICH_NUMPY
 
 
 def arguments_of(name, structure, random):
-    sizes = {"n": structure.n, "m": structure.m, "p": structure.p}
-    return [0.3 if letter == "1" else random.normal(size=sizes[letter]) for letter in FUNCTIONS[name][1]]
+    sizes = {"q": structure.n, "v": structure.n, "x": structure.n, "lam": structure.m, "mu": structure.p}
+    return [0.3 if symbol == "t" else random.normal(size=sizes[symbol]) for symbol in FUNCTIONS[name].arguments]
 
 
 def called(dynamics, name, *arguments):

@@ -17,7 +17,7 @@ from hhtbench.lowering import NotNative, derive, native, route_of
 from hhtbench.lowering.dynamics.kkt import kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from solvers._finite import inverse_mass_at
 from solvers.forms import FORMS
 from solvers.forms.form import refusal
@@ -27,7 +27,7 @@ from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import state_after
 from solvers.hht.equations.discretise import step_residual, step_residual_and_matrix
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout
 from solvers.hht.run.engine import force_and_inverse_mass
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
@@ -50,16 +50,6 @@ def points_of(problem):
         yield problem.t_span[0] + 0.1 * seed, problem.q0 + near[0] * scale[0], problem.v0 + near[1] * scale[1], draw
 
 
-def step_arguments(layout, t, q, v, draw):
-    """Unknowns and known values of a step from (t, q, v) as a solver packs them."""
-    scalars = {"h": 0.5, "t1": t + 0.01, "t0": t, "t_stage": t + 0.01, "t_half": t + 0.005, "alpha": -0.2, "theta": 0.5}
-    values = scalars | {name: 1e-3 for name in layout.scalars if name not in scalars}
-    places = {"q_known": q, "q0": q, "q_stage": 0.5 * q if layout.moving else q, "q_half": q, "v_known": v, "v0": v}
-    for name, shape in layout.arrays.items():
-        values[name] = places.get(name, draw.normal(size=shape))
-    return draw.normal(size=layout.size), layout.pack(values)
-
-
 def given_arguments(layout, t, q, v, draw):
     """Unknowns, and the step with the state before it as the loops keep them."""
     s, h = layout.structure, 0.01
@@ -79,13 +69,12 @@ def functions_of(problem, dynamics):
 
     for moving in (True, False):
         layout = Layout(s, moving, moving and s.mass == "variable")
-        step = lambda *point, layout=layout: step_arguments(layout, *point)  # noqa: E731
-        add(step_residual, (layout,), step, name=f" {moving}")
         method = Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="implicit" if moving else "predictor")
         given = lambda *point, layout=layout: given_arguments(layout, *point)  # noqa: E731
         add(state_after, (method, layout), given, name=f" {moving}")
+        add(step_residual, (method, layout), given, name=f" {moving}")
         if small and (moving or turn % 3 == 0):
-            add(step_residual_and_matrix, (layout,), step, name=f" {moving}")
+            add(step_residual_and_matrix, (method, layout), given, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))
     add(force_and_inverse_mass, (), lambda t, q, v, _: (t, q, v), OF_SOLVES)
     add(inverse_mass_at, (), lambda t, q, v, _: (t, q), OF_SOLVES)

@@ -11,8 +11,8 @@ from hhtbench.counting import Work
 from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured, pattern_of
-from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.lowering.dynamics.matrix_free import large, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
+from hhtbench.lowering.dynamics.mass import Diagonal
 from problems import planar_chain
 from solvers._start import Place, inconsistency
 from solvers.hht.run.start import project

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import native
-from hhtbench.lowering.scalar_compiler.calling import native_call
+from hhtbench.lowering.scalar_compiler import native_call
 from tests.lowering.native import Nothing, native_value
 
 SHAPES = (3,), (2,), (4,)

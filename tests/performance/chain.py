@@ -22,9 +22,10 @@ import hhtbench  # noqa: F401 - 64 bit before anything else
 from hhtbench.counting import Work
 from problems import planar_chain
 from solvers._start import Place
-from solvers.hht.control.options import ControlOptions
+from solvers.hht.control.plan import Constant
 from solvers.hht.options import HHTOptions
-from solvers.hht.run.begin import begin
+from solvers.hht.run.history import columns
+from solvers.hht.run.start import begin
 from solvers.hht.run.stepper import control_of
 
 try:
@@ -74,8 +75,8 @@ class Ours:
         started = begin(problem.system, HHTOptions(rho_inf=RHO), place, (None, None), h, Work())
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
-        self.control = control_of(ControlOptions(), math.inf, False, ())
-        self.rows = np.zeros((1, self.engine.columns))
+        self.control = control_of(Constant(h), math.inf, ())
+        self.rows = np.zeros((1, columns(self.engine.structure)))
         self.engine.march(self.state, self.control, np.array([h]), np.array([h]), self.rows, None)  # compiles
 
     def step(self) -> None:

@@ -2,7 +2,7 @@
 #include <math.h>
 
 /* Solve A x = b in place: A is destroyed, b becomes x.  Returns 0 where a pivot vanishes. */
-static int eliminate(double A[SIZE][SIZE], double b[SIZE])
+static inline int eliminate(double A[SIZE][SIZE], double b[SIZE])
 {
     for (int k = 0; k < SIZE; k++) {
         int best = k;
@@ -34,6 +34,47 @@ static int eliminate(double A[SIZE][SIZE], double b[SIZE])
         b[i] = sum * A[i][i];
     }
     return 1;
+}
+
+/* The same in two parts: A becomes its factors, rows exchanged as `pivot` tells.  Returns 0 where a pivot vanishes. */
+static inline int factorise(double A[SIZE][SIZE], int pivot[SIZE])
+{
+    for (int k = 0; k < SIZE; k++) {
+        int best = k;
+        for (int i = k + 1; i < SIZE; i++)
+            if (fabs(A[i][k]) > fabs(A[best][k])) best = i;
+        if (A[best][k] == 0.0) return 0;
+        pivot[k] = best;
+        if (best != k)
+            for (int j = 0; j < SIZE; j++) {
+                double kept = A[k][j];
+                A[k][j] = A[best][j];
+                A[best][j] = kept;
+            }
+        double inverse = 1.0 / A[k][k];
+        for (int i = k + 1; i < SIZE; i++) {
+            double factor = A[i][k] *= inverse;
+            if (factor == 0.0) continue;
+            for (int j = k + 1; j < SIZE; j++) A[i][j] -= factor * A[k][j];
+        }
+        A[k][k] = inverse;
+    }
+    return 1;
+}
+
+static inline void solve(const double A[SIZE][SIZE], const int pivot[SIZE], double b[SIZE])
+{
+    for (int k = 0; k < SIZE; k++) {
+        double kept = b[pivot[k]];
+        b[pivot[k]] = b[k];
+        b[k] = kept;
+    }
+    for (int i = 1; i < SIZE; i++)
+        for (int j = 0; j < i; j++) b[i] -= A[i][j] * b[j];
+    for (int i = SIZE - 1; i >= 0; i--) {
+        for (int j = i + 1; j < SIZE; j++) b[i] -= A[i][j] * b[j];
+        b[i] *= A[i][i];
+    }
 }
 
 /* (H15): whether increments of q1 and v1, over typical sizes, or what contraction leaves of them, are roundoff. */

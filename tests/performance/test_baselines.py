@@ -9,7 +9,8 @@ from solvers.hht import HHT
 from tests.performance.engine import baselines
 
 pytestmark = pytest.mark.skipif(baselines.compiler() is None, reason="there is no C compiler")
-CASES = {case.name: case for case in baselines.cases(0.0125)}
+ALL = baselines.cases(0.0125)
+CASES = {case.name: case for case in ALL if case.rtol is None}
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +31,23 @@ def test_c_and_library_hold_the_same_trajectory(functions, name):
     assert np.abs(ours.q - problem.q0).max() > 1e-5, "it has moved"
     assert baselines.difference(ours, theirs) < 1e-11
     assert 1.0 <= theirs.iterations / steps <= 4.0, "full Newton needs no more"
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6])
+def test_c_and_library_control_the_error_alike(functions, rtol):
+    """The same steps but for the matrix that filters the error, which C makes anew and the library may keep."""
+    case = next(case for case in baselines.cases(0.1) if case.rtol is not None)
+    case = replace(case, rtol=rtol)
+    problem = case.problem
+    hht = HHT(problem.system, alpha=baselines.ALPHA, b=0.0)
+    asked = {"atol": rtol, "t_eval": [problem.t_span[1]], "lam_guess": problem.lam_guess}
+    ours = hht.solve(problem.t_span, problem.q0, problem.v0, rtol=rtol, **asked)
+    exact = hht.solve(problem.t_span, problem.q0, problem.v0, rtol=1e-3 * rtol, **(asked | {"atol": 1e-3 * rtol}))
+    theirs = baselines.take_controlled(functions["control"], case, baselines.after_first_steps(case))
+    assert theirs.accepted + baselines.FIRST == pytest.approx(ours.counters.steps_accepted, rel=0.02)
+    errors = [np.abs(q - exact.q[-1]).max() for q in (ours.q[-1], theirs.end.q)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.5)
+    assert 1.0 <= theirs.end.iterations / theirs.accepted <= 4.0, "full Newton needs no more"
 
 
 @pytest.mark.parametrize(

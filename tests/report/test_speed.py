@@ -23,24 +23,31 @@ RUNS = [
 ]
 RUNS[4].timing["callbacks"] = {"functions": 0.4, "guards": 0.25, "calls": 10, "microseconds": 9.0}
 RUNS[4].timing["start_s"] = 2e-3
+
+
+def judged(value, low, high, limit, verdict):
+    """What a measured line tells."""
+    return {"value": value, "low": low, "high": high, "count": 8, "clock": value, "limit": limit, "verdict": verdict}
+
+
 STEP = {
     "scene": "pendulum",
     "h": 1e-3,
     "steps": 4000,
     "ours_s": 4.06e-7,
     "c_s": 5e-7,
-    "ratio": 0.812,
-    "clock_ratio": 0.83,
-    "limit": 1.0,
+    **judged(0.812, 0.8, 0.83, 1.0, "holds"),
     "start_s": 1e-3,
     "difference": 2e-15,
     "iterations": 2.0,
     "c_iterations": 2.1,
-    "holds": True,
     "note": "",
 }
-COMPILED = {"scene": "pendulum", "limit": 1.5, "cached_limit": 0.2, "note": "", "imports_s": 1.0, "holds": True}
-CHAIN = {"h": 1e-4, "steps": 400, "note": "", "ours_s": 1e-6, "theirs_s": 2e-6, "clock_ratio": 0.5, "solver": "EXUdense"}
+COMPILED = {"scene": "pendulum", "note": "", "imports_s": 1.0, "solve_s": 1e-3}
+CHAIN = {"h": 1e-4, "steps": 400, "note": "", "ours_s": 1e-6, "theirs_s": 2e-6, "solver": "EXUdense"}
+DUEL = {"problem": "pendulum", "subject": "hht(alpha=-0.05)", "low": 3.5, "high": 4.5, "count": 8}
+HOLDER = DUEL | {"kind": "holder", "rival": "projected(method=DOP853)", "value": 4.0, "verdict": "faster"}
+EXPLICIT = DUEL | {"rival": "scipy(method=DOP853)", "value": 0.5, "low": 0.4, "high": 0.6, "verdict": "slower"}
 SPEED = {
     "schema": 1,
     "engine": "compiled",
@@ -48,12 +55,21 @@ SPEED = {
     "environment": {"python": "3.11", "processor": "<Test> & Co"},
     "seconds": 12.0,
     "steps": [STEP],
-    "compiling": [COMPILED | {"empty_s": 1.2, "cached_s": 0.15, "solve_s": 0.001}],
-    "chains": [
-        CHAIN | {"links": 1, "ratio": 0.2, "limit": 0.25, "error": 1e-9, "their_error": 2e-9, "holds": True},
-        CHAIN | {"links": 10, "ratio": 0.73, "limit": 0.5, "error": 1e-8, "their_error": 2e-8, "holds": False},
+    "compiling": [
+        COMPILED | {"cache": "empty"} | judged(1.2, 1.1, 1.3, 1.5, "holds"),
+        COMPILED | {"cache": "own"} | judged(0.15, 0.1, 0.25, 0.2, "not decided"),
     ],
+    "chains": [
+        CHAIN | {"links": 1, "error": 1e-9, "their_error": 2e-9} | judged(0.2, 0.19, 0.21, 0.25, "holds"),
+        CHAIN | {"links": 10, "error": 1e-8, "their_error": 2e-8} | judged(0.73, 0.7, 0.75, 0.5, "BROKEN"),
+    ],
+    "memory": [{"what": "memory of many steps", "unit": "MB", "note": "", **judged(7.0, 7.0, 7.0, 50.0, "holds")}],
     "runs": [asdict(row) for row in RUNS],
+    "duels": [
+        duel | {"target": target}
+        for target in (1e-2, 1e-3, 1e-4)
+        for duel in (HOLDER, *(EXPLICIT | {"kind": kind} for kind in ("other", "explicit")))
+    ],
 }
 
 
@@ -78,11 +94,14 @@ def test_page_says_what_is_compared_and_shows_times_ratios_and_limits(page):
         "0.406 \N{MICRO SIGN}s",
         "EXUdense",
         "limit 1.5 s",
+        "memory of many steps",
         '"compiled"',
     ):
         assert text in page, text
-    assert re.search(r'<td class="good short">0\.2<small>limit 0\.25', page)
-    assert re.search(r'<td class="bad short">0\.73<small>limit 0\.5', page), "a broken limit is shown as one"
+    assert re.search(r'<td class="good[^>]*>0\.2<small>0\.19 to 0\.21, 8 rounds; limit 0\.25: holds', page)
+    assert re.search(r'<td class="bad[^>]*>0\.73<small>0\.7 to 0\.75, 8 rounds; limit 0\.5: BROKEN', page)
+    assert re.search(r'<td[^"]*"short">150 ms<small>100 ms to 250 ms, 8 rounds; limit 200 ms: not decided', page)
+    assert "7 MB<small>limit 50 MB: holds" in page, "what is counted has no interval"
     assert "&lt;Test&gt; &amp; Co" in page
 
 
@@ -102,6 +121,16 @@ def test_page_shows_drift_and_that_an_explicit_method_is_faster(page):
     assert f"explicit DOP853 on the underlying ODE is faster than HHT on 1, typically {times(2)}" in page
     assert f"HHT {times(2)} its time; drift 3.0e-04" in page
     assert f"HHT faster by {times(4)}" in page
+    assert "projected(method=DOP853): 4 times HHT" in page
+    assert "3.5 to 4.5 in 8 rounds" in page
+
+
+def test_a_comparison_that_is_not_decided_counts_for_nobody(tmp_path):
+    open_ones = [duel | {"low": 0.5, "high": 5.0, "verdict": "not decided"} for duel in SPEED["duels"]]
+    page = written(tmp_path, {**SPEED, "duels": open_ones})
+    assert "HHT faster by" not in page
+    assert "below 1e-10 on 0 (not decided on 1)" in page
+    assert "is faster than HHT on 0." in page
 
 
 def test_who_fails_says_why_on_the_page(page):
@@ -114,14 +143,16 @@ def test_shares_of_callbacks_are_shown(page):
 
 
 def test_sections_that_were_not_measured_are_named(tmp_path):
-    page = written(tmp_path, {**SPEED, "chains": [], "runs": []})
-    assert "Not measured in this run: Time per step beside Exudyn, At equal error" in page
+    page = written(tmp_path, {**SPEED, "chains": [], "runs": [], "duels": []})
+    named = re.search(r"Not measured in this run: (.*?)\.</p>", page).group(1)
+    assert named.startswith("Time per step beside Exudyn, What a solve costs")
+    assert named.endswith("At equal error, beside the reference solvers")
     assert "EXUdense" not in page
 
 
 def test_a_missing_compiler_is_told_and_nothing_is_called_broken(tmp_path):
-    names = ("c_s", "ratio", "clock_ratio", "difference", "iterations", "c_iterations", "holds")
-    line = STEP | dict.fromkeys(names) | {"note": "there is no C compiler"}
+    names = ("c_s", "value", "low", "high", "clock", "difference", "iterations", "c_iterations")
+    line = STEP | dict.fromkeys(names) | {"verdict": "not measured", "note": "there is no C compiler"}
     page = written(tmp_path, {**SPEED, "steps": [line]})
     assert "there is no C compiler" in page
     assert "not measured<small>limit 1<" in page

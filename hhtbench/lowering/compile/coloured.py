@@ -1,25 +1,59 @@
-"""Sparse derivatives of a large system's functions: one compiled call gives the values and the entries of the derivative."""
+"""Sparse derivatives of a large system's functions: one compiled call gives the values and the entries of the derivative.
+
+``asdex`` reads the dependencies off the computation itself (its jaxpr), for all arguments at once, and finds columns that
+share an evaluation; nothing is probed, so no entry is missed because it happens to vanish at the start, and no dense matrix
+is made.
+"""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.compile.compiling import compile_function
-from hhtbench.lowering.compile.patterns import Pattern, detect
-from hhtbench.lowering.compile.routes import Compilable
-from hhtbench.lowering.flattening import flat_function
+from hhtbench.lowering.compile.compiling import Compilable, compile_function
+from hhtbench.lowering.flattening import Flat, flat_function
+
+Indices = npt.NDArray[np.integer[Any]]
 
 _patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Places of the entries of one derivative, row by row, and the colours of its columns."""
+
+    shape: tuple[int, int]
+    rows: Indices  #: (entries,) int32, ascending
+    columns: Indices  #: (entries,) int32, ascending within a row
+    colour: Indices  #: (columns,) int32: columns of one colour have no row in common
+    colours: int  #: directional derivatives that one evaluation costs
+
+    @property
+    def entries(self) -> int:
+        """Number of entries."""
+        return int(self.rows.size)
+
+    @property
+    def places(self) -> Indices:
+        """(entries,) where each entry stands in the compressed derivative (colours, rows), flattened."""
+        return self.colour[self.columns].astype(np.int64) * self.shape[0] + self.rows
+
+    def matrix(self, values: Vector) -> sp.csr_array:
+        """The derivative (rows, columns) from its entries ``values`` (entries,)."""
+        starts = np.searchsorted(self.rows, np.arange(self.shape[0] + 1)).astype(np.int32)
+        return sp.csr_array((values, self.columns, starts), shape=self.shape)
 
 
 def pattern_of(
@@ -30,13 +64,23 @@ def pattern_of(
     ``example`` holds arrays of the shapes of x and of the rest.
     """
     flat = flat_function(function, dynamics, *static)
-    arrays = [jnp.asarray(array, dtype=float) for array in example]
+    return _patterns.find(flat.key, lambda: _detected(flat, *(jnp.asarray(array, dtype=float) for array in example)))
 
-    def find() -> Pattern:
-        with preparing(f"finding the sparsity of {getattr(function, '__name__', 'a function')}"):
-            return detect(lambda x, *rest: flat.function(rest[0], x, *rest[1:]), arrays[0], flat.parameters, *arrays[1:])
 
-    return _patterns.find(flat.key, find)
+def _detected(flat: Flat, x: Any, *rest: Any) -> Pattern:
+    import asdex  # it loads Numba, a tenth of a second that few need
+
+    def of_unknowns(x: Any, parameters: Any, *rest: Any) -> Any:
+        return flat.function(parameters, x, *rest)
+
+    with preparing(f"finding the sparsity of {flat.name}"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", asdex.DenseColoringWarning)  # who asks decides by ``colours``
+        found = asdex.jacobian_sparsity(of_unknowns, x, flat.parameters, *rest, argnums=0)
+        coloured = asdex.jacobian_coloring_from_sparsity(found, mode="fwd")
+    order = np.lexsort((found.cols, found.rows))
+    rows, columns = np.asarray(found.rows)[order], np.asarray(found.cols)[order]
+    colour = np.maximum(np.asarray(coloured.colors), 0)  # a column without entries needs none
+    return Pattern(found.shape, rows.astype(np.int32), columns.astype(np.int32), colour, max(int(coloured.num_colors), 1))
 
 
 def value_and_entries(

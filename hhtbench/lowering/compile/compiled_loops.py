@@ -14,6 +14,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from itertools import count
 from types import FunctionType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -29,7 +30,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
-from numba.np.numpy_support import from_dtype
+from numba.np.numpy_support import as_dtype, from_dtype
 
 from hhtbench.lowering.compile.loops import (
     BITCODE,
@@ -65,7 +66,7 @@ def bitcode(entry: Entry) -> bytes:
     TypeError
         The function returns something else than a whole number or None, or needs Numba when it runs.
     """
-    called, taken = entry.for_numba(), _taken(numba_type(arguments_of(entry)))
+    called, taken = entry.for_numba(), _taken(arguments_of(entry))
 
     def flat(words: Any) -> Any:
         return called(*taken(words))
@@ -88,20 +89,20 @@ def bitcode(entry: Entry) -> bytes:
 
 def write(entry: Entry) -> dict[str, Any]:
     """Put the code of ``entry`` into its folder; returns what the manifest tells of it."""
-    entry.folder.mkdir(exist_ok=True)
-    common = bitcode(entry)
-    files = {BITCODE: common} | {name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()}
-    for kind, code in files.items():
+    common, hashes = bitcode(entry), {}
+    for kind, code in {
+        BITCODE: common,
+        **{name: from_bitcode(common, triple) for name, triple in PLATFORMS.items()},
+    }.items():
         (entry.folder / f"{entry.__name__}.{kind}").write_bytes(code)
-    return {
-        "layout": layout_of(arguments_of(entry)),
-        "files": {kind: hashlib.sha256(code).hexdigest() for kind, code in files.items()},
-    }
+        hashes[kind] = hashlib.sha256(code).hexdigest()
+    return {"layout": layout_of(arguments_of(entry)), "files": hashes}
 
 
 def write_all(found: list[Entry]) -> None:
     """Put code and manifests of ``found`` into their folders."""
     for folder in dict.fromkeys(entry.folder for entry in found):
+        folder.mkdir(exist_ok=True)
         mine = [entry for entry in found if entry.folder == folder]
         made = {"content": content_of(mine[0].sources), "numba": numba.__version__, "llvm": list(llvm.llvm_version_info)}
         made["entries"] = {entry.__name__: write(entry) for entry in mine}
@@ -122,9 +123,9 @@ def _not_loaded() -> Iterator[None]:
 
 
 def arguments_of(entry: Entry) -> Any:
-    """The annotations of its arguments, as one of a tuple."""
+    """Numba's type of its arguments, as one tuple."""
     hints = get_type_hints(entry.function, include_extras=True)
-    return tuple[tuple(kind for name, kind in hints.items() if name != "return")]  # type: ignore[misc]
+    return types.BaseTuple.from_types([numba_type(kind) for name, kind in hints.items() if name != "return"])
 
 
 def numba_type(hint: Any) -> Any:
@@ -140,15 +141,13 @@ def numba_type(hint: Any) -> Any:
     return {bool: types.boolean, int: types.int64, float: types.float64}[hint]
 
 
-def layout_of(hint: Any) -> str:
-    """The words of an argument that is annotated so, as :func:`hhtbench.lowering.compile.loops.in_words` finds them."""
-    if get_origin(hint) is Annotated:
-        return array_layout(*get_args(hint)[1:])
-    if get_origin(hint) is tuple:
-        return f"({''.join(layout_of(part) for part in get_args(hint))})"
-    if hasattr(hint, "_fields"):
-        return layout_of(tuple[tuple(get_type_hints(hint, include_extras=True).values())])  # type: ignore[misc]
-    return {bool: "?", int: "q", float: "d"}[hint]
+def layout_of(kind: Any) -> str:
+    """The words of an argument of Numba's type ``kind``, as :func:`hhtbench.lowering.compile.loops.in_words` finds them."""
+    if isinstance(kind, types.BaseTuple):
+        return f"({''.join(map(layout_of, kind.types))})"  # type: ignore[attr-defined]
+    if isinstance(kind, types.Array):
+        return array_layout(as_dtype(kind.dtype), kind.ndim)
+    return {types.boolean: "?", types.int64: "q", types.float64: "d"}[kind]
 
 
 def _taken(kind: Any) -> Any:
@@ -157,24 +156,17 @@ def _taken(kind: Any) -> Any:
     def take(typingctx: Any, words: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
-            return _value(context, builder, kind, iter(_Words(builder, pointer)))
+            return _value(context, builder, kind, _words(builder, pointer))
 
         return kind(types.intp), generate
 
     return intrinsic(take)
 
 
-class _Words:
+def _words(builder: Any, pointer: Any) -> Iterator[Any]:
     """Words of memory, one after the other, in code that is being written."""
-
-    def __init__(self, builder: Any, pointer: Any) -> None:
-        self._builder, self._pointer = builder, pointer
-
-    def __iter__(self) -> Any:
-        at = 0
-        while True:
-            yield self._builder.load(self._builder.gep(self._pointer, [ir.Constant(ir.IntType(64), at)]))
-            at += 1
+    for at in count():
+        yield builder.load(builder.gep(pointer, [ir.Constant(ir.IntType(64), at)]))
 
 
 def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:

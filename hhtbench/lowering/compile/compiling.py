@@ -7,9 +7,11 @@ systems of one class, sizes and static options, whatever their parameter values,
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +21,67 @@ from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import ById, Cache, use_disk_cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
-from hhtbench.lowering.compile.routes import Compilable, Route, route_of, too_large, wanted_route
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler import NotNative, native
-from hhtbench.lowering.scalar_compiler.calling import Shapes, native_call
+from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
+from hhtbench.lowering.scalar_compiler.lower import Shapes
 
+ROUTES = ("auto", "native", "xla")
+VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
+MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
 SMALL = "the system is small and every operation is known"
+
+_callables = Cache(512)  # finding a function's code again takes as long as a hundred calls of it
+
+
+@dataclass(frozen=True)
+class Route:
+    """How one function is computed."""
+
+    function: str
+    route: str  #: "native", "xla" or "numpy"
+    reason: str
+    operations: int | None = None  #: scalar operations, of the native route
+
+
+class Compilable(Protocol):
+    """A pytree of functions and parameters: what this room knows of :class:`~hhtbench.lowering.Dynamics`."""
+
+    @property
+    def structure(self) -> Any:
+        """Sizes n, m and p."""
+
+    @property
+    def xp(self) -> Any:
+        """The array namespace of the functions: ``numpy`` or ``jax.numpy``."""
+
+
+def route_of(dynamics: Compilable) -> str:
+    """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
+    return "numpy" if dynamics.xp is np else "xla"
+
+
+def wanted_route(route: str | None) -> str:
+    """The route asked for by the argument, else by the environment, else "auto".
+
+    Raises
+    ------
+    ProblemError
+        There is no such route.
+    """
+    source = "route" if route is not None else VARIABLE
+    wanted = route if route is not None else os.environ.get(VARIABLE) or "auto"
+    if wanted not in ROUTES:
+        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
+    return wanted
+
+
+def too_large(dynamics: Compilable) -> str | None:
+    """Why the native route would not pay for a system of this size, or None."""
+    s = dynamics.structure
+    unknowns = s.n + s.m + s.p
+    if unknowns <= MOST_UNKNOWNS:
+        return None
+    return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code without loops would be long"
 
 
 def compile_function(
@@ -52,7 +109,7 @@ def compile_function(
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
     key = (function, ById(dynamics), static, wanted)
-    compiled: _Callable = _callables.find(key, lambda: _callable(function, dynamics, static, wanted))
+    compiled: _Compiled = _callables.find(key, lambda: _Compiled(function, dynamics, static, wanted))
     return compiled.call
 
 
@@ -63,25 +120,6 @@ def routes(dynamics: Compilable) -> tuple[Route, ...]:
     return tuple(route for made in _callables.values() if made.dynamics is dynamics for route in made.routes.values())
 
 
-class _Callable(NamedTuple):
-    dynamics: Compilable
-    routes: dict[Shapes, Route]  #: taken so far, by the shapes of the arguments
-    call: Callable[..., np.ndarray]
-
-
-_callables = Cache(512)  # finding a function's code again takes as long as a hundred calls of it
-
-
-def _callable(function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], route: str) -> _Callable:
-    compiled = _Compiled(function, dynamics, static, route)
-
-    def call(*arguments: Any) -> np.ndarray:
-        value = compiled.last(*arguments)
-        return compiled.any(*arguments) if value is None else value
-
-    return _Callable(dynamics, compiled.routes, call)
-
-
 def _nothing(*_: Any) -> None:
     return None
 
@@ -90,68 +128,67 @@ class _Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
     def __init__(self, function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], route: str) -> None:
-        self._function, self._dynamics, self._static, self._route = function, dynamics, static, route
+        self.dynamics = dynamics
+        self.routes: dict[Shapes, Route] = {}  #: taken so far, by the shapes of the arguments
+        self._native, self._route = partial(native, function, dynamics, *static), route
         self._flat = flat_function(function, dynamics, *static)
         self._calls: dict[Shapes, Callable[..., np.ndarray | None]] = {}  #: machine code; of None, XLA is asked
-        self.last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
+        self._last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
         self._xla_shapes: set[Shapes] = set()  #: of arguments it was compiled for
-        self.routes: dict[Shapes, Route] = {}
 
-    def any(self, *arguments: Any) -> np.ndarray:
+        def call(*arguments: Any) -> np.ndarray:  # a closure: a method costs a tenth of a microsecond more
+            value = self._last(*arguments)
+            return self._any(*arguments) if value is None else value
+
+        self.call = call
+
+    def _any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""
         try:
-            return self._routed(*arguments)
+            arrays = None if self._route == "xla" else _as_floats(arguments)
+            value = None if arrays is None else self._by_machine_code(arrays)
+            return self._by_xla(*arguments) if value is None else value
         except TRACED_AS_VALUE as error:
-            raise explain_control_flow(error, getattr(self._dynamics, "system", self._dynamics)) from error
+            raise explain_control_flow(error, getattr(self.dynamics, "system", self.dynamics)) from error
 
-    def _routed(self, *arguments: Any) -> np.ndarray:
-        arrays = None if self._route == "xla" else _as_floats(arguments)
-        if arrays is None:
-            return self._by_xla(*arguments)
+    def _by_machine_code(self, arrays: list[np.ndarray]) -> np.ndarray | None:
         shapes = tuple(array.shape for array in arrays)
         if shapes not in self._calls:
             self._calls[shapes] = self._choose(shapes)
-        value = self._calls[shapes](*arrays)
-        if value is None:
-            return self._by_xla(*arguments)
-        self.last = self._calls[shapes]
-        return value
+        self._last = self._calls[shapes]
+        return self._last(*arrays)
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
         """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""
-        reason = too_large(self._dynamics) if self._route == "auto" else None
+        name, reason = self._flat.name, too_large(self.dynamics) if self._route == "auto" else None
         if reason is None:
             try:
-                code = native(self._function, self._dynamics, *self._static, shapes=shapes)
+                code = self._native(shapes=shapes)
             except NotNative as error:
                 if self._route == "native":
-                    raise ProblemError(f"{_name(self._function)} cannot take the native route: {error.reason}.") from None
+                    raise ProblemError(f"{name} cannot take the native route: {error.reason}.") from None
                 reason = error.reason
             else:
-                self.routes[shapes] = Route(_name(self._function), "native", SMALL, code.operations)
+                self.routes[shapes] = Route(name, "native", SMALL, code.operations)
                 return native_call(code, shapes)
-        self.routes[shapes] = Route(_name(self._function), "xla", reason)
+        self.routes[shapes] = Route(name, "xla", reason)
         return _nothing
 
     def _by_xla(self, *arguments: Any) -> np.ndarray:
         if self._xla is None:
             if self._route == "xla":
-                self.routes[()] = Route(_name(self._function), "xla", "it was asked for")
+                self.routes[()] = Route(self._flat.name, "xla", "it was asked for")
             use_disk_cache()
             parameters, compiled = jnp.asarray(self._flat.parameters), jitted(self._flat)
             self._xla = lambda *given: np.asarray(compiled(parameters, *map(_strong, given)))
         shapes = tuple(np.shape(argument) for argument in arguments)
         if shapes in self._xla_shapes:
             return self._xla(*arguments)
-        with preparing(f"compiling {_name(self._function)} by XLA"):
+        with preparing(f"compiling {self._flat.name} by XLA"):
             value = self._xla(*arguments)
         self._xla_shapes.add(shapes)
         return value
-
-
-def _name(function: Callable[..., Any]) -> str:
-    return getattr(function, "__name__", type(function).__name__)
 
 
 def _strong(argument: Any) -> Any:

@@ -17,8 +17,8 @@ TRACED_AS_VALUE = (
     jax.errors.TracerIntegerConversionError,  # range(), an index of a list
     jax.errors.NonConcreteBooleanIndexError,  # q[q > 0]
 )
-_FOREIGN = tuple(sorted({str(Path(sysconfig.get_paths()[key]).resolve()) for key in ("stdlib", "purelib", "platlib")}))
-_OWN = str(Path(__file__).resolve().parents[2])
+_LIBRARIES = tuple(sorted({str(Path(sysconfig.get_paths()[key]).resolve()) for key in ("stdlib", "purelib", "platlib")}))
+_NOT_THE_USERS = "<", *_LIBRARIES, str(Path(__file__).resolve().parents[2])
 
 
 def explain_control_flow(error: Exception, system: Any) -> ProblemError:
@@ -34,14 +34,8 @@ def explain_control_flow(error: Exception, system: Any) -> ProblemError:
 
 def _line(error: Exception) -> str:
     """``file, line n, in f: source`` of the innermost line that is the user's."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not _is_foreign(frame.filename)]
-    if not own:
-        return "one of its functions"
-    frame = own[-1]
-    return f"{frame.filename}, line {frame.lineno}, in {frame.name}: `{frame.line}`"
-
-
-def _is_foreign(file: str) -> bool:
-    path = str(Path(file).resolve())
-    return path.startswith((*_FOREIGN, _OWN)) or file.startswith("<")
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = frame.filename if frame.filename.startswith("<") else str(Path(frame.filename).resolve())
+        if not file.startswith(_NOT_THE_USERS):
+            return f"{frame.filename}, line {frame.lineno}, in {frame.name}: `{frame.line}`"
+    return "one of its functions"

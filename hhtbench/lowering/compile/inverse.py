@@ -20,11 +20,7 @@ def inverse(x: Any) -> Any:
     return inverse_p.bind(jnp.asarray(x))
 
 
-def _by_jax(x: Any) -> Any:
-    return jnp.linalg.inv(x)
-
-
-def _differential(tangents: Any, primals: Any) -> Any:
+def _differential(primals: Any, tangents: Any) -> Any:
     (x,), (x_dot,) = primals, tangents
     y = inverse(x)
     return y, -(y @ ad.instantiate_zeros(x_dot) @ y)
@@ -35,8 +31,8 @@ def _batched(arguments: Any, axes: Any) -> Any:
     return inverse(jnp.moveaxis(x, axis, 0)), 0
 
 
-inverse_p.def_impl(_by_jax)
+inverse_p.def_impl(jnp.linalg.inv)
 inverse_p.def_abstract_eval(lambda x: x)
-mlir.register_lowering(inverse_p, mlir.lower_fun(_by_jax, multiple_results=False))
-ad.primitive_jvps[inverse_p] = lambda primals, tangents: _differential(tangents, primals)
+mlir.register_lowering(inverse_p, mlir.lower_fun(jnp.linalg.inv, multiple_results=False))
+ad.primitive_jvps[inverse_p] = _differential
 batching.primitive_batchers[inverse_p] = _batched

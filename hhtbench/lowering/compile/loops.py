@@ -15,14 +15,14 @@ import platform
 import struct
 import threading
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache, update_wrapper
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.lowering.scalar_compiler import disk
+from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
 
 # Annotations of an entry's arguments: arrays whose entries follow one another in memory, beside int, float, bool and tuples.
@@ -60,42 +60,31 @@ def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any
 
 def inner(**options: Any) -> Callable[[Any], Any]:
     """A decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a part of an array."""
-    return lambda function: Inner(function, options)
+    return lambda function: Inner(function, lambda: _dispatcher(function, options))
 
 
-class Intrinsic:
-    """A word of compiled loops for which Numba has a generator of code, and Python a function that does the same."""
+def intrinsic(module: str, name: str, function: Callable[..., Any]) -> Inner:
+    """A word of compiled loops: a generator of code in ``module``, for Numba, and a function that does the same."""
+    return Inner(function, lambda: getattr(importlib.import_module(module), name))
 
-    def __init__(self, module: str, name: str, function: Callable[..., Any]) -> None:
-        self._module, self._name, self._function = module, name, function
 
-    def __call__(self, *arguments: Any) -> Any:
-        """As plain Python."""
-        return self._function(*arguments)
-
-    def for_numba(self) -> Any:
-        """Numba's; its module is imported where something is compiled."""
-        return getattr(importlib.import_module(self._module), self._name)
+def _dispatcher(function: Any, options: dict[str, Any]) -> Any:
+    return importlib.import_module("hhtbench.lowering.compile.compiled_loops").dispatcher(function, options)
 
 
 class Inner:
     """A function that other loops call; called from Python it runs as plain Python."""
 
-    def __init__(self, function: Any, options: dict[str, Any]) -> None:
-        self.__doc__, self.__module__, self.__name__ = function.__doc__, function.__module__, function.__name__
-        self.function, self.options = function, options
-        self._made: Any = None
+    __name__: str
+
+    def __init__(self, function: Any, for_numba: Callable[[], Any]) -> None:
+        update_wrapper(self, function)
+        self.function = function
+        self.for_numba = cache(for_numba)  #: () -> Numba's function; it needs Numba
 
     def __call__(self, *arguments: Any) -> Any:
         """As plain Python."""
         return self.function(*arguments)
-
-    def for_numba(self) -> Any:
-        """Numba's function."""
-        if self._made is None:
-            compiling = importlib.import_module("hhtbench.lowering.compile.compiled_loops")
-            self._made = compiling.dispatcher(self.function, self.options)
-        return self._made
 
 
 class Entry(Inner):
@@ -105,8 +94,8 @@ class Entry(Inner):
     """
 
     def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
-        super().__init__(function, options)
-        self.folder, self.sources = folder, sources
+        super().__init__(function, lambda: _dispatcher(function, options))
+        self.folder, self.sources, self.options = folder, sources, options
         self._lock = threading.Lock()
         self._ready: tuple[str, Any, Any] | None = None
         ENTRIES.append(self)
@@ -149,16 +138,13 @@ class Entry(Inner):
         code = (self.folder / f"{self.__name__}.{kind}").read_bytes()
         if hashlib.sha256(code).hexdigest() != made["files"][kind]:
             raise RuntimeError(f"the compiled {self.__name__} in {self.folder} is damaged: install hhtbench anew.")
-        return made["layout"], self._generated(code) if kind == BITCODE else code
+        if kind == BITCODE:
+            return made["layout"], kept_on_disk(code + host().encode(), "loop", lambda: self._generated(code))
+        return made["layout"], code
 
     def _generated(self, bitcode: bytes) -> bytes:
-        name = f"{hashlib.sha256(bitcode + host().encode()).hexdigest()}.loop"
-        code = disk.read_file(name)
-        if code is None:
-            with preparing(f"generating the loop {self.__name__}"):
-                code = from_bitcode(bitcode)
-            disk.write_file(name, code)
-        return code
+        with preparing(f"generating the loop {self.__name__}"):
+            return from_bitcode(bitcode)
 
 
 def in_words(value: Any, words: list[Any]) -> str:
@@ -200,8 +186,7 @@ def array_layout(dtype: np.dtype, ndim: int) -> str:
 def content_of(sources: tuple[Path, ...]) -> str:
     """A name for the content of all Python sources in ``sources``."""
     digest = hashlib.sha256()
-    for path in sorted(
-        path for source in (*sources, *OWN) for path in (source.glob("*.py") if source.is_dir() else [source])
-    ):
+    files = (path for source in (*sources, *OWN) for path in (source.glob("*.py") if source.is_dir() else [source]))
+    for path in sorted(files):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()

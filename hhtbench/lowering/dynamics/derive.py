@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +14,14 @@ from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.mass import inverse_of
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.shapes import abstract_result, called, expect_pair, expect_shape, mass_as_matrix, wrong_shape
-from hhtbench.lowering.dynamics.structure import Structure, used_arguments
+from hhtbench.lowering.dynamics.mass import Diagonal, inverse_of
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_pair, wrong_shape
+from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
+FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
 _derived = Cache(64)  # a system is immutable; reading its structure costs a trace for each of its functions
 
 
@@ -63,23 +65,28 @@ def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[s
     try:
         structure = _structure(system, *place, ignored)
         with preparing("evaluating mass_matrix"):
-            constant = _constant_mass(system, *place[:2]) if structure.mass == "constant" else None
+            mass: Any = declared(system, "mass_matrix") if structure.mass == "constant" else None
+            constant = mass_as_matrix(mass(*place[:2]) if callable(mass) else mass, structure.n, jnp)
             return JaxDynamics(system, structure, ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
 
 
 def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) -> Structure:
-    expect_shape(system, "force", q.shape, t, q, v)
-    m, p = (_rows(system, name, abstract_result, *at) for name, *at in _constraints(t, q, v))
+    at = {"t": t, "q": q, "v": v}
+    _expect(system, "force", at, q.size)
+    m, p = _rows(system, lambda name: abstract_result(system, name, at))
     with preparing("evaluating mass_matrix"):
         mass = _mass_kind(system)
     if mass == "variable":
-        expect_shape(system, "mass_matrix", (q.size, q.size), t, q)
+        _expect(system, "mass_matrix", at, q.size)
         mass = "variable" if any(used_arguments(system.mass_matrix, t, q)) else "constant"
     general = Structure(n=q.size, m=m, p=p, mass=mass)
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)
-    _expect_optional_shapes(plain, t, q, v)
+    at |= {"lam": jnp.zeros(m), "mu": jnp.zeros(p)}
+    for name in ("reaction", "velocity_reaction", *DERIVATIVES):
+        if plain.gives(name):
+            _expect(system, name, at, q.size, m, p)
     _, force_uses_q, force_uses_v = used_arguments(system.force, t, q, v)
     declares_g_t = declared(system, "constraint_time_derivative") is not None
     return replace(
@@ -87,18 +94,35 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
         force_uses_q=force_uses_q,
         force_uses_v=force_uses_v,
         rheonomic=m > 0 and (used_arguments(plain.constraint, t, q)[0] or declares_g_t),
-        linear_reaction=_reactions_are_linear(plain, t, q, v),
+        linear_reaction=_is_linear(system, "reaction", at) and _is_linear(system, "velocity_reaction", at),
         velocity_jacobian_uses_v=p > 0 and used_arguments(plain.velocity_constraint_jacobian, t, q, v)[2],
         velocity_reaction_uses_v=p > 0 and used_arguments(plain.velocity_reaction, t, q, v, jnp.zeros(p))[2],
     )
 
 
 def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
-    m, p = (_rows(system, name, _result, *at) for name, *at in _constraints(t, q, v))
+    def result(name: str) -> np.ndarray:
+        copies = [np.array({"q": q, "v": v}[symbol], dtype=np.float64) for symbol in SIGNATURES[name].arguments[1:]]
+        for copy in copies:
+            copy.setflags(write=False)
+        return real_values(f"{name} result", getattr(system, name)(float(t), *copies))
+
+    m, p = _rows(system, result)
     linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
     structure = Structure(n=np.size(q), m=m, p=p, mass=_mass_kind(system), linear_reaction=linear)
-    constant = mass_as_matrix(system.mass_matrix, structure.n, np) if structure.mass == "constant" else None  # type: ignore[attr-defined]
+    constant = mass_as_matrix(declared(system, "mass_matrix") if structure.mass == "constant" else None, structure.n, np)
     return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
+
+
+def _rows(system: Any, result: Callable[[str], Any]) -> list[int]:
+    """How many position and velocity constraints there are, by what their functions return."""
+    sizes = []
+    for name in ("constraint", "velocity_constraint"):
+        shape = (0,) if declared(system, name) is None else result(name).shape
+        if len(shape) != 1:
+            raise wrong_shape(name, "(m,), one entry per constraint", shape)
+        sizes.append(shape[0])
+    return sizes
 
 
 def _mass_kind(system: System | NumpySystem) -> str:
@@ -108,55 +132,70 @@ def _mass_kind(system: System | NumpySystem) -> str:
     return "variable" if callable(mass) else "constant"
 
 
-def _constant_mass(system: System, t: Any, q: Any) -> Any:
-    """In float64, also where it comes of whole numbers, or of Python's."""
-    mass = system.mass_matrix  # type: ignore[attr-defined]
-    mass = mass_as_matrix(mass(t, q) if callable(mass) else mass, q.size)
-    return jax.tree.map(lambda values: jnp.asarray(values, dtype=float), mass)
+def _is_linear(system: System, name: str, at: dict[str, Any]) -> bool:
+    """Whether a reaction is linear in the multipliers: its Jacobian does not use them."""
+    function: Any = declared(system, name)
+    arguments = [at[symbol] for symbol in SIGNATURES[name].arguments]
+    if function is None or not arguments[-1].size:
+        return True
+    return not used_arguments(jax.jacfwd(function, len(arguments) - 1), *arguments)[-1]
 
 
-def _constraints(t: Any, q: Any, v: Any) -> Any:
-    """The functions whose results say how many constraints there are, with their arguments."""
-    return ("constraint", t, q), ("velocity_constraint", t, q, v)
+def _expect(system: System, name: str, at: dict[str, Any], n: int, m: int = 0, p: int = 0) -> None:
+    """Raise unless the declared JAX function returns what the sizes ask for."""
+    shapes = SIGNATURES[name].shapes(n, m, p)
+    if len(shapes) == 1:
+        results = [abstract_result(system, name, at)]
+    else:
+        arguments = (at[symbol] for symbol in SIGNATURES[name].arguments)
+        results = expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
+    for result, shape in zip(results, shapes, strict=True):
+        if result is not None and result.shape != shape:
+            raise wrong_shape(name, shape, result.shape)
 
 
-def _rows(system: Any, name: str, result: Any, *arguments: Any) -> int:
-    if declared(system, name) is None:
-        return 0
-    shape: tuple[int, ...] = result(system, name, *arguments).shape
-    if len(shape) != 1:
-        raise wrong_shape(name, "(m,), one entry per constraint", shape)
-    return shape[0]
+def abstract_result(system: System, name: str, at: dict[str, Any]) -> jax.ShapeDtypeStruct:
+    """Shape and type that a declared JAX function returns at a place, found without running it.
+
+    Raises
+    ------
+    TypeError
+        It returns something that is not one real array.
+    """
+    try:
+        with preparing(f"tracing {name}"):
+            result = jax.eval_shape(getattr(system, name), *(at[symbol] for symbol in SIGNATURES[name].arguments))
+    except TypeError as error:
+        if "not a valid JAX type" in str(error):
+            raise TypeError(f"{name} must return a real array; {error}") from error
+        raise
+    if not hasattr(result, "shape"):
+        raise TypeError(f"{name} must return one real array; got {type(result).__name__}.")
+    if result.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must return real numbers; got dtype {result.dtype}.")
+    return result
 
 
-def _result(system: NumpySystem, name: str, *arguments: Any) -> np.ndarray:
-    return real_values(f"{name} result", called(system, name, *arguments))
+def mass_as_matrix(mass: Any, n: int, xp: Any) -> Any:
+    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
+    if mass is None:
+        return None
+    mass = xp.asarray(mass, dtype=float)
+    if mass.shape == (n, n):
+        return mass
+    if mass.shape not in ((), (n,)):
+        raise wrong_shape("mass_matrix", (n, n), mass.shape)
+    diagonal = xp.broadcast_to(mass, (n,))
+    return Diagonal(diagonal) if n > FULL else xp.diag(diagonal)
 
 
-def _expect_optional_shapes(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> None:
-    system, s = dynamics.system, dynamics.structure
-    at = {"t": t, "q": q, "v": v, "lam": jnp.zeros(s.m), "mu": jnp.zeros(s.p)}
-    for name in ("reaction", "velocity_reaction", *DERIVATIVES):
-        if not dynamics.gives(name):
-            continue
-        arguments = [at[symbol] for symbol in SIGNATURES[name].arguments]
-        shapes = SIGNATURES[name].shapes(s.n, s.m, s.p)
-        if len(shapes) == 1:
-            expect_shape(system, name, shapes[0], *arguments)
-            continue
-        pair = expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
-        for value, shape in zip(pair, shapes, strict=True):
-            if value is not None and value.shape != shape:
-                raise wrong_shape(name, shape, value.shape)
-
-
-def _reactions_are_linear(dynamics: JaxDynamics, t: Any, q: Any, v: Any) -> bool:
-    """Whether both reactions are linear in the multipliers: their Jacobian does not use them."""
-    s = dynamics.structure
-    for name, *arguments in ("reaction", t, q, jnp.zeros(s.m)), ("velocity_reaction", t, q, v, jnp.zeros(s.p)):
-        function: Any = declared(dynamics.system, name)
-        if function is None or not arguments[-1].size:
-            continue
-        if used_arguments(jax.jacfwd(function, len(arguments) - 1), *arguments)[-1]:
-            return False
-    return True
+def used_arguments(function: Callable[..., Any], *arguments: Any) -> tuple[bool, ...]:
+    """For each argument, whether any output of ``function`` depends on it (dead code removed from its jaxpr)."""
+    with preparing(f"tracing {getattr(function, '__name__', 'a derivative')}"):
+        closed = jax.make_jaxpr(function)(*arguments)
+    if any(isinstance(value, jax.core.Tracer) for value in closed.consts):
+        raise traced("a value outside of the system that its functions use")
+    used = used_inputs(closed.jaxpr)
+    sizes = [len(jax.tree.leaves(argument)) for argument in arguments]
+    bounds = np.cumsum([0, *sizes])
+    return tuple(any(used[bounds[i] : bounds[i + 1]]) for i in range(len(arguments)))

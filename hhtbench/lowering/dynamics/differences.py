@@ -28,11 +28,18 @@ def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any 
     x = np.asarray(x, dtype=np.float64)
     steps = STEP[order] * np.maximum(1.0, np.abs(x))
     steps = (x + steps) - x  # exactly representable
-    if pattern is not None:
-        return _coloured(function, x, steps, order, np.asarray(pattern, dtype=bool))
     base = function(x) if order == 1 else None
-    columns = [_along(function, x, steps * (np.arange(x.size) == j), order, base) / steps[j] for j in range(x.size)]
-    return np.stack(columns, axis=1) if columns else np.zeros((np.size(function(x)), 0))
+    if pattern is None:
+        columns = [_along(function, x, steps * (np.arange(x.size) == j), order, base) / steps[j] for j in range(x.size)]
+        return np.stack(columns, axis=1)
+    pattern = np.asarray(pattern, dtype=bool)
+    groups = group_columns(pattern, np.arange(x.size))  # in the order given: the fewest groups for a chain
+    result = np.zeros(pattern.shape)
+    for group in range(groups.max() + 1):
+        members = groups == group
+        change = _along(function, x, steps * members, order, base)
+        result += np.where(pattern & members, change[:, None] / steps, 0.0)
+    return result
 
 
 def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
@@ -67,16 +74,3 @@ def _along(function: Callable[[Any], Any], x: np.ndarray, step: np.ndarray, orde
         return near / 2
     far = np.asarray(function(x + 2 * step)) - np.asarray(function(x - 2 * step))
     return (8 * near - far) / 12
-
-
-def _coloured(
-    function: Callable[[Any], Any], x: np.ndarray, steps: np.ndarray, order: int, pattern: np.ndarray
-) -> np.ndarray:
-    groups = group_columns(pattern, np.arange(x.size))  # in the order given: the fewest groups for a chain
-    base = function(x) if order == 1 else None
-    result = np.zeros(pattern.shape)
-    for group in range(groups.max() + 1):
-        members = groups == group
-        change = _along(function, x, steps * members, order, base)
-        result += np.where(pattern & members, change[:, None] / steps, 0.0)
-    return result

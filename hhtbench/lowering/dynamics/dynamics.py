@@ -2,125 +2,195 @@
 
     M vdot = F + Q + Q_k,    0 = g,    0 = k
 
-Implemented by ``JaxDynamics`` (automatic differentiation), ``NumpyDynamics`` (callbacks and differences) and, around one of
-these, ``ReducedDynamics`` (redundant rows left out), ``AugmentedDynamics`` (a regular mass) and ``MatrixFree`` (products
-instead of matrices).  Symbols, shapes and units are those of the table in :mod:`hhtbench.protocol`.
+``JaxDynamics`` derives by automatic differentiation what is not declared, ``NumpyDynamics`` by differences; around one of
+these are ``ReducedDynamics`` (redundant rows left out), ``AugmentedDynamics`` (a regular mass), ``MatrixFree`` (products
+instead of matrices) and ``ForeignDynamics`` (callbacks of machine code).  Symbols, shapes and units are those of the table
+in :mod:`hhtbench.protocol`.
 """
 
 from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
-from hhtbench.lowering.dynamics.structure import Structure
+import equinox as eqx
+
+from hhtbench.lowering.dynamics.differences import NESTED
+from hhtbench.lowering.dynamics.mass import full
 
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one
 
 
-class Dynamics(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """Sizes and dependencies of one system; hashable, so compiled code is shared between equal ones."""
+
+    n: int  #: coordinates
+    m: int  #: position constraints
+    p: int  #: velocity constraints
+    mass: str  #: "identity", "constant" or "variable"
+    force_uses_q: bool = True  #: False: F_q is zero and not computed
+    force_uses_v: bool = True  #: False: F_v is zero and not computed
+    rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
+    linear_reaction: bool = True  #: True: Q is linear in lam, one solve gives the multipliers
+    velocity_jacobian_uses_v: bool = True  #: False: k is linear in v
+    velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
+
+    @property
+    def constrained(self) -> bool:
+        """True when there is any constraint."""
+        return self.m + self.p > 0
+
+
+def unless_given(derive: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of that name where it is given, else ``derive``."""
+
+    @functools.wraps(derive)
+    def term(self: Dynamics, *arguments: Array) -> Any:
+        return self.call(derive.__name__, *arguments) if self.gives(derive.__name__) else derive(self, *arguments)
+
+    return term
+
+
+class Dynamics:
     """The terms of one system's equations of motion; pure functions, but for the counting of callbacks.
 
-    Terms of constraints that are not declared have zero rows and are not called.
+    Those that a subclass gives by ``call``, and the others as derivatives of them by its ``jacobian`` and ``rate``.  Terms
+    of constraints that are not declared have zero rows and are not called.  Differences are of order 4 where a derivative
+    enters the equations, less where it serves Newton's matrix.
     """
 
-    @property
-    def system(self) -> Any:
-        """The ``System`` or ``NumpySystem``, with what its user declared."""
+    system: Any  #: the ``System`` or ``NumpySystem``, with what its user declared
+    structure: Structure  #: sizes n, m, p and what depends on what
+    xp: Any  #: the array namespace: ``numpy`` or ``jax.numpy``
+    constant_mass: (
+        Any  #: M (n, n) [kg, kg m^2] where it is constant, a large diagonal as ``Diagonal``; None: identity or variable
+    )
+    inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
+    gives: Callable[[str], bool]  #: whether the function of that name is called, not derived
+    call: Callable[..., Any]  #: (name, *arguments): the value of a function that is given
+    jacobian: Callable[..., Array]  #: (function, x, pattern, order): derivative (rows, k) of a function (rows,) at x (k,)
+    rate: Callable[..., Array]  #: (function, t, q, v): d/de of function(t + e, q + e v) at e = 0
 
-    @property
-    def structure(self) -> Structure:
-        """Sizes n, m, p and what depends on what."""
+    def _order(self, *names: str) -> int:
+        """Order of differences of a function that comes from the first of ``names`` given, else from differences."""
+        return 1 if any(self.gives(name) for name in names) else NESTED
 
-    @property
-    def xp(self) -> Any:
-        """The array namespace: ``numpy`` or ``jax.numpy``."""
-
-    @property
-    def constant_mass(self) -> Any:
-        """M (n, n) [kg, kg m^2] where it is constant, a large diagonal as ``Diagonal``; None: identity or variable."""
-
-    @property
-    def inverse_mass(self) -> Any:
-        """M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular."""
-
+    @unless_given
     def force(self, t: Array, q: Array, v: Array) -> Array:
         """F (n,) [N, N m]."""
 
+    @unless_given
     def force_jacobians(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """F_q (n, n) [N/m] and F_v (n, n) [N s/m]; None for one that is zero."""
+        s = self.structure
+        by_q = self.jacobian(lambda x: self.force(t, x, v), q, "force_q", 1) if s.force_uses_q else None
+        return by_q, self.jacobian(lambda x: self.force(t, q, x), v, "force_v", 1) if s.force_uses_v else None
 
+    @unless_given
     def mass(self, t: Array, q: Array) -> Array:
         """M (n, n) [kg, kg m^2]."""
+        if self.structure.mass == "variable":
+            return self.call("mass_matrix", t, q)
+        return self.xp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, self.xp)
 
     def mass_product(self, t: Array, q: Array, x: Array) -> Array:
         """M x (n,), x itself where M is the identity."""
+        return x if self.structure.mass == "identity" else self.mass(t, q) @ x
 
+    @unless_given
     def mass_product_jacobian(self, t: Array, q: Array, x: Array) -> Array:
         """(M x)_q (n, n)."""
+        return self.jacobian(lambda y: self.mass(t, y) @ x, q, "mass_product_jacobian", 1)
 
+    @unless_given
     def constraint(self, t: Array, q: Array) -> Array:
         """The position constraints g (m,) [m, rad]."""
 
+    @unless_given
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """g_q (m, n)."""
+        return self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian")
 
+    @unless_given
     def constraint_time_derivative(self, t: Array, q: Array) -> Array:
         """g_t (m,) [m/s, rad/s]."""
+        return self.rate(lambda s, _: self.constraint(s, q), t, q, 0.0 * q)
 
+    @unless_given
     def constraint_velocity(self, t: Array, q: Array, v: Array) -> Array:
         """g_t + g_q v (m,) [m/s, rad/s]: dg/dt along the motion."""
+        along = self.constraint_jacobian(t, q) @ v
+        return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
 
+    @unless_given
     def constraint_velocity_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """(g_t + g_q v)_q (m, n)."""
+        order = self._order("constraint_jacobian")
+        return self.jacobian(lambda x: self.constraint_velocity(t, x, v), q, "constraint_jacobian", order)
 
+    @unless_given
     def constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,) [m/s^2, rad/s^2]: d2g/dt2 is g_q vdot + this."""
+        return self.rate(lambda s, x: self.constraint_velocity(s, x, v), t, q, v)
 
+    @unless_given
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
         """The velocity constraints k (p,) [m/s, rad/s]."""
 
+    @unless_given
     def velocity_constraint_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """k_v (p, n)."""
+        return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian")
 
+    @unless_given
     def velocity_constraint_position_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """k_q (p, n)."""
+        return self.jacobian(lambda x: self.velocity_constraint(t, x, v), q, "velocity_constraint_q", 1)
 
+    @unless_given
     def velocity_constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
         """k_t + k_q v (p,) [m/s^2, rad/s^2]: dk/dt is k_v vdot + this."""
+        return self.rate(lambda s, x: self.velocity_constraint(s, x, v), t, q, v)
 
+    @unless_given
     def reaction(self, t: Array, q: Array, lam: Array) -> Array:
-        """Q (n,) [N, N m] of the position constraints."""
+        """Q (n,) [N, N m] of the position constraints, -g_q^T lam unless declared."""
+        return -(lam @ self.constraint_jacobian(t, q))
 
+    @unless_given
     def reaction_jacobians(self, t: Array, q: Array, lam: Array) -> tuple[Array, Array]:
         """Q_q (n, n) and Q_lam (n, m)."""
+        order = self._order("reaction", "constraint_jacobian")
+        by_q = self.jacobian(lambda x: self.reaction(t, x, lam), q, "reaction_q", order)
+        if not self.gives("reaction"):
+            return by_q, -self.constraint_jacobian(t, q).T
+        return by_q, self.jacobian(lambda x: self.reaction(t, q, x), lam, order=1)
 
+    @unless_given
     def velocity_reaction(self, t: Array, q: Array, v: Array, mu: Array) -> Array:
-        """Q_k (n,) [N, N m] of the velocity constraints."""
+        """Q_k (n,) [N, N m] of the velocity constraints, -k_v^T mu unless declared."""
+        return -(mu @ self.velocity_constraint_jacobian(t, q, v))
 
+    @unless_given
     def velocity_reaction_jacobians(self, t: Array, q: Array, v: Array, mu: Array) -> tuple[Array, Array]:
         """Q_k by v (n, n), None where it is zero, and by mu (n, p)."""
+        by_v = None
+        if self.structure.velocity_reaction_uses_v:
+            order = self._order("velocity_reaction", "velocity_constraint_jacobian")
+            by_v = self.jacobian(lambda x: self.velocity_reaction(t, q, x, mu), v, order=order)
+        if not self.gives("velocity_reaction"):
+            return by_v, -self.velocity_constraint_jacobian(t, q, v).T
+        return by_v, self.jacobian(lambda x: self.velocity_reaction(t, q, v, x), mu, order=1)
 
     def residual(self, t: Array, q: Array, v: Array, inertia: Array, lam: Array, mu: Array) -> Array:
         """Imbalance of forces, M vdot - F - Q - Q_k (n,) [N, N m].
 
         ``inertia`` is M vdot (n,), from whoever has the matrix or the product at hand; 0.0 leaves minus the forces.
         """
-
-    def acceleration_level(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
-        """C = [g_q; k_v] (m + p, n) and c (m + p,) [m/s^2, rad/s^2]: C vdot + c is the constraints' last derivative."""
-
-
-class EquationsOfMotion:
-    """Members of :class:`Dynamics` that follow from the others, in every implementation by the same lines."""
-
-    def mass_product(self: Dynamics, t: Array, q: Array, x: Array) -> Array:
-        """M x (n,)."""
-        return x if self.structure.mass == "identity" else self.mass(t, q) @ x
-
-    def residual(self: Dynamics, t: Array, q: Array, v: Array, inertia: Array, lam: Array, mu: Array) -> Array:
-        """M vdot - F - Q - Q_k (n,)."""
         balance = inertia - self.force(t, q, v)
         if self.structure.m:
             balance = balance - self.reaction(t, q, lam)
@@ -128,8 +198,8 @@ class EquationsOfMotion:
             balance = balance - self.velocity_reaction(t, q, v, mu)
         return balance
 
-    def acceleration_level(self: Dynamics, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
-        """C and c of C vdot + c."""
+    def acceleration_level(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+        """C = [g_q; k_v] (m + p, n) and c (m + p,) [m/s^2, rad/s^2]: C vdot + c is the constraints' last derivative."""
         rows, rest = [self.xp.zeros((0, self.structure.n))], [self.xp.zeros(0)]
         if self.structure.m:
             rows.append(self.constraint_jacobian(t, q))
@@ -138,6 +208,25 @@ class EquationsOfMotion:
             rows.append(self.velocity_constraint_jacobian(t, q, v))
             rest.append(self.velocity_constraint_acceleration(t, q, v))
         return self.xp.concatenate(rows), self.xp.concatenate(rest)
+
+
+class Wrapper(eqx.Module, Dynamics):
+    """Some functions of a dynamics, ``inner``, changed; the rest is passed through."""
+
+    inner: Dynamics
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "inner" or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def gives(self, name: str) -> bool:
+        """Whatever is not changed."""
+        return True
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """The function ``name`` of the inner dynamics."""
+        return getattr(self.inner, name)(*arguments)
 
 
 @functools.cache

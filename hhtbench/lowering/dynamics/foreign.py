@@ -12,7 +12,8 @@ import math
 import signal
 import threading
 from collections.abc import Callable
-from itertools import pairwise
+from functools import partial
+from itertools import accumulate
 from types import TracebackType
 from typing import Any
 
@@ -22,35 +23,29 @@ import numpy as np
 from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering.dynamics.diagonal import full
-from hhtbench.lowering.dynamics.dynamics import Dynamics, EquationsOfMotion
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.jax_internals import Primitive
-from hhtbench.protocol import declared
+from hhtbench.protocol import SIGNATURES, Signature, declared
 
+Shape = tuple[int, ...]
 foreign_p = Primitive("hhtbench_foreign")
 foreign_p.def_abstract_eval(lambda address, *arguments, shape: ShapedArray(shape, np.dtype(np.float64)))
-_POINTER = ctypes.c_void_p
+MOST_PLACES = 64  # in memory at which one function is remembered to have been called: on the stack they vary with its depth
 
-FUNCTIONS = {  # sizes of the result, and of the arguments: "1" the time, n coordinates, m and p multipliers
-    "force": ("n", "1nn"),
-    "force_jacobians": ("2nn", "1nn"),
-    "mass": ("nn", "1n"),
-    "mass_product_jacobian": ("nn", "1nn"),
-    "constraint": ("m", "1n"),
-    "constraint_jacobian": ("mn", "1n"),
-    "constraint_time_derivative": ("m", "1n"),
-    "constraint_velocity_jacobian": ("mn", "1nn"),
-    "constraint_acceleration": ("m", "1nn"),
-    "velocity_constraint": ("p", "1nn"),
-    "velocity_constraint_jacobian": ("pn", "1nn"),
-    "velocity_constraint_position_jacobian": ("pn", "1nn"),
-    "velocity_constraint_acceleration": ("p", "1nn"),
-    "reaction": ("n", "1nm"),
-    "reaction_jacobians": ("n(n+m)", "1nm"),
-    "velocity_reaction": ("n", "1nnp"),
-    "velocity_reaction_jacobians": ("n(n+p)", "1nnp"),
+UNDECLARED = {  # sizes of the results of what no user declares
+    "mass_product_jacobian": ("nn",),
+    "constraint_velocity_jacobian": ("mn",),
+    "velocity_constraint_position_jacobian": ("pn",),
+    "velocity_constraint_acceleration": ("p",),
+    "velocity_reaction_jacobians": ("nn", "np"),
 }
+FUNCTIONS = {"mass": SIGNATURES["mass_matrix"]} | {
+    name: SIGNATURES[name] if name in SIGNATURES else Signature(arguments_of(name), UNDECLARED[name])
+    for name in (*SIGNATURES, *UNDECLARED)
+    if hasattr(Dynamics, name)
+}
+SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: of arguments, by letter
 
 
 class Callbacks:
@@ -98,76 +93,75 @@ class Callbacks:
         found, self.nonfinite = self.nonfinite, []
         return found
 
-    def row(self, function: Callable[..., Any], size: int, sizes: tuple[int, ...]) -> int:
-        """Address of ``void f(const double* arguments, double* result)``, the arguments in a row, the time first."""
-        cuts = np.cumsum([0, *sizes]).tolist()
-        parts = [slice(start, stop) for start, stop in pairwise(cuts[1:])]
-        given = ctypes.c_double * cuts[-1]
+    def row(self, function: Callable[..., Any], shape: Shape, shapes: tuple[Shape, ...]) -> int:
+        """Address of ``void f(const double* arguments, double* result)``, the arguments of ``shapes`` in a row."""
+        cuts = [8 * cut for cut in accumulate(map(math.prod, shapes[:-1]), initial=0)]
+        return self._address(function, 2, (shape, *shapes), lambda at, to: (to, *(at + cut for cut in cuts)))
 
-        def compute(at: int) -> Any:
-            values = np.array(given.from_address(at))
-            return None if self._is_nan(values) else function(float(values[0]), *[values[part] for part in parts])
-
-        call = self._noting(compute, size)
-        return self._kept_address(ctypes.CFUNCTYPE(None, _POINTER, _POINTER), lambda at, to: call(to, at))
-
-    def entry(self, function: Callable[..., Any], size: int, shapes: tuple[tuple[int, ...] | None, ...]) -> int:
+    def entry(self, function: Callable[..., Any], size: int, shapes: tuple[Shape | None, ...]) -> int:
         """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code has it.
 
         Parameters are not looked at, nor arguments whose shape is None; one of shape () is a number.
         """
-        kinds = [None if shape is None else ctypes.c_double * math.prod(shape) for shape in shapes]
 
-        def compute(*places: int) -> Any:
+        def in_time(*arguments: Any) -> Any:
             self.check()
-            arguments = []
-            for place, kind, shape in zip(places[1:], kinds, shapes, strict=True):
-                if kind is not None and shape is not None:
-                    values = np.array(kind.from_address(place))
-                    if self._is_nan(values):
-                        return None
-                    arguments.append(values.reshape(shape) if shape else float(values[0]))
             return function(*arguments)
 
-        kind = ctypes.CFUNCTYPE(None, *[_POINTER] * (2 + len(shapes)))
-        return self._kept_address(kind, self._noting(compute, size))
+        return self._address(in_time, 2 + len(shapes), ((size,), None, *shapes), lambda *places: places)
 
-    def _is_nan(self, values: Any) -> bool:
-        """Whether what a function is asked for comes from a value that was not finite: then it is not asked."""
-        return bool(self.nonfinite) and not np.isfinite(values).all()
+    def _address(
+        self,
+        function: Callable[..., Any],
+        pointers: int,
+        shapes: tuple[Shape | None, ...],
+        places_of: Callable[..., tuple[int, ...]],
+    ) -> int:
+        """Of ``function``, called with copies of its arguments.
 
-    def _noting(self, compute: Callable[..., Any], size: int) -> Callable[..., None]:
-        """``call(to, *places)`` that writes what is computed, last of all, and notes what is raised."""
-        result = ctypes.c_double * size
+        ``shapes`` are those of the result and of the arguments, ``places_of(*pointers)`` their addresses.
+        What it raises is noted; nor is it asked for what comes from a value that was not finite.
+        """
+        known: dict[tuple[int, ...], Any] = {}
 
-        def call(to: int, *places: int) -> None:
+        def call(*key: int) -> None:
             try:
                 if self.cause is not None:
                     return
-                value = compute(*places)
-                if value is not None:
-                    out: Any = result.from_address(to)
-                    np.frombuffer(out)[:] = value
+                found = known.get(key)
+                if found is None:
+                    if len(known) == MOST_PLACES:
+                        known.clear()
+                    places = zip(places_of(*key), shapes, strict=True)
+                    result, *arguments = [_at(place, shape) for place, shape in places if shape is not None]
+                    found = known[key] = result, arguments, [x.copy if x.ndim else x.item for x in arguments]
+                result, arguments, copies = found
+                if self.nonfinite and not all(np.isfinite(x).all() for x in arguments):
+                    return
+                result[...] = function(*[copy() for copy in copies])
             except NonFiniteValue as error:
                 self.nonfinite.append(error)
             except BaseException as error:  # noqa: BLE001 - ctypes would print and forget it
                 self.cause = error
 
-        return call
-
-    def _kept_address(self, kind: Any, function: Callable[..., None]) -> int:
-        callback = kind(function)
+        callback = ctypes.CFUNCTYPE(None, *[ctypes.c_size_t] * pointers)(call)
         self._kept.append(callback)
         return int(ctypes.cast(callback, ctypes.c_void_p).value or 0)
 
 
-class ForeignDynamics(eqx.Module, EquationsOfMotion):
+def _at(place: int, shape: Shape) -> np.ndarray:
+    """The doubles at an address."""
+    memory: Any = (ctypes.c_double * math.prod(shape)).from_address(place)
+    return np.ndarray(shape, np.float64, memory)
+
+
+class ForeignDynamics(eqx.Module, Dynamics):
     """The functions of a dynamics of plain callables, to be traced; see :class:`~.jax_dynamics.JaxDynamics`."""
 
     addresses: Any  #: (functions,) float64 with the bits of their addresses
     structure: Structure = eqx.field(static=True)
     callbacks: Callbacks = eqx.field(static=True)
-    own_reactions: tuple[bool, bool] = eqx.field(static=True)  #: whether those of position and velocity rows are declared
+    own: tuple[str, ...] = eqx.field(static=True)  #: the functions that are called; the rest are derived from them
     constant_mass: Any = None  #: (n, n) when the mass is a constant
     inverse_mass: Any = None  #: (n, n) its inverse, likewise
 
@@ -181,84 +175,49 @@ class ForeignDynamics(eqx.Module, EquationsOfMotion):
         """The array namespace of this dynamics."""
         return jnp
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in FUNCTIONS:
-            raise AttributeError(name)
-        return lambda *arguments: self._call(name, *arguments)
+    def gives(self, name: str) -> bool:
+        """Whether ``name`` is called."""
+        return name in self.own
 
-    def _call(self, name: str, *arguments: Any) -> Any:
-        address = self.addresses[list(FUNCTIONS).index(name)]
-        floats = (jnp.asarray(argument, dtype=float) for argument in arguments)
-        return foreign_p.bind(address, *floats, shape=_shape(FUNCTIONS[name][0], self.structure))
-
-    def mass(self, t: Any, q: Any) -> Any:
-        """M (n, n)."""
-        if self.structure.mass == "variable":
-            return self._call("mass", t, q)
-        return jnp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, jnp)
-
-    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-        """(F_q, F_v), each (n, n)."""
-        both = self._call("force_jacobians", t, q, v)
-        return both[0], both[1]
-
-    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
-        """g_t + g_q v (m,)."""
-        return self.constraint_jacobian(t, q) @ v + self.constraint_time_derivative(t, q)
-
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        """Q (n,) of the position constraints."""
-        return self._call("reaction", t, q, lam) if self.own_reactions[0] else -(lam @ self.constraint_jacobian(t, q))
-
-    def reaction_jacobians(self, t: Any, q: Any, lam: Any) -> tuple[Any, Any]:
-        """(Q_q (n, n), Q_lam (n, m))."""
-        return _split(self._call("reaction_jacobians", t, q, lam), self.structure.n)
-
-    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        """Q (n,) of the velocity constraints."""
-        if self.own_reactions[1]:
-            return self._call("velocity_reaction", t, q, v, mu)
-        return -(mu @ self.velocity_constraint_jacobian(t, q, v))
-
-    def velocity_reaction_jacobians(self, t: Any, q: Any, v: Any, mu: Any) -> tuple[Any, Any]:
-        """(derivative by v (n, n), derivative by mu (n, p)) of the velocity reaction."""
-        return _split(self._call("velocity_reaction_jacobians", t, q, v, mu), self.structure.n)
+    def call(self, name: str, t: Any, *arguments: Any) -> Any:
+        """The result of the function ``name``, an array or a pair."""
+        address, shape = self.addresses[list(FUNCTIONS).index(name)], _shape(FUNCTIONS[name].results, self.structure)
+        floats = (jnp.asarray(argument, dtype=float) for argument in (t, *arguments))
+        value, n = foreign_p.bind(address, *floats, shape=shape), self.structure.n
+        return (value[:, :n], value[:, n:]) if len(FUNCTIONS[name].results) == 2 else value
 
 
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
     """``dynamics`` of plain callables on NumPy arrays as one that can be traced."""
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
     addresses = []
-    for name, (result, arguments) in FUNCTIONS.items():
-        shape = _shape(result, s)
-        sizes = tuple(_shape(letter, s)[0] for letter in arguments)
-        addresses.append(callbacks.row(_flat(getattr(dynamics, name), name, s.n), int(np.prod(shape)), sizes))
+    for name, (arguments, results) in FUNCTIONS.items():
+        function = _function(dynamics, name)
+        if len(results) == 2:
+            function = partial(_joined, function, s.n)
+        addresses.append(
+            callbacks.row(function, _shape(results, s), tuple(_shape((SIZES[symbol],), s) for symbol in arguments))
+        )
     masses = (None if mass is None else np.asarray(mass) for mass in (dynamics.constant_mass, dynamics.inverse_mass))
-    own = tuple(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
+    derived = {name for name in ("reaction", "velocity_reaction") if declared(dynamics.system, name) is None}
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)
-    return ForeignDynamics(bits, s, callbacks, own, *masses)  # type: ignore[arg-type]
+    own = tuple(name for name in FUNCTIONS if name not in derived and (name != "mass" or s.mass == "variable"))
+    return ForeignDynamics(bits, s, callbacks, own, *masses)
 
 
-def _flat(function: Callable[..., Any], name: str, n: int) -> Callable[..., Any]:
-    """``function`` with its result in a row; of a pair of matrices, None stands for zero."""
-    if name == "force_jacobians":
-        return lambda *arguments: np.stack([np.zeros((n, n)) if x is None else x for x in function(*arguments)]).ravel()
-    if name.endswith("reaction_jacobians"):
-
-        def both(*arguments: Any) -> Any:
-            first, second = function(*arguments)
-            return np.concatenate([np.zeros((n, n)) if first is None else first, second], axis=1).ravel()
-
-        return both
-    return lambda *arguments: function(*arguments).ravel()
+def _function(dynamics: Dynamics, name: str) -> Callable[..., Any]:
+    """The user's own where it is declared: the callback's arguments are copies already, and its result is copied."""
+    own = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}
+    found: Callable[..., Any] = own.get("mass_matrix" if name == "mass" else name) or getattr(dynamics, name)
+    return found
 
 
-def _split(both: Any, n: int) -> tuple[Any, Any]:
-    return both[:, :n], both[:, n:]
+def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:
+    """The two matrices that ``function`` gives, side by side; None stands for zero."""
+    return np.concatenate([np.zeros((n, n)) if part is None else part for part in function(*arguments)], axis=1)
 
 
-def _shape(letters: str, s: Structure) -> tuple[int, ...]:
-    sizes = {"n": s.n, "m": s.m, "p": s.p, "1": 1, "2": 2}
-    if letters.startswith("n("):
-        return s.n, s.n + sizes[letters[-2]]
-    return tuple(sizes[letter] for letter in letters)
+def _shape(sizes: tuple[str, ...], s: Structure) -> Shape:
+    """Of an array whose sizes are known by letter, or of two matrices side by side."""
+    first, *second = (tuple(getattr(s, letter) for letter in letters) for letters in sizes)
+    return (first[0], first[1] + second[0][1]) if second else first

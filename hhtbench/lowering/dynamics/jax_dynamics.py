@@ -1,4 +1,9 @@
-"""Terms of a JAX system by automatic differentiation.  Pure: they can be traced and compiled."""
+"""Terms of a JAX system by automatic differentiation.  Pure: they can be traced and compiled.
+
+In a large system without a single dense matrix: products instead of Jacobians.  ``g_q v`` is a derivative along v and
+``g_q^T lam`` the pull-back of lam; both cost about one evaluation of g, where the Jacobian of a chain of N links would cost
+N and hold N^2 numbers.  Declared Jacobians are dense arrays and are not called.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +13,17 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from hhtbench.lowering.dynamics.derived import DerivedDynamics
-from hhtbench.lowering.dynamics.structure import Structure
-from hhtbench.protocol import System
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
+from hhtbench.lowering.dynamics.mass import Diagonal
+from hhtbench.protocol import SIGNATURES, System, declared
+
+SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
+LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 
-class JaxDynamics(eqx.Module, DerivedDynamics):
+class JaxDynamics(eqx.Module, Dynamics):
     """Every term of the equations of motion; a pytree, so parameters are traced, not baked in."""
 
     system: System
@@ -27,6 +36,10 @@ class JaxDynamics(eqx.Module, DerivedDynamics):
     def xp(self) -> Any:
         return jnp
 
+    def gives(self, name: str) -> bool:
+        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
+
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
         return getattr(self.system, name)(t, *arguments)
 
@@ -36,3 +49,62 @@ class JaxDynamics(eqx.Module, DerivedDynamics):
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         t = jnp.asarray(t, dtype=float)
         return jax.jvp(function, (t, q), (jnp.ones_like(t), v))[1]
+
+
+class MatrixFree(Wrapper):
+    """The functions of ``inner`` as products; masses are diagonal."""
+
+    inner: JaxDynamics
+    constant_mass: Diagonal | None  #: None: the identity
+    inverse_mass: Diagonal | None
+
+    def mass(self, t: Any, q: Any) -> Any:
+        return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
+
+    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
+        if not self.structure.rheonomic:
+            return jax.jvp(lambda y: self.constraint(t, y), (q,), (v,))[1]
+        return self.rate(self.constraint, t, q, v)
+
+    def constraint_time_derivative(self, t: Any, q: Any) -> Any:
+        return self.constraint_velocity(t, q, jnp.zeros_like(q))
+
+    def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
+        return self.rate(lambda s, y: self.constraint_velocity(s, y, v), t, q, v)
+
+    def velocity_row(self, t: Any, q: Any, v: Any, w: Any) -> Any:
+        """k_v w (p,)."""
+        return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (w,))[1]
+
+    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+        if self.inner.gives("reaction"):
+            return self.inner.reaction(t, q, lam)
+        return -jax.vjp(lambda y: self.constraint(t, y), q)[1](lam)[0]
+
+    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
+        if self.inner.gives("velocity_reaction"):
+            return self.inner.velocity_reaction(t, q, v, mu)
+        return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
+
+
+def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without dense matrices; None: not a JAX system, rows left out, or a mass that is no regular diagonal."""
+    if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
+        return None
+    mass = dynamics.constant_mass
+    if mass is None:
+        return MatrixFree(dynamics, None, None)
+    if not isinstance(mass, Diagonal):
+        values = np.asarray(mass)
+        diagonal = np.diag(values)
+        if np.any(values != np.diag(diagonal)):
+            return None
+        mass = Diagonal(jnp.asarray(diagonal))
+    inverse = mass.inverse()
+    return None if inverse is None else MatrixFree(dynamics, mass, inverse)
+
+
+def large(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without dense matrices where it is large enough for it, else None."""
+    s = dynamics.structure
+    return matrix_free(dynamics) if s.n + s.m + s.p > LARGE else None

@@ -12,13 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import lapack, qr
+from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.kkt_sparse import solve_scaled_sparse, sparse_kkt
-from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -68,15 +70,31 @@ def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     return xp.concatenate([*residual, matrix.ravel()])
 
 
+def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
+    """Residual (N,) of the KKT system at ``x = [vdot, lam, mu]``, N = n + m + p."""
+    s = dynamics.structure
+    vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
+    rows = [dynamics.residual(t, q, v, dynamics.mass_product(t, q, vdot), lam, mu)]
+    if s.m:
+        along = lambda y: dynamics.constraint_velocity(t, q, y)  # noqa: E731 - g_q vdot is linear in vdot, up to g_t
+        rows.append(along(vdot) - along(0.0 * vdot) + dynamics.constraint_acceleration(t, q, v))
+    if s.p:
+        rows.append(dynamics.velocity_row(t, q, v, vdot) + dynamics.velocity_constraint_acceleration(t, q, v))
+    return dynamics.xp.concatenate(rows)
+
+
 class AccelerationLevel:
     """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
 
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: the matrix is an array also for large systems."""
-        self.structure = dynamics.structure
+        s = self.structure = dynamics.structure
         products = None if full else large(dynamics)
-        self._sparse = None if products is None else sparse_kkt(products)
-        self._terms = compile_function(kkt_terms, dynamics)
+        if products is None:
+            self._sparse, self._terms = None, compile_function(kkt_terms, dynamics)
+        else:
+            example = np.zeros(s.n + s.m + s.p), 0.0, np.zeros(s.n), np.zeros(s.n)
+            self._sparse = Coloured(kkt_residual, products, example=example)
 
     def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any]:
         """Residual (N,) and matrix (N, N) at ``x = [vdot, lam, mu]``, N = n + m + p."""
@@ -93,22 +111,21 @@ class AccelerationLevel:
         if not s.linear_reaction:  # with one root a guess adds nothing but its own roundoff
             x[s.n : s.n + s.m] = 0.0 if lam is None else lam
             x[s.n + s.m :] = 0.0 if mu is None else mu
-        last = np.inf
+        last, converged, singular = np.inf, False, False
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
             increment = (_solve_scaled if self._sparse is None else solve_scaled_sparse)(matrix, residual)
             if increment is None:
-                return self._result(x, converged=False, singular=True)
+                singular = True
+                break
             x = x - increment
             size = float(np.maximum(_relative(increment[: s.n], x[: s.n]), _relative(increment[s.n :], x[s.n :])))  # or NaN
             if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
-                return self._result(x, converged=True)
+                converged = True
+                break
             last = size
-        return self._result(x, converged=False)
-
-    def _result(self, x: Vector, *, converged: bool, singular: bool = False) -> Acceleration:
-        s = self.structure
-        return Acceleration(x[: s.n].copy(), x[s.n : s.n + s.m].copy(), x[s.n + s.m :].copy(), converged, singular)
+        vdot, lam, mu = np.split(x, [s.n, s.n + s.m])
+        return Acceleration(vdot, lam, mu, converged, singular)
 
 
 def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
@@ -144,6 +161,25 @@ def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:
         return None
     solution, _ = lapack.dgetrs(factor, pivots, right / row)
     return solution / column
+
+
+def solve_scaled_sparse(matrix: sp.csr_array, right: Vector) -> Vector | None:
+    """Solve after scaling rows and columns to size one; None when the matrix is singular to working precision."""
+    row = abs(matrix).max(axis=1).toarray().ravel()
+    if not np.all(row > 0):
+        return np.full_like(right, np.nan) if np.isnan(row).any() else None
+    scaled = sp.diags_array(1.0 / row) @ matrix
+    column = abs(scaled).max(axis=0).toarray().ravel()
+    if not np.all(column > 0):
+        return None
+    try:
+        lu = splu((scaled @ sp.diags_array(1.0 / column)).tocsc())
+    except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
+        return None
+    pivots = np.abs(lu.U.diagonal())
+    if not pivots.min() > np.finfo(float).eps * pivots.max():
+        return None
+    return lu.solve(right / row) / column
 
 
 def _relative(increment: Vector, block: Vector) -> Any:

@@ -12,7 +12,7 @@ from hhtbench.arguments import Vector
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.matrix_free import MatrixFree, large
+from hhtbench.lowering.dynamics.jax_dynamics import large
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 
@@ -74,38 +74,41 @@ class ConstraintLevels:
 
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: Jacobians are arrays also for large systems."""
-        self.structure = dynamics.structure
-        products = large(dynamics) if self.structure.constrained and not full else None
-        self._sparse = None if products is None else SparseLevels(products)
-        self._terms = compile_function(level_terms, dynamics) if self.structure.constrained else None
+        s = self.structure = dynamics.structure
+        products = large(dynamics) if s.constrained and not full else None
+        if products is None:
+            self._sparse, self._terms = None, compile_function(level_terms, dynamics)
+        else:
+            self._sparse = Coloured(stacked_levels, products, example=(np.zeros(2 * s.n), 0.0, np.zeros(s.n)))
+            self._rates = compile_function(level_rates, products)
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
         """The levels at (t, q, v)."""
         n, m, p = self.structure.n, self.structure.m, self.structure.p
-        if self._terms is None:
-            nothing = np.zeros(0)
-            return Levels(nothing, nothing, np.zeros((0, n)), nothing, np.zeros((0, n)), nothing)
         if self._sparse is not None:
-            return self._sparse.at(t, q, v)
-        parts = np.split(np.asarray(self._terms(t, q, v)), np.cumsum([m, m, m * n, p, p * n]))
+            values, matrix = self._sparse(np.concatenate([q, v]), t, q)
+            rates = self._rates(t, q, v) if m else np.zeros(0)
+            drift = np.concatenate([rates[m:], values[m:]])
+            return Levels(values[:m], rates[:m], matrix[:m, :n], values[m:], matrix[m:, n:], drift)
+        packed = np.asarray(self._terms(t, q, v)) if m + p else np.zeros(0)
+        parts = np.split(packed, np.cumsum([m, m, m * n, p, p * n]))
         return Levels(parts[0], parts[1], parts[2].reshape(m, n), parts[3], parts[4].reshape(p, n), parts[5])
 
 
 def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g, g_t, g_q, k, k_v and the velocity level, packed into one vector."""
     s, xp = dynamics.structure, dynamics.xp
-    empty = xp.zeros(0)
-    first, second, drift = [empty, empty, empty], [empty, empty], [empty]
+    terms, drift = [], []
     if s.m:
         jacobian = dynamics.constraint_jacobian(t, q)
         g_t = dynamics.constraint_time_derivative(t, q) if s.rheonomic else xp.zeros(s.m)
-        first = [dynamics.constraint(t, q), g_t, jacobian.ravel()]
+        terms += [dynamics.constraint(t, q), g_t, jacobian.ravel()]
         drift.append(jacobian @ v + g_t)
     if s.p:
         k = dynamics.velocity_constraint(t, q, v)
-        second = [k, dynamics.velocity_constraint_jacobian(t, q, v).ravel()]
+        terms += [k, dynamics.velocity_constraint_jacobian(t, q, v).ravel()]
         drift.append(k)
-    return xp.concatenate([*first, *second, *drift])
+    return xp.concatenate([*terms, *drift])
 
 
 def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
@@ -118,24 +121,6 @@ def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
 def level_rates(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g_t and g_t + g_q v, packed into one vector (2 m,)."""
     return dynamics.xp.concatenate([dynamics.constraint_time_derivative(t, q), dynamics.constraint_velocity(t, q, v)])
-
-
-class SparseLevels:
-    """:class:`Levels` of a large system with sparse Jacobians."""
-
-    def __init__(self, dynamics: MatrixFree) -> None:
-        n = dynamics.structure.n
-        self.structure = dynamics.structure
-        self._stacked = Coloured(stacked_levels, dynamics, example=(np.zeros(2 * n), 0.0, np.zeros(n)))
-        self._rates = compile_function(level_rates, dynamics)
-
-    def at(self, t: float, q: Vector, v: Vector) -> Levels:
-        """The levels at (t, q, v)."""
-        n, m = self.structure.n, self.structure.m
-        values, matrix = self._stacked(np.concatenate([q, v]), t, q)
-        rates = self._rates(t, q, v) if m else np.zeros(0)
-        drift = np.concatenate([rates[m:], values[m:]])
-        return Levels(values[:m], rates[:m], matrix[:m, :n], values[m:], matrix[m:, n:], drift)
 
 
 def _relative(value: Vector, size: Vector) -> Vector:

@@ -1,19 +1,49 @@
-"""The mass matrix at a place: is it symmetric, is it singular, what is its inverse."""
+"""The mass matrix, kept as its diagonal in a large system: is it symmetric, is it singular, what is its inverse."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function
-from hhtbench.lowering.dynamics.diagonal import Diagonal
-from hhtbench.lowering.dynamics.dynamics import Dynamics
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
+
+
+class Diagonal(eqx.Module):
+    """``diag(values)``; multiplies like the matrix (n, n) it stands for and becomes it only where somebody asks."""
+
+    values: Any  #: (n,)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (self.values.size, self.values.size)
+
+    def __matmul__(self, x: Any) -> Any:
+        """The product with a vector (n,) or a matrix (n, k)."""
+        return self.values * x if x.ndim == 1 else self.values[:, None] * x
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The full matrix (n, n)."""
+        return np.diag(np.asarray(self.values, dtype=dtype))
+
+    def inverse(self) -> Diagonal | None:
+        """The inverse, or None where an entry is zero."""
+        return None if np.any(np.asarray(self.values) == 0) else Diagonal(1.0 / self.values)
+
+
+def full(matrix: Any, xp: Any) -> Any:
+    """``matrix`` (n, n) as an array of the namespace ``xp``."""
+    return xp.diag(matrix.values) if isinstance(matrix, Diagonal) else matrix
 
 
 def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
@@ -31,19 +61,11 @@ def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q) if mass is None else mass)
     if not np.all(np.isfinite(mass)):
         return False
-    _warn_of_asymmetry(mass)
-    return mass_is_singular(mass)
-
-
-def _warn_of_asymmetry(mass: Matrix) -> None:
-    """Say that the mass (n, n) is not symmetric; the equations are solved as they stand."""
     entries = asymmetry(mass)[1]
-    if entries:
-        warnings.warn(
-            f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one.",
-            UserWarning,
-            stacklevel=2,
-        )
+    if entries:  # the equations are solved as they stand
+        text = f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one."
+        warnings.warn(text, UserWarning, stacklevel=1)
+    return mass_is_singular(mass)
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:

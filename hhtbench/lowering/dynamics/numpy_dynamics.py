@@ -5,6 +5,7 @@ Callbacks get read-only copies and a plain float t; results are copied, and chec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,16 +13,26 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.arguments import real_values
 from hhtbench.counting import check_clock
-from hhtbench.lowering.dynamics.derived import DerivedDynamics, unless_declared
+from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
-from hhtbench.lowering.dynamics.shapes import called, checked_result, expect_pair
-from hhtbench.lowering.dynamics.structure import Structure
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
+
+FLOAT = np.dtype(np.float64)
+FEW = 36  # entries
+
+ROWS = {
+    "force": "one entry per coordinate",
+    "mass_matrix": "(coordinates, coordinates)",
+    "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
+    "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
+}
 
 
 @dataclass(frozen=True)
-class NumpyDynamics(DerivedDynamics):
+class NumpyDynamics(Dynamics):
     """Every term of the equations of motion on NumPy arrays."""
 
     system: NumpySystem
@@ -36,20 +47,35 @@ class NumpyDynamics(DerivedDynamics):
         return np
 
     @cached_property
-    def _shapes(self) -> dict[str, tuple[tuple[int, ...], ...]]:
-        s = self.structure
-        return {name: signature.shapes(s.n, s.m, s.p) for name, signature in SIGNATURES.items()}
+    def functions(self) -> dict[str, Callable[..., Any]]:
+        """The declared callbacks, for a float t and copies that are theirs; results are checked, but may change later."""
+        names = (name for name in SIGNATURES if name not in self.ignored and callable(declared(self.system, name)))
+        return {name: self._checked(name) for name in names}
+
+    def gives(self, name: str) -> bool:
+        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        return name in self.functions
+
+    def _checked(self, name: str) -> Callable[..., Any]:
+        function, tell, s = getattr(self.system, name), self.on_call, self.structure
+        shapes = SIGNATURES[name].shapes(s.n, s.m, s.p)
+        one = shapes[0] if len(shapes) == 1 else None
+
+        def evaluate(t: float, *arguments: np.ndarray) -> Any:
+            tell(name)
+            for argument in arguments:
+                argument.setflags(False)  # type: ignore[call-arg] # by its keyword it would take twice as long
+            value = function(t, *arguments)
+            return checked_pair(name, value, shapes, t) if one is None else checked_result(name, value, one, t)
+
+        return evaluate
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The checked result of the callback ``name``, an array or a pair."""
-        self.on_call(name)
-        value, shapes = called(self.system, name, t, *arguments), self._shapes[name]
-        if len(shapes) == 1:
-            return checked_result(name, value, shapes[0], float(t))
-        return tuple(
-            None if part is None else checked_result(f"{name}[{i}]", part, shape, float(t))
-            for i, (part, shape) in enumerate(zip(expect_pair(name, value, shapes), shapes, strict=True))
-        )
+        """The checked result of the callback ``name``, an array or a pair, which nobody else holds."""
+        value = self.functions[name](float(t), *[np.array(argument, dtype=np.float64) for argument in arguments])
+        if isinstance(value, tuple):
+            return tuple(part if part is None else part.copy() for part in value)
+        return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
         return derivative(function, x, order, (declared(self.system, "sparsity") or {}).get(pattern))
@@ -57,9 +83,52 @@ class NumpyDynamics(DerivedDynamics):
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v)
 
-    @unless_declared
+    @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
         return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
+
+
+def checked_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:
+    """A callback's two matrices, each checked; None stands for zero."""
+    return tuple(
+        None if part is None else checked_result(f"{function}[{i}]", part, shape, t)
+        for i, (part, shape) in enumerate(zip(expect_pair(function, value, shapes), shapes, strict=True))
+    )
+
+
+def checked_result(function: str, value: Any, expected: tuple[int, ...], t: float) -> np.ndarray:
+    """A callback's result as float64, itself where it is an array of them; refused when its type, shape or values are wrong.
+
+    A scalar of the system counts as no array: ``(1,)`` is wanted where n = 1.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT:
+        array = value
+    else:
+        try:
+            array = real_values(f"{function} result", value)
+        except TypeError as error:
+            raise TypeError(f"{function} must return an array of real numbers of shape {expected}: {error}") from error
+    if array.shape != expected:
+        raise wrong_shape(function, expected, array.shape)
+    if array.size <= FEW and math.isfinite(sum(array.ravel().tolist())):  # a fifth of the time of NumPy's own look
+        return array
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise NonFiniteValue(function, where, float(array[where]), t)
+    return array
+
+
+def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
+    """The error for a result of the wrong shape."""
+    hint = f" = {ROWS[function]}" if function in ROWS else ""
+    return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
+
+
+def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
+    """``value``, raising unless it is a pair."""
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
+    return value

@@ -1,4 +1,4 @@
-"""Rules of loops and branches: short loops are written out, both branches are computed and one is chosen."""
+"""Rules of calls, loops and branches: short loops are written out, both branches are computed and one is chosen."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
-from hhtbench.lowering.scalar_compiler.errors import NotNative
-from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
-from hhtbench.lowering.scalar_compiler.movement import together
-from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, folded, is_known, lift
+from hhtbench.lowering.scalar_compiler.graph import NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value, nodes, rule
 
 LONGEST = 2000  # turns of a scan that are written out; the number of operations usually ends it before
+
+
+@rule("closed_call", "custom_jvp_call", "custom_vjp_call", "jit", "remat2")
+def _call(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
+    p = equation.params
+    return ctx.closed(p["jaxpr"] if "jaxpr" in p else p["call_jaxpr"], inputs)
 
 
 @rule("scan")
@@ -23,17 +27,14 @@ def _scan(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
         raise NotNative(f"a loop of {length} turns")
     fixed, rows = inputs[:constants], inputs[constants + carried :]
     carry = list(inputs[constants : constants + carried])
-    variables = equation.outvars[carried:]
-    kept: list[list[Value]] = [[] for _ in variables]
-    order = range(length - 1, -1, -1) if p["reverse"] else range(length)
-    for i in order:
+    kept: list[list[Value]] = []
+    for i in range(length - 1, -1, -1) if p["reverse"] else range(length):
         results = ctx.closed(p["jaxpr"], [*fixed, *carry, *(_row(value, i) for value in rows)])
         carry = results[:carried]
-        for place, value in zip(kept, results[carried:], strict=True):
-            place.append(value)
-    columns = [values[::-1] if p["reverse"] else values for values in kept]
-    stacked = [_stacked(ctx, values, variable) for values, variable in zip(columns, variables, strict=True)]
-    return [*carry, *stacked]
+        kept.append(results[carried:])
+    turns = kept[::-1] if p["reverse"] else kept
+    variables = enumerate(equation.outvars[carried:])
+    return [*carry, *(_stacked(ctx, [turn[i] for turn in turns], variable.aval) for i, variable in variables)]
 
 
 def _row(value: Value, i: int) -> Value:
@@ -46,28 +47,23 @@ def _unknown(values: list[Value]) -> Unknown | None:
     return next((value for value in values if isinstance(value, Unknown)), None)
 
 
-def _stacked(ctx: Interpreter, values: list[Value], variable: Any) -> Value:
+def _stacked(ctx: Interpreter, values: list[Value], aval: Any) -> Value:
     if missing := _unknown(values):
         return missing
-    if all(is_known(value) for value in values):
-        return np.array(values, dtype=variable.aval.dtype).reshape(variable.aval.shape)
-    ids, kind = together(ctx, values)
-    return Nodes(np.stack(ids), kind)
+    if all(isinstance(value, np.ndarray) for value in values):
+        return np.array(values, dtype=aval.dtype).reshape(aval.shape)
+    return nodes(np.stack(ctx.together(values)), aval)
 
 
 @rule("cond")
 def _cond(ctx: Interpreter, equation: Any, index: Value, *inputs: Value) -> list[Value]:
     branches = equation.params["branches"]
-    which = lift(ctx.graph, index)
-    known = folded(ctx.graph, which)
+    which = ctx.lift(index)
+    known = ctx.folded(which)
     if isinstance(known, np.ndarray):
         return ctx.closed(branches[min(max(int(known), 0), len(branches) - 1)], inputs)
-    results = [ctx.closed(branch, inputs) for branch in branches]
-    return [_chosen(ctx, which, list(values)) for values in zip(*results, strict=True)]
-
-
-def _chosen(ctx: Interpreter, which: Nodes, values: list[Value]) -> Value:
-    if missing := _unknown(values):
-        return missing
-    ids, kind = together(ctx, values)
-    return Nodes(choose(ctx.graph, which, ids), kind)
+    results = zip(*(ctx.closed(branch, inputs) for branch in branches), strict=True)
+    return [
+        _unknown(list(values)) or nodes(choose(ctx.graph, which, ctx.together(values)), variable.aval)
+        for values, variable in zip(results, equation.outvars, strict=True)
+    ]

@@ -59,14 +59,15 @@ def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
     for place, node in enumerate(outputs):
         if node not in graph.number:
             places.setdefault(node, []).append(place)
-    table = writer.constants(outputs) if len(outputs) > sum(map(len, places.values())) else ""
-    for node in ordered(graph, [node for node in outputs if node not in graph.number]):
+    if len(outputs) > sum(map(len, places.values())):
+        writer.constants(outputs)
+    for node in ordered(graph, list(places)):
         writer.node(node)
         for place in places.get(node, ()):
             writer.store("%out", place, node)
     read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
     body = [f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind {{", *writer.scratch, *writer.lines, "  ret void", "}"]
-    text = "\n".join([table, *body, _wrapper(arguments), *sorted(writer.declarations)])
+    text = "\n".join([writer.table, *body, _wrapper(arguments), *sorted(writer.declarations)])
     return Emitted(text, "\n".join(writer.helpers[key] for key in sorted(writer.helpers)), writer.operations)
 
 
@@ -85,6 +86,7 @@ class _Writer:
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
+        self.table = ""  #: of the outputs' known entries
         self.lines: list[str] = []
         self.scratch: list[str] = []  #: stack space of the calls
         self.declarations: set[str] = set()
@@ -95,16 +97,11 @@ class _Writer:
         """How a node is written as an operand."""
         if self.graph.operation[node] == "constant":
             return f"0x{self.graph.operands[node][0] & 0xFFFFFFFFFFFFFFFF:016X}"
-        if node in (TRUE, FALSE):
-            return "true" if node == TRUE else "false"
-        return f"%v{node}"
+        return {TRUE: "true", FALSE: "false"}.get(node, f"%v{node}")
 
     def node(self, node: int) -> None:
-        """The line of one node."""
-        operation = self.graph.operation[node]
-        if operation in ("constant", "true", "false"):
-            return
-        operands = self.graph.operands[node]
+        """The lines of one node."""
+        operation, operands = self.graph.operation[node], self.graph.operands[node]
         if operation in MEMORY:
             *which, place = operands
             self.lines.append(f"  %g{node} = getelementptr double, ptr {MEMORY[operation].format(*which)}, i64 {place}")
@@ -113,21 +110,19 @@ class _Writer:
             self.solve(node, operands[0], operands[1], operands[2:])
         elif operation == "foreign":
             self.foreign(node, operands[0], operands[1], operands[2:])
-        else:
+        elif operation not in ("constant", "true", "false"):
             self.operations += 1
             self.lines.append(f"  %v{node} = {self.expression(operation, [self.name(x) for x in operands])}")
 
-    def constants(self, outputs: list[int]) -> str:
-        """Entries that are known, in one copy from a table, which is returned; the others are overwritten.
+    def constants(self, outputs: list[int]) -> None:
+        """Entries that are known, in one copy from a table; the others are overwritten.
 
         Stores of ten thousand zeros one by one took LLVM minutes.
         """
-        entries = (self.name(node) if node in self.graph.number else "0.0" for node in outputs)
-        table = f"[{len(outputs)} x double]"
+        values = ", ".join(f"double {self.name(node) if node in self.graph.number else '0.0'}" for node in outputs)
+        self.table = f"@constants = private unnamed_addr constant [{len(outputs)} x double] [{values}], align 64"
         self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
         self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * len(outputs)}, i1 false)")
-        values = ", ".join(f"double {entry}" for entry in entries)
-        return f"@constants = private unnamed_addr constant {table} [{values}], align 64"
 
     def store(self, base: str, place: int, node: int) -> None:
         """One number to memory."""
@@ -143,11 +138,18 @@ class _Writer:
         self.declarations.add(f"declare double @{function}({', '.join(['double'] * len(x))}){attributes}")
         return f"call double @{function}({', '.join(f'double {value}' for value in x)})"
 
+    def room(self, base: str, size: int, entries: tuple[int, ...] = ()) -> None:
+        """Room for ``size`` numbers on the stack, which begins with ``entries``."""
+        self.operations += len(entries)
+        self.scratch.append(f"  {base} = alloca [{size} x double], align 64")
+        for place, entry in enumerate(entries):
+            self.store(base, place, entry)
+
     def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
         """Arguments to the stack, then the call by the address in ``%p``; NaN is left where it does not write its result."""
-        self.operations += len(entries) + 2 * size
-        self.scratch_with(f"%m{node}", entries)
-        self.scratch.append(f"  %x{node} = alloca [{size} x double], align 64")
+        self.operations += 2 * size
+        self.room(f"%m{node}", len(entries), entries)
+        self.room(f"%x{node}", size)
         self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
         self.lines += [
             f"  call void @llvm.memset.p0.i64(ptr %x{node}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
@@ -156,16 +158,9 @@ class _Writer:
             f"  call void %c{node}(ptr %m{node}, ptr %x{node})",
         ]
 
-    def scratch_with(self, base: str, entries: tuple[int, ...]) -> None:
-        """Room ``base`` on the stack that holds the numbers ``entries``."""
-        self.scratch.append(f"  {base} = alloca [{len(entries)} x double], align 64")
-        for place, entry in enumerate(entries):
-            self.store(base, place, entry)
-
     def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
         """Matrix and right-hand sides to the stack, then the helper, which leaves the solution in place of the latter."""
-        self.operations += len(entries)
         self.helpers[f"{n} {k}"] = helper(n, k)
         self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr)")
-        self.scratch_with(f"%x{node}", entries)
+        self.room(f"%x{node}", len(entries), entries)
         self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %x{node})")

@@ -15,12 +15,23 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.scalar_compiler.errors import TooLarge
 from hhtbench.lowering.scalar_compiler.operations import COMMUTATIVE, COMPARISONS, FOLDS, LOGIC
 
 Ids = np.ndarray  #: int64 array of nodes
 
 ZERO, ONE, MINUS_ONE, FALSE, TRUE = range(5)
+
+
+class NotNative(Exception):
+    """The native route does not know how, or it would not pay; XLA does it instead."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason  #: in words, with the user's source line where it is known
+        super().__init__(reason)
+
+
+class TooLarge(NotNative):
+    """More scalar operations than pay."""
 
 
 class Graph:
@@ -144,6 +155,19 @@ class Graph:
             return self.neg(self.div(x, self.operands[y][0]))
         return self.node("div", x, y)
 
+    def power(self, x: int, exponent: int) -> int:
+        """x to an integer power by squaring, in XLA's order."""
+        if exponent < 0:
+            return self.div(ONE, self.power(x, -exponent))
+        result = ONE
+        while exponent:
+            if exponent & 1:
+                result = self.mul(result, x)
+            exponent >>= 1
+            if exponent:
+                x = self.mul(x, x)
+        return result
+
     def select(self, predicate: int, yes: int, no: int) -> int:
         """``yes`` where the boolean ``predicate`` holds, else ``no``."""
         if predicate == TRUE or yes == no:
@@ -182,15 +206,15 @@ class Graph:
         special = _SPECIAL.get(name)
         if special is not None:
             return special(self, *operands)
-        if name in LOGIC:
-            return self.logic(name, *operands)
+        return self.logic(name, *operands) if name in LOGIC else self.plain(name, *operands)
+
+    def plain(self, name: str, *operands: int) -> int:
+        """An operation that has no rule but that its value for numbers is known."""
         number = self.number
         if name in FOLDS and all(x in number for x in operands):
             value = FOLDS[name](*(number[x] for x in operands))
             return (TRUE if value else FALSE) if name in COMPARISONS else self.constant(value)
-        if name in COMMUTATIVE and operands[0] > operands[1]:
-            operands = operands[::-1]
-        return self.node(name, *operands)
+        return self.node(name, *(sorted(operands) if name in COMMUTATIVE else operands))
 
     def is_bool(self, node: int) -> bool:
         """Whether the node is a boolean and not a number."""
@@ -199,12 +223,15 @@ class Graph:
 
     def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
         """``apply`` entry by entry."""
-        arrays = np.broadcast_arrays(*operands)
-        shape, apply = arrays[0].shape, self.apply
         if name in ("mul", "add", "sub"):
-            return _quick(self, name, *arrays)
-        columns = [array.ravel().tolist() for array in arrays]
-        return np.array([apply(name, *entry) for entry in zip(*columns, strict=True)], dtype=np.int64).reshape(shape)
+            return _quick(self, name, *np.broadcast_arrays(*operands))
+        return self.each(partial(self.apply, name), *operands)
+
+    @staticmethod
+    def each(function: Callable[..., int], *operands: Ids | np.int64) -> Ids:
+        """``function`` of nodes entry by entry."""
+        with np.errstate(all="ignore"):  # it tells of what is folded inside
+            return np.vectorize(function, otypes=[np.int64])(*operands)
 
 
 def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
@@ -215,40 +242,31 @@ def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
     else:
         result = np.where(y == ZERO, x, y) if name == "add" else x.copy()
         left = (y != ZERO) & ((x != ZERO) | (name == "sub"))
-    function = getattr(graph, name)
-    pairs = zip(x[left].tolist(), y[left].tolist(), strict=True)
-    result[left] = [function(a, b) for a, b in pairs]
+    result[left] = list(map(getattr(graph, name), x[left].tolist(), y[left].tolist()))
     return result
+
+
+def _in_total_order(name: str, graph: Graph, x: int, y: int) -> int:
+    """NaN comes last; the two zeros, which the order tells apart, are equal here: their makers treat them so."""
+    x_is_nan, y_is_nan = graph.apply("ne", x, x), graph.apply("ne", y, y)
+    first = graph.logic("not", x_is_nan) if name == "lt" else y_is_nan
+    return graph.logic("or", graph.apply(name, x, y), graph.logic("and", y_is_nan, first))
 
 
 def _pow(graph: Graph, x: int, y: int) -> int:
     exponent = graph.number.get(y)
     if exponent == 1.0:
         return x
-    if exponent == 2.0:
-        return graph.mul(x, x)
-    if x in graph.number and exponent is not None:
-        return graph.constant(FOLDS["pow"](graph.number[x], exponent))
-    return graph.node("pow", x, y)
+    return graph.mul(x, x) if exponent == 2.0 else graph.plain("pow", x, y)
 
 
 def _abs(graph: Graph, x: int) -> int:
-    if graph.operation[x] in ("neg", "abs"):
-        x = graph.operands[x][0]
-    return graph.constant(abs(graph.number[x])) if x in graph.number else graph.node("abs", x)
+    return graph.plain("abs", graph.operands[x][0] if graph.operation[x] in ("neg", "abs") else x)
 
 
 def _sign(graph: Graph, x: int) -> int:
     below = graph.select(graph.apply("lt", x, ZERO), MINUS_ONE, x)
     return graph.select(graph.apply("gt", x, ZERO), ONE, below)
-
-
-def _extreme(name: str, graph: Graph, x: int, y: int) -> int:
-    if x == y:
-        return x
-    if x in graph.number and y in graph.number:
-        return graph.constant(FOLDS[name](graph.number[x], graph.number[y]))
-    return graph.node(name, min(x, y), max(x, y))
 
 
 _SPECIAL: dict[str, Callable[..., int]] = {
@@ -258,13 +276,17 @@ _SPECIAL: dict[str, Callable[..., int]] = {
     "clamp": lambda graph, low, x, high: graph.apply("min", graph.apply("max", x, low), high),
     "div": Graph.div,
     "is_finite": lambda graph, x: graph.apply("lt", graph.apply("abs", x), graph.constant(math.inf)),
+    "le_to": partial(_in_total_order, "le"),
     "logistic": lambda graph, x: graph.div(ONE, graph.add(ONE, graph.apply("exp", graph.neg(x)))),
-    "max": partial(_extreme, "max"),
-    "min": partial(_extreme, "min"),
+    "lt_to": partial(_in_total_order, "lt"),
+    "max": lambda graph, x, y: x if x == y else graph.plain("max", x, y),
+    "min": lambda graph, x, y: x if x == y else graph.plain("min", x, y),
     "mul": Graph.mul,
     "neg": Graph.neg,
     "pow": _pow,
+    "quotient": lambda graph, x, y: graph.apply("trunc", graph.div(x, y)),
     "rsqrt": lambda graph, x: graph.div(ONE, graph.apply("sqrt", x)),
+    "same": lambda graph, x, y: graph.logic("not", graph.logic("xor", x, y)),
     "select": Graph.select,
     "sign": _sign,
     "square": lambda graph, x: graph.mul(x, x),

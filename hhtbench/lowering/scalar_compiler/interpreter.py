@@ -1,18 +1,39 @@
-"""An interpreter of jaxprs that writes into the scalar graph, equation by equation."""
+"""An interpreter of jaxprs that writes into the scalar graph, equation by equation.
+
+While it runs, a variable holds known numbers, nodes of the graph, or the reason why nobody can compute it here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
-from hhtbench.lowering.scalar_compiler.errors import NotNative, TooLarge
-from hhtbench.lowering.scalar_compiler.graph import Graph
+from hhtbench.lowering.scalar_compiler.graph import FALSE, ONE, TRUE, ZERO, Graph, Ids, NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE
-from hhtbench.lowering.scalar_compiler.values import Unknown, Value, folded, is_known
 
+EXACT = 2.0**53  # integers up to it are float64 numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """An array of nodes that depend on the arguments."""
+
+    ids: Ids
+    kind: str  #: "float", "bool", or "int": integers, held as float64 and without overflow
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """A result nobody can compute here; it matters only if something needs it."""
+
+    reason: str
+
+
+Value = np.ndarray | Nodes | Unknown
 Rule = Callable[..., list[Value]]
 
 RULES: dict[str, Rule] = {}  #: primitive -> rule(ctx, equation, *inputs)
@@ -28,18 +49,52 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
     return register
 
 
+def rule_of_nodes(*names: str, numbers: bool = False) -> Callable[[Callable[..., Ids]], Callable[..., Ids]]:
+    """Registers ``function(graph, equation, *ids) -> ids`` for inputs of one kind, or for float64 ``numbers`` only."""
+
+    def register(function: Callable[..., Ids]) -> Callable[..., Ids]:
+        @rule(*names)
+        def of_values(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
+            ids = list(map(ctx.numbers, inputs)) if numbers else ctx.together(inputs)
+            return made(equation, function(ctx.graph, equation, *ids))
+
+        return function
+
+    return register
+
+
+def _kind(dtype: np.dtype) -> str:
+    return {"b": "bool", "i": "int", "u": "int"}.get(dtype.kind, "float")
+
+
+def nodes(ids: Ids, aval: Any) -> Nodes:
+    """``ids`` as a value of the type that JAX says."""
+    return Nodes(ids, _kind(aval.dtype))
+
+
+def made(equation: Any, *ids: Ids) -> list[Value]:
+    """Nodes as the outputs of an equation."""
+    return [nodes(part, variable.aval) for part, variable in zip(ids, equation.outvars, strict=True)]
+
+
+def _expect_exact(whole: np.ndarray) -> None:
+    """Raise where float64 does not hold integers exactly."""
+    if np.any(np.abs(whole.astype(np.float64)) > EXACT):
+        raise NotNative("integers beyond 2**53")
+
+
 class Interpreter:
     """Evaluates the equations of one computation, as JAX's own interpreters do, into nodes of a graph."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self._calls: list[Any] = []  #: equations whose inner computation is being evaluated
+        self._equations: list[Any] = []  #: that are being evaluated, the innermost last
 
-    def run(self, jaxpr: Any, consts: Sequence[Value], arguments: Sequence[Value]) -> list[Value]:
-        """The outputs of ``jaxpr`` at ``arguments``."""
-        environment: dict[Any, Value] = {}
-        environment.update(zip(jaxpr.constvars, consts, strict=True))
-        environment.update(zip(jaxpr.invars, arguments, strict=True))
+    def closed(self, closed: Any, arguments: Any) -> list[Value]:
+        """The outputs of a jaxpr, with or without its constants, at ``arguments``."""
+        jaxpr, consts = (closed.jaxpr, closed.consts) if isinstance(closed, ClosedJaxpr) else (closed, ())
+        inputs = *map(np.asarray, consts), *arguments
+        environment: dict[Any, Value] = dict(zip((*jaxpr.constvars, *jaxpr.invars), inputs, strict=True))
 
         def read(atom: Any) -> Value:
             if isinstance(atom, Literal):
@@ -47,78 +102,117 @@ class Interpreter:
             return environment[atom]
 
         for equation in jaxpr.eqns:
-            results = self.equation(equation, [read(atom) for atom in equation.invars])
+            results = self._evaluated(equation, [read(atom) for atom in equation.invars])
             environment.update(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
-    def closed(self, closed: Any, arguments: Sequence[Value]) -> list[Value]:
-        """The same for a jaxpr with or without its constants."""
-        if isinstance(closed, ClosedJaxpr):
-            return self.run(closed.jaxpr, [np.asarray(const) for const in closed.consts], arguments)
-        return self.run(closed, (), arguments)
+    def lift(self, value: Value) -> Nodes:
+        """``value`` as nodes.
 
-    def equation(self, equation: Any, inputs: list[Value]) -> list[Value]:
+        Raises
+        ------
+        NotNative
+            It is unknown, or of a type that has no nodes.
+        """
+        if isinstance(value, Nodes):
+            return value
+        if isinstance(value, Unknown):
+            raise NotNative(value.reason)
+        kind = _kind(value.dtype)
+        if kind == "float" and value.dtype != np.float64:
+            raise NotNative(f"{value.dtype} values")
+        if kind == "int":
+            _expect_exact(value)
+        return Nodes(self.graph.constants(value), kind)
+
+    def together(self, values: Any) -> list[Ids]:
+        """Nodes of several values, which must be of one kind."""
+        lifted = [self.lift(value) for value in values]
+        if len({value.kind for value in lifted}) != 1:
+            raise NotNative("values of two kinds in one array")
+        return [value.ids for value in lifted]
+
+    def numbers(self, value: Value) -> Ids:
+        """Nodes of a value that must be float64 numbers."""
+        nodes = self.lift(value)
+        if nodes.kind != "float":
+            raise NotNative("booleans or integers where numbers are needed")
+        return nodes.ids
+
+    def as_numbers(self, value: Nodes) -> Ids:
+        """Booleans as 1 and 0, integers as they are."""
+        return (
+            self.graph.elementwise("select", value.ids, np.int64(ONE), np.int64(ZERO)) if value.kind == "bool" else value.ids
+        )
+
+    def folded(self, value: Value) -> Value:
+        """Nodes that all turned out to be constants, as the values they are."""
+        if not isinstance(value, Nodes):
+            return value
+        nodes, places = np.unique(value.ids, return_inverse=True)
+        if any(node not in self.graph.number and node not in (TRUE, FALSE) for node in nodes.tolist()):
+            return value
+        if value.kind == "bool":
+            return np.asarray(value.ids == TRUE)
+        plain = np.array([self.graph.number[node] for node in nodes.tolist()])
+        if value.kind == "int":
+            _expect_exact(plain)
+            plain = plain.astype(np.int64)
+        return np.asarray(plain[places]).reshape(value.ids.shape)
+
+    def known(self, value: Value) -> np.ndarray:
+        """The numbers of a place, which must not depend on the arguments."""
+        found = self.folded(self.lift(value))
+        if not isinstance(found, np.ndarray):
+            raise NotNative("a place that depends on the arguments")
+        return found
+
+    def _evaluated(self, equation: Any, inputs: list[Value]) -> list[Value]:
         """The outputs of one equation; unknown ones carry the reason."""
         name = equation.primitive.name
-        found = RULES.get(name)
+        self._equations.append(equation)
         try:
             if equation.effects:
                 raise NotNative(f"{name} has an effect beside its value")
-            if name in CALLS:
-                return self._called(equation, inputs)
-            if all(is_known(value) for value in inputs):
+            if all(isinstance(value, np.ndarray) for value in inputs):
                 return self._folded(equation, inputs) or _bound(equation, inputs)
-            if found is None:
+            if name not in RULES:
                 raise NotNative(f"the primitive {name} has no rule")
-            return found(self, equation, *inputs)
+            return RULES[name](self, equation, *inputs)
         except NotNative as error:
             if not equation.outvars or isinstance(error, TooLarge):
                 raise
-            reason = error.reason if ", at " in error.reason else f"{error.reason}, at {self._place(equation)}"
+            reason = error.reason if ", at " in error.reason else f"{error.reason}, at {self._place()}"
             return [Unknown(reason)] * len(equation.outvars)
+        finally:
+            self._equations.pop()
 
     def _folded(self, equation: Any, inputs: list[Value]) -> list[Value]:
         """The outputs for known inputs by NumPy, or by the rule, which folds; none where it does not know."""
         name = equation.primitive.name
-        found, results = RULES.get(name), list[Value]()
+        results: list[Value] = []
         if name in ELEMENTWISE:
             with np.errstate(all="ignore"):
                 results = [np.asarray(ELEMENTWISE[name](*inputs))]
-        elif found is not None:
+        elif name in RULES:
             try:
-                results = [folded(self.graph, value) for value in found(self, equation, *inputs)]
+                results = [self.folded(value) for value in RULES[name](self, equation, *inputs)]
             except NotNative:
                 return []
-        if not all(is_known(value) for value in results):
+        if not all(isinstance(value, np.ndarray) for value in results):
             return []
         avals = [variable.aval for variable in equation.outvars[: len(results)]]
-        return [value.astype(aval.dtype).reshape(aval.shape) for value, aval in zip(results, avals, strict=True)]  # type: ignore[union-attr]
+        return [np.asarray(value, dtype=aval.dtype).reshape(aval.shape) for value, aval in zip(results, avals, strict=True)]
 
-    def _called(self, equation: Any, inputs: list[Value]) -> list[Value]:
-        self._calls.append(equation)
-        try:
-            return self.closed(equation.params[CALLS[equation.primitive.name]], inputs)
-        finally:
-            self._calls.pop()
-
-    def _place(self, equation: Any) -> str:
+    def _place(self) -> str:
         """The user's line that made this equation, or the call it is in: a library's inner functions have none."""
-        for candidate in (equation, *reversed(self._calls)):
-            if where := line_of(candidate):
-                return where
-        return "an unknown line"
-
-
-CALLS = {  # primitives that only wrap a computation, and the parameter that holds it
-    "closed_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "jit": "jaxpr",
-    "remat2": "jaxpr",
-}
+        return next((line for equation in reversed(self._equations) if (line := line_of(equation))), "an unknown line")
 
 
 def _bound(equation: Any, inputs: list[Value]) -> list[Value]:
     """By JAX itself, which compiles: 20 ms a new shape."""
     results = equation.primitive.bind(*inputs, **equation.params)
-    return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]
+    try:
+        return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]
+    except TypeError as error:  # keys of random numbers
+        raise NotNative(f"{equation.primitive.name} gives what NumPy does not know") from error

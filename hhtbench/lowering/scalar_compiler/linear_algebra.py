@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from hhtbench.lowering.scalar_compiler.errors import NotNative
-from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids
-from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
-from hhtbench.lowering.scalar_compiler.values import Nodes, Value, numbers
+from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids, NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Value, made, rule, rule_of_nodes
 
 
-@rule("hhtbench_inverse")
-def _inverse(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
-    ids = numbers(ctx.graph, x)
-    n = ids.shape[-1]
-    parts = [_inverse_by_blocks(ctx.graph, matrix) for matrix in ids.reshape(-1, n, n)]
-    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "float")]
+@rule_of_nodes("hhtbench_inverse", numbers=True)
+def _inverse(graph: Graph, equation: Any, matrices: Ids) -> Ids:
+    return np.vectorize(partial(_inverse_by_blocks, graph), otypes=[np.int64], signature="(n,n)->(n,n)")(matrices)
 
 
 def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
@@ -33,10 +29,10 @@ def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
 def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:
     """X (n, k) of ``matrix`` X = ``right`` with rows exchanged; not finite where singular."""
     n, k = right.shape
-    if np.count_nonzero(matrix != np.where(np.eye(n, dtype=bool), matrix, ZERO)) == 0:  # diagonal
-        return np.array([[graph.div(right[i, j], matrix[i, i]) for j in range(k)] for i in range(n)], dtype=np.int64)
-    call, width = graph.node("solve", n, k, *np.hstack([matrix, right]).ravel().tolist()), n + k
-    return np.array([[graph.node("entry", call, i * width + j) for j in range(n, width)] for i in range(n)], dtype=np.int64)
+    if np.all(matrix[~np.eye(n, dtype=bool)] == ZERO):  # diagonal
+        return graph.elementwise("div", right, np.diagonal(matrix)[:, None])
+    call = graph.node("solve", n, k, *np.hstack([matrix, right]).ravel().tolist())
+    return graph.each(partial(graph.node, "entry", call), np.arange(n * (n + k)).reshape(n, n + k)[:, n:])
 
 
 @rule("custom_linear_solve")
@@ -47,15 +43,11 @@ def _linear_solve(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value
     constants, right = inputs[: lengths.matvec], inputs[sum(lengths) :]
     if len(right) != 1:
         raise NotNative("a linear solve for several arrays at once")
-    ids = numbers(ctx.graph, right[0])
-    size = ids.size
-    columns = []
-    for i in range(size):
-        unit = np.zeros(size)
-        unit[i] = 1.0
+    ids, columns = ctx.numbers(right[0]), []
+    for unit in np.eye(ids.size):
         (column,) = ctx.closed(jaxprs.matvec, [*constants, unit.reshape(ids.shape)])
-        columns.append(numbers(ctx.graph, column).ravel())
-    return [Nodes(_by_blocks(ctx.graph, np.stack(columns, axis=1), ids.ravel()).reshape(ids.shape), "float")]
+        columns.append(ctx.numbers(column).ravel())
+    return made(equation, _by_blocks(ctx.graph, np.stack(columns, axis=1), ids.ravel()).reshape(ids.shape))
 
 
 def _by_blocks(graph: Graph, matrix: Ids, right: Ids) -> Ids:
@@ -78,57 +70,47 @@ def _blocks(matrix: Ids) -> list[np.ndarray]:
 
 @rule("hhtbench_foreign")
 def _foreign(ctx: Interpreter, equation: Any, address: Value, *inputs: Value) -> list[Value]:
-    (parameter,) = numbers(ctx.graph, address).ravel().tolist()
-    entries = [entry for value in inputs for entry in numbers(ctx.graph, value).ravel().tolist()]
-    size = int(np.prod(equation.params["shape"]))
-    call = ctx.graph.node("foreign", ctx.graph.operands[parameter][0], size, *entries)
-    ids = np.array([ctx.graph.node("entry", call, i) for i in range(size)], dtype=np.int64)
-    return [Nodes(ids.reshape(equation.params["shape"]), "float")]
+    graph, shape = ctx.graph, equation.params["shape"]
+    (parameter,) = ctx.numbers(address).ravel().tolist()
+    entries = [entry for value in inputs for entry in ctx.numbers(value).ravel().tolist()]
+    size = int(np.prod(shape))
+    call = graph.node("foreign", graph.operands[parameter][0], size, *entries)
+    return made(equation, graph.each(partial(graph.node, "entry", call), np.arange(size).reshape(shape)))
 
 
-@rule("triangular_solve")
-def _triangular(ctx: Interpreter, equation: Any, a: Value, b: Value) -> list[Value]:
+@rule_of_nodes("triangular_solve", numbers=True)
+def _triangular(graph: Graph, equation: Any, matrices: Ids, rights: Ids) -> Ids:
     p = equation.params
-    matrices, rights = numbers(ctx.graph, a), numbers(ctx.graph, b)
-    n, shape = matrices.shape[-1], rights.shape
-    if not p["left_side"]:
-        rights = rights.swapaxes(-1, -2)
-    transposed = p["transpose_a"] == p["left_side"]  # x A = b is A^T x^T = b^T
-    if transposed:
-        matrices = matrices.swapaxes(-1, -2)
-    lower = p["lower"] != transposed
-    parts = []
-    for matrix, right in zip(matrices.reshape(-1, n, n), rights.reshape(-1, *rights.shape[-2:]), strict=True):
-        parts.append(_substitute(ctx.graph, matrix, right, lower, p["unit_diagonal"]))
-    result = np.array(parts, dtype=np.int64).reshape(rights.shape)
-    return [Nodes((result if p["left_side"] else result.swapaxes(-1, -2)).reshape(shape), "float")]
+    left, transposed = p["left_side"], p["transpose_a"] == p["left_side"]  # x A = b is A^T x^T = b^T
+    solve_one = partial(_substitute, graph, p["lower"] != transposed, p["unit_diagonal"])
+    result = np.vectorize(solve_one, otypes=[np.int64], signature="(n,n),(n,k)->(n,k)")(
+        matrices.swapaxes(-1, -2) if transposed else matrices, rights if left else rights.swapaxes(-1, -2)
+    )
+    return result if left else result.swapaxes(-1, -2)
 
 
-def _substitute(graph: Graph, matrix: Ids, right: Ids, lower: bool, unit: bool) -> Ids:
-    n = len(matrix)
-    result = right.copy()
-    for step in range(n):
-        i = step if lower else n - 1 - step
+def _substitute(graph: Graph, lower: bool, unit: bool, matrix: Ids, right: Ids) -> Ids:
+    n, result = len(matrix), right.copy()
+    for i in range(n) if lower else range(n - 1, -1, -1):
         for k in range(i) if lower else range(n - 1, i, -1):
-            for j in range(result.shape[1]):
-                result[i, j] = graph.sub(result[i, j], graph.mul(matrix[i, k], result[k, j]))
+            result[i] = graph.elementwise("sub", result[i], graph.elementwise("mul", matrix[i, k], result[k]))
         if not unit:
-            result[i] = [graph.div(x, matrix[i, i]) for x in result[i]]
+            result[i] = graph.elementwise("div", result[i], matrix[i, i])
     return result
 
 
-@rule("cholesky")
-def _cholesky(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
-    """The lower factor; the square root of a negative pivot makes everything after it NaN."""
-    graph, ids = ctx.graph, numbers(ctx.graph, x)
-    n, parts = ids.shape[-1], []
-    for matrix in ids.reshape(-1, n, n):
-        factor = np.full((n, n), ZERO, dtype=np.int64)
-        for j in range(n):
-            for i in range(j, n):
-                rest = matrix[i, j]
-                for k in range(j):
-                    rest = graph.sub(rest, graph.mul(factor[i, k], factor[j, k]))
-                factor[i, j] = graph.apply("sqrt", rest) if i == j else graph.div(rest, factor[j, j])
-        parts.append(factor)
-    return [Nodes(np.array(parts, dtype=np.int64).reshape(ids.shape), "float")]
+@rule_of_nodes("cholesky", numbers=True)
+def _cholesky(graph: Graph, equation: Any, matrices: Ids) -> Ids:
+    return np.vectorize(partial(_lower_factor, graph), otypes=[np.int64], signature="(n,n)->(n,n)")(matrices)
+
+
+def _lower_factor(graph: Graph, matrix: Ids) -> Ids:
+    """L of L L^T; the square root of a negative pivot makes everything after it NaN."""
+    n, factor = len(matrix), np.full(matrix.shape, ZERO, dtype=np.int64)
+    for j in range(n):
+        rest = matrix[j:, j]
+        for k in range(j):
+            rest = graph.elementwise("sub", rest, graph.elementwise("mul", factor[j:, k], factor[j, k]))
+        factor[j, j] = graph.apply("sqrt", int(rest[0]))
+        factor[j + 1 :, j] = graph.elementwise("div", rest[1:], factor[j, j])
+    return factor

@@ -1,21 +1,28 @@
-"""From a JAX function to the scalar graph of its result."""
+"""From a JAX function to the scalar graph of its result, whole or in two stages.
+
+In stages, what depends on the last argument only is computed once, for many values of the others: Newton's iteration
+evaluates a residual at several iterates of one step, whose known values stay, and half of a small system's operations, sines
+and divisions among them, belong to those.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+import math
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.lowering.scalar_compiler import control, elementwise, indexing, linear_algebra, movement, reductions
-from hhtbench.lowering.scalar_compiler.errors import NotNative
-from hhtbench.lowering.scalar_compiler.graph import Graph
-from hhtbench.lowering.scalar_compiler.interpreter import Interpreter
-from hhtbench.lowering.scalar_compiler.values import Nodes, Unknown, Value, as_numbers, lift
+from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement, reductions
+from hhtbench.lowering.scalar_compiler.emit import needs, ordered
+from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
-RULE_BOOKS = (control, elementwise, indexing, linear_algebra, movement, reductions)  # importing them registers their rules
+RULE_BOOKS = (control, elementwise, linear_algebra, movement, reductions)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
 
@@ -57,25 +64,58 @@ def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: 
     if len(leaves) != 1:
         raise NotNative(f"the function returns {len(leaves)} arrays instead of one")
     graph = Graph(limit * GROWTH)
+    interpreter = Interpreter(graph)
     with preparing(f"lowering {name}"):
-        (value,) = Interpreter(graph).closed(computation.jaxpr, _inputs(graph, pattern, shapes))
-        outputs = _outputs(graph, value)
+        (value,) = interpreter.closed(computation.jaxpr, _inputs(graph, pattern, shapes))
+        if isinstance(value, Unknown):
+            raise NotNative(value.reason)
+        outputs = interpreter.as_numbers(interpreter.lift(value)).ravel().tolist()
     return Lowered(graph, outputs, tuple(leaves[0].shape), len(shapes))
 
 
 def _inputs(graph: Graph, pattern: np.ndarray, shapes: Shapes) -> list[Value]:
-    nodes = [
+    parameters = [
         graph.constant(FOLDED[code - 1]) if code else graph.node("parameter", i) for i, code in enumerate(pattern.tolist())
     ]
-    inputs: list[Value] = [Nodes(np.array(nodes, dtype=np.int64), "float")]
+    arrays = [np.array(parameters, dtype=np.int64)]
     for which, shape in enumerate(shapes):
-        size = int(np.prod(shape))
-        ids = np.array([graph.node("argument", which, i) for i in range(size)], dtype=np.int64)
-        inputs.append(Nodes(ids.reshape(shape), "float"))
-    return inputs
+        places = np.arange(math.prod(shape)).reshape(shape)
+        arrays.append(graph.each(partial(graph.node, "argument", which), places))
+    return [Nodes(ids, "float") for ids in arrays]
 
 
-def _outputs(graph: Graph, value: Value) -> list[int]:
-    if isinstance(value, Unknown):
-        raise NotNative(value.reason)
-    return list(as_numbers(graph, lift(graph, value)).ravel().tolist())
+def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) -> Lowered:
+    """The part of a function that is its ``stage``.
+
+    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument,
+    and may give only its ``rows`` from the first to before the second.
+    """
+    if stage == "whole":
+        return lowered
+    kept = _kept(lowered, lowered.arguments - 1)
+    if stage == "early":
+        return replace(lowered, outputs=kept, shape=(len(kept),))
+    graph = copy.copy(lowered.graph)
+    graph.operation, graph.operands = graph.operation.copy(), graph.operands.copy()
+    for place, node in enumerate(kept):
+        graph.operation[node], graph.operands[node] = "argument", (lowered.arguments, place)
+    late = replace(lowered, graph=graph, arguments=lowered.arguments + 1)
+    return late if rows is None else replace(late, outputs=late.outputs[slice(*rows)], shape=(rows[1] - rows[0],))
+
+
+def _kept(lowered: Lowered, last: int) -> list[int]:
+    """Numbers that the late stage needs of the early one."""
+    graph, late, wanted = lowered.graph, set[int](), dict[int, None]()
+    for node in ordered(graph, lowered.outputs):
+        varies = graph.operation[node] == "argument" and graph.operands[node][0] != last
+        if varies or any(operand in late for operand in needs(graph, node)):
+            late.add(node)
+    for node in sorted(late):
+        wanted.update(dict.fromkeys(needs(graph, node)))
+    wanted.update(dict.fromkeys(lowered.outputs))
+    return [node for node in wanted if node not in late and _is_worth_keeping(graph, node)]
+
+
+def _is_worth_keeping(graph: Graph, node: int) -> bool:
+    """A number that costs an operation: booleans have no place in an array of numbers."""
+    return graph.operation[node] not in ("constant", "parameter", "argument", "solve", "foreign") and not graph.is_bool(node)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from functools import cache
 from typing import Any
 
 import llvmlite  # type: ignore[import-untyped]
@@ -13,35 +14,26 @@ LEVEL = 1  # of code generation: 2 and 3 take half as long again for code of the
 LONG = 20_000  # operations from which it is level 0, where 37,000 take 0.7 s instead of 13 s and run half as fast
 _lock = threading.RLock()  # LLVM's global context is one for all threads
 _loaded: list[Any] = []  # engines own the code: they live as long as the process
-_started: list[bool] = []
 
 
+@cache
 def start() -> None:
     """Prepare LLVM for this machine."""
-    if not _started:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        _started.append(True)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
 
 
 def host() -> str:
     """Processor and its features, and the versions that make the code: what object code depends on."""
     features = llvm.get_host_cpu_features().flatten()
-    return (
-        f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
-    )
+    versions = f"{llvmlite.__version__} {llvm.llvm_version_info}"
+    return f"{versions} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
 
 
 def _target_machine(level: int = LEVEL) -> Any:
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=level,
-        reloc="pic",
-        codemodel="jitdefault",
-        jit=True,
-    )
+    options = {"opt": level, "reloc": "pic", "codemodel": "jitdefault", "jit": True}
+    processor = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+    return llvm.Target.from_default_triple().create_target_machine(**processor, **options)
 
 
 def generate(text: str, helpers: str, operations: int) -> bytes:

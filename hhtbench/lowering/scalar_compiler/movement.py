@@ -2,148 +2,169 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jax.lax import GatherScatterMode
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
-from hhtbench.lowering.scalar_compiler.errors import NotNative
-from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, rule
-from hhtbench.lowering.scalar_compiler.values import Nodes, Value, folded, lift
-
-Move = Callable[..., np.ndarray]
+from hhtbench.lowering.scalar_compiler.graph import Graph, Ids, NotNative
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Value, made, rule, rule_of_nodes
 
 
-def movement(*names: str) -> Callable[[Move], Move]:
-    """Registers ``move(equation, array)`` of an array of nodes."""
-
-    def register(move: Move) -> Move:
-        @rule(*names)
-        def on_nodes(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
-            nodes = lift(ctx.graph, x)
-            return [Nodes(move(equation, nodes.ids), nodes.kind)]
-
-        return move
-
-    return register
-
-
-def _shape(equation: Any) -> tuple[int, ...]:
-    return tuple(equation.outvars[0].aval.shape)
-
-
-@movement("broadcast_in_dim")
-def _broadcast(equation: Any, x: np.ndarray) -> np.ndarray:
-    shape, axes = _shape(equation), equation.params["broadcast_dimensions"]
+def _broadcast(shape: Any, p: Any, x: Ids) -> Ids:
     spread = [1] * len(shape)
-    for size, axis in zip(x.shape, axes, strict=True):
+    for size, axis in zip(x.shape, p["broadcast_dimensions"], strict=True):
         spread[axis] = size
     return np.broadcast_to(x.reshape(spread), shape)
 
 
-@movement("reshape", "squeeze")
-def _reshape(equation: Any, x: np.ndarray) -> np.ndarray:
-    order = equation.params.get("dimensions") if equation.primitive.name == "reshape" else None
-    return (x if order is None else x.transpose(order)).reshape(_shape(equation))
+def _slice(shape: Any, p: Any, x: Ids) -> Ids:
+    return x[tuple(map(slice, p["start_indices"], p["limit_indices"], p["strides"] or (1,) * x.ndim))]
 
 
-@movement("transpose")
-def _transpose(equation: Any, x: np.ndarray) -> np.ndarray:
-    return x.transpose(equation.params["permutation"])
+def _pad(shape: Any, p: Any, x: Ids, fill: Ids) -> Ids:
+    """Low and high edges, which may be negative, and gaps between entries."""
+    result, to, of = np.full(shape, fill), [], []
+    for size, whole, (low, _, gap) in zip(x.shape, shape, p["padding_config"], strict=True):
+        place = low + (gap + 1) * np.arange(size)
+        inside = (place >= 0) & (place < whole)
+        to.append(place[inside])
+        of.append(np.flatnonzero(inside))
+    result[np.ix_(*to)] = x[np.ix_(*of)]
+    return result
 
 
-@movement("rev")
-def _rev(equation: Any, x: np.ndarray) -> np.ndarray:
-    return np.flip(x, equation.params["dimensions"])
+MOVES: dict[str, Callable[..., Ids]] = {  # of the result's shape, the parameters and arrays of nodes
+    "broadcast_in_dim": _broadcast,
+    "concatenate": lambda shape, p, *parts: np.concatenate(parts, p["dimension"]),
+    "pad": _pad,
+    "reshape": lambda shape, p, x: (x if p["dimensions"] is None else x.transpose(p["dimensions"])).reshape(shape),
+    "rev": lambda shape, p, x: np.flip(x, p["dimensions"]),
+    "slice": _slice,
+    "squeeze": lambda shape, p, x: x.reshape(shape),
+    "stack": lambda shape, p, *parts: np.stack(parts, p["axis"]),
+    "tile": lambda shape, p, x: np.tile(x, p["reps"]),
+    "transpose": lambda shape, p, x: x.transpose(p["permutation"]),
+}
 
 
-@movement("slice")
-def _slice(equation: Any, x: np.ndarray) -> np.ndarray:
-    p = equation.params
-    strides = p["strides"] or (1,) * x.ndim
-    return x[tuple(slice(a, b, c) for a, b, c in zip(p["start_indices"], p["limit_indices"], strides, strict=True))]
-
-
-@movement("tile")
-def _tile(equation: Any, x: np.ndarray) -> np.ndarray:
-    return np.tile(x, equation.params["reps"])
-
-
-def together(ctx: Interpreter, inputs: Any) -> tuple[list[np.ndarray], str]:
-    """Several values as nodes of one kind."""
-    lifted = [lift(ctx.graph, value) for value in inputs]
-    if len({value.kind for value in lifted}) != 1:
-        raise NotNative("values of two kinds in one array")
-    return [value.ids for value in lifted], lifted[0].kind
-
-
-@rule("concatenate", "stack")
-def _join(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
-    ids, kind = together(ctx, inputs)
-    if equation.primitive.name == "stack":
-        return [Nodes(np.stack(ids, equation.params["axis"]), kind)]
-    return [Nodes(np.concatenate(ids, equation.params["dimension"]), kind)]
+@rule_of_nodes(*MOVES)
+def _moved(graph: Graph, equation: Any, *parts: Ids) -> Ids:
+    return MOVES[equation.primitive.name](equation.outvars[0].aval.shape, equation.params, *parts)
 
 
 @rule("split")
 def _split(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
-    p, nodes = equation.params, lift(ctx.graph, x)
-    return [Nodes(part, nodes.kind) for part in np.split(nodes.ids, np.cumsum(p["sizes"])[:-1], p["axis"])]
-
-
-@rule("pad")
-def _pad(ctx: Interpreter, equation: Any, padded: Value, fill: Value) -> list[Value]:
-    """Low and high edges, which may be negative, and gaps between entries."""
-    (x, value), kind = together(ctx, (padded, fill))
-    config = equation.params["padding_config"]
-    spread = np.full([size + max(size - 1, 0) * gap for size, (_, _, gap) in zip(x.shape, config, strict=True)], value)
-    spread[tuple(slice(None, None, gap + 1) for _, _, gap in config)] = x
-    result = np.full([s + max(a, 0) + max(b, 0) for s, (a, b, _) in zip(spread.shape, config, strict=True)], value)
-    result[tuple(slice(max(a, 0), max(a, 0) + s) for s, (a, _, _) in zip(spread.shape, config, strict=True))] = spread
-    kept = tuple(slice(max(-a, 0), s - max(-b, 0)) for s, (a, b, _) in zip(result.shape, config, strict=True))
-    return [Nodes(result[kept], kind)]
-
-
-@rule("dynamic_slice")
-def _dynamic_slice(ctx: Interpreter, equation: Any, x: Value, *start: Value) -> list[Value]:
-    nodes, sizes = lift(ctx.graph, x), equation.params["slice_sizes"]
-    ids = nodes.ids
-    for axis, (value, size) in enumerate(zip(start, sizes, strict=True)):  # one axis after the other
-        at = folded(ctx.graph, value)
-        places = [np.take(ids, range(i, i + size), axis) for i in range(ids.shape[axis] - size + 1)]
-        if isinstance(at, np.ndarray):
-            ids = places[min(max(int(at), 0), len(places) - 1)]
-        else:
-            ids = choose(ctx.graph, lift(ctx.graph, at), places)
-    return [Nodes(ids, nodes.kind)]
-
-
-def known_indices(ctx: Interpreter, values: Any) -> list[np.ndarray]:
-    """Indices, which must not depend on the arguments."""
-    known = [folded(ctx.graph, lift(ctx.graph, value)) for value in values]
-    if not all(isinstance(value, np.ndarray) for value in known):
-        raise NotNative("a place that depends on the arguments")
-    return known  # type: ignore[return-value]
-
-
-def corner(start: Any, sizes: Any, shape: Any) -> tuple[slice, ...]:
-    """Where a piece of ``sizes`` lies that begins at ``start``, or as near to it as ``shape`` lets it."""
-    first = [min(max(int(i), 0), whole - size) for i, size, whole in zip(start, sizes, shape, strict=True)]
-    return tuple(slice(i, i + size) for i, size in zip(first, sizes, strict=True))
-
-
-@rule("dynamic_update_slice")
-def _update_slice(ctx: Interpreter, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
-    (ids, new), kind = together(ctx, (x, update))
-    result = ids.copy()
-    result[corner(known_indices(ctx, start), new.shape, ids.shape)] = new
-    return [Nodes(result, kind)]
+    p = equation.params
+    return made(equation, *np.split(ctx.lift(x).ids, np.cumsum(p["sizes"])[:-1], p["axis"]))
 
 
 @rule("iota")
 def _iota(ctx: Interpreter, equation: Any) -> list[Value]:
+    return [np.indices(equation.params["shape"])[equation.params["dimension"]]]
+
+
+@rule("dynamic_slice")
+def _dynamic_slice(ctx: Interpreter, equation: Any, x: Value, *start: Value) -> list[Value]:
+    ids = ctx.lift(x).ids
+    for axis, (value, size) in enumerate(zip(start, equation.params["slice_sizes"], strict=True)):  # one after the other
+        at, last = ctx.folded(value), ids.shape[axis] - size
+        firsts = [min(max(int(at), 0), last)] if isinstance(at, np.ndarray) else range(last + 1)
+        cases = [np.take(ids, range(first, first + size), axis) for first in firsts]
+        ids = cases[0] if isinstance(at, np.ndarray) else choose(ctx.graph, ctx.lift(at), cases)
+    return made(equation, ids)
+
+
+@rule("dynamic_update_slice")
+def _update_slice(ctx: Interpreter, equation: Any, x: Value, update: Value, *start: Value) -> list[Value]:
+    ids, new = ctx.together((x, update))
+    at = [int(ctx.known(value)) for value in start]
+    first = np.clip(at, 0, np.subtract(ids.shape, new.shape))
+    result = ids.copy()
+    result[tuple(map(slice, first, first + new.shape))] = new
+    return made(equation, result)
+
+
+def _windows(indices: np.ndarray, mapped: Any, batched: Any, sizes: Any, shape: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces of ``sizes`` of an array of ``shape`` by XLA's definition of gather and scatter, moved inside if need be.
+
+    (*batch, entries) the places of their entries in the flattened array, and (*batch,) whether a piece lay inside.
+    """
+    batch, rank = indices.shape[:-1], len(shape)
+    starts = np.zeros((*batch, rank), dtype=np.int64)
+    starts[..., list(mapped)] = indices
+    for axis, place in zip(*batched, strict=True):
+        starts[..., axis] = np.indices(batch)[place]
+    first = np.clip(starts, 0, np.subtract(shape, sizes))
+    strides = np.array([math.prod(shape[axis + 1 :]) for axis in range(rank)], dtype=np.int64)
+    offsets = strides @ np.indices(sizes).reshape(rank, -1)
+    return (first @ strides)[..., None] + offsets, np.all(first == starts, axis=-1)
+
+
+@rule("gather")
+def _gather(ctx: Interpreter, equation: Any, x: Value, indices: Value) -> list[Value]:
+    nodes, given = ctx.lift(x), equation.params["fill_value"]
+    fill = {"float": np.nan, "bool": True, "int": np.iinfo(np.int64).min}[nodes.kind] if given is None else given
+    outside = ctx.graph.constants(np.asarray(fill, dtype=bool if nodes.kind == "bool" else float))
+    where = ctx.folded(indices)
+    if isinstance(where, np.ndarray):
+        return made(equation, _gathered(equation, nodes.ids, where, outside))
+    return made(equation, _searched(ctx.graph, equation, nodes.ids, ctx.lift(where).ids, outside))
+
+
+def _gathered(equation: Any, x: Ids, indices: np.ndarray, outside: Ids) -> Ids:
     p = equation.params
-    line = np.arange(p["shape"][p["dimension"]])
-    spread = [-1 if axis == p["dimension"] else 1 for axis in range(len(p["shape"]))]
-    return [np.broadcast_to(line.reshape(spread), p["shape"])]
+    numbers, sizes, batch = p["dimension_numbers"], p["slice_sizes"], indices.shape[:-1]
+    batched = numbers.operand_batching_dims, numbers.start_indices_batching_dims
+    places, inside = _windows(indices, numbers.start_index_map, batched, sizes, x.shape)
+    found = x.ravel()[places]
+    if p["mode"] in (GatherScatterMode.FILL_OR_DROP, None):
+        found = np.where(inside[..., None], found, outside)
+    dropped = *numbers.collapsed_slice_dims, *numbers.operand_batching_dims
+    pieces = found.reshape(*batch, *(size for axis, size in enumerate(sizes) if axis not in dropped))
+    return np.moveaxis(pieces, range(len(batch), pieces.ndim), numbers.offset_dims)
+
+
+def _searched(graph: Graph, equation: Any, x: Ids, indices: Ids, outside: Ids) -> Ids:
+    """Places that depend on the arguments: every place they may mean is read, and one is chosen."""
+    p = equation.params
+    mapped = [int(axis) for axis in p["dimension_numbers"].start_index_map]
+    if len(mapped) != 1:
+        raise NotNative("places in more than one axis that depend on the arguments")
+    last = x.shape[mapped[0]] - p["slice_sizes"][mapped[0]]
+    cases = [_gathered(equation, x, np.full(indices.shape, i), outside) for i in range(last + 1)]
+    shape, offset = tuple(equation.outvars[0].aval.shape), p["dimension_numbers"].offset_dims
+    at = np.broadcast_to(indices.reshape([1 if axis in offset else size for axis, size in enumerate(shape)]), shape)
+    result = choose(graph, Nodes(at, "int"), cases)
+    if p["mode"] not in (GatherScatterMode.FILL_OR_DROP, None):
+        return result
+    low, high = np.int64(graph.constant(0.0)), np.int64(graph.constant(float(last)))
+    inside = graph.elementwise("and", graph.elementwise("ge", at, low), graph.elementwise("le", at, high))
+    return graph.elementwise("select", inside, result, outside)
+
+
+COMBINE = {"scatter-add": "add", "scatter-sub": "sub", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
+
+
+@rule("scatter", *COMBINE)
+def _scatter(ctx: Interpreter, equation: Any, x: Value, indices: Value, updates: Value) -> list[Value]:
+    ids, new = ctx.together((x, updates))
+    where, combine = ctx.known(indices), COMBINE.get(equation.primitive.name)
+    if combine is not None and equation.outvars[0].aval.dtype == bool:
+        raise NotNative("a scatter of booleans")
+    numbers, mode = equation.params["dimension_numbers"], equation.params["mode"]
+    window = numbers.update_window_dims
+    pieces = np.moveaxis(new, window, range(-len(window), 0))
+    dropped = *numbers.inserted_window_dims, *numbers.operand_batching_dims
+    kept = iter(pieces.shape[pieces.ndim - len(window) :])
+    sizes = [1 if axis in dropped else next(kept) for axis in range(ids.ndim)]
+    batched = numbers.operand_batching_dims, numbers.scatter_indices_batching_dims
+    places, inside = _windows(where, numbers.scatter_dims_to_operand_dims, batched, sizes, ids.shape)
+    used = inside | (mode == GatherScatterMode.CLIP)
+    result = ids.flatten()
+    for at, piece in zip(places[used], pieces.reshape(places.shape)[used], strict=True):  # the same place may come again
+        result[at] = piece if combine is None else ctx.graph.elementwise(combine, result[at], piece)
+    return made(equation, result.reshape(ids.shape))

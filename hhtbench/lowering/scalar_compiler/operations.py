@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ INTRINSICS = {  # one argument, by LLVM's own names: inlined, or the C library's
 COMPARISONS = {"eq": "oeq", "ne": "une", "lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge"}
 ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "rem": "frem"}
 LOGIC = ("and", "or", "xor", "not")
-COMMUTATIVE = ("eq", "ne")
+COMMUTATIVE = ("eq", "ne", "max", "min")
 
 INSTRUCTIONS = {  # in LLVM's language, of operands in order
     **{name: f"{instruction} double {{}}, {{}}" for name, instruction in ARITHMETIC.items()},
@@ -50,36 +51,23 @@ def _power(x: Any, y: Any) -> Any:
         return np.power(x, y)
 
 
+NUMPY_NAMES = (  # that are not JAX's
+    *(("div", "divide"), ("eq", "equal"), ("ge", "greater_equal"), ("gt", "greater"), ("le", "less_equal"), ("lt", "less")),
+    *(("max", "maximum"), ("min", "minimum"), ("mul", "multiply"), ("ne", "not_equal"), ("neg", "negative")),
+    *(("rem", "fmod"), ("round_even", "rint"), ("sub", "subtract")),
+)
 ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
-    **{name: getattr(np, name) for name in (*LIBM, "abs", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
+    **{name: getattr(np, name) for name in (*LIBM, "abs", "add", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
     **{name: getattr(np, name) for name in ("sign", "sin", "sqrt", "square", "trunc")},
-    "add": np.add,
-    "div": np.divide,
-    "eq": np.equal,
-    "erf": special.erf,
-    "erfc": special.erfc,
-    "ge": np.greater_equal,
-    "gt": np.greater,
-    "le": np.less_equal,
-    "lt": np.less,
-    "max": np.maximum,
-    "min": np.minimum,
-    "mul": np.multiply,
-    "ne": np.not_equal,
-    "neg": np.negative,
-    "rem": np.fmod,
+    **{name: getattr(np, other) for name, other in NUMPY_NAMES},
+    **{name: getattr(special, name) for name in ("erf", "erfc")},
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
-    "round_even": np.rint,
-    "sub": np.subtract,
 }
 
 
-def _folded(function: Callable[..., Any]) -> Callable[..., Any]:
-    def fold(*values: float) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*(np.float64(value) for value in values)).item()
-
-    return fold
+def _fold(function: Callable[..., Any], *values: float) -> Any:
+    with np.errstate(all="ignore"):
+        return function(*map(np.float64, values)).item()
 
 
-FOLDS = {name: _folded(function) for name, function in (ELEMENTWISE | {"pow": _power}).items()}
+FOLDS = {name: partial(_fold, function) for name, function in (ELEMENTWISE | {"pow": _power}).items()}

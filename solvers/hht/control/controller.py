@@ -9,9 +9,8 @@ from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, NOISE, REMAINDER
 from solvers.hht.events.scan import keep_values, scan
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import spacing
-from solvers.hht.loops.compiled import compiled, fit, growth, representable
-from solvers.hht.loops.sections import address, part, put
+from solvers.hht.loops.compiled import compiled, fit, growth, representable, spacing
+from solvers.hht.loops.sections import address, part, put, view
 from solvers.hht.step.attempt import acceleration_level, accept, attempt
 
 NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
@@ -108,15 +107,11 @@ def hopeless(z: Any, c: Any, h: Any, size: Any) -> Any:
 @compiled
 def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
-    tried = part(z, mem.ATTEMPT)
-    short = c.controlled and tried[mem.ERROR_SIZE] == NO_ESTIMATE
-    if short:
+    accept(z, row)
+    if c.controlled and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE:
         remember_remainder(z, counts)
     elif c.controlled:
         remember(z)
-    accept(z, row)
-    if short:
-        put_multipliers(z)
     if c.watching:
         keep_values(z)
 
@@ -125,11 +120,8 @@ def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
 def remember(z: Any) -> None:
     """What the next step's estimate and the controller need."""
     n, control, tried = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.ATTEMPT)
-    control[mem.H_NEXT], control[mem.LAST], control[mem.LAST_ERROR] = (
-        tried[mem.NEXT_H],
-        tried[mem.H_TRIED],
-        tried[mem.ERROR_SIZE],
-    )
+    control[mem.H_NEXT], control[mem.LAST] = tried[mem.NEXT_H], tried[mem.H_TRIED]
+    control[mem.LAST_ERROR] = tried[mem.ERROR_SIZE]
     put(part(z, mem.BEFORE), 0, part(z, mem.ACCELERATION))
     put(part(z, mem.ACCELERATION), 0, part(z, mem.RAW)[2 * n : 3 * n])
     if z.i[mem.P] > 0:
@@ -140,36 +132,12 @@ def remember(z: Any) -> None:
 @compiled
 def remember_remainder(z: Any, counts: Any) -> None:
     """The same of a step cut far below what was asked for: its multipliers and v' are roundoff over h^2, and found anew."""
-    n, m, end, tried, control, place = (
-        z.i[mem.N],
-        z.i[mem.M],
-        part(z, mem.END),
-        part(z, mem.ATTEMPT),
-        part(z, mem.CONTROL),
-        part(z, mem.PLACE),
-    )
-    found = part(z, mem.ACCELERATION_LEVEL)
-    put(found, 1, end[4 * n + m + z.i[mem.P] : 5 * n + m + z.i[mem.P]])
-    put(found, 1 + n, end[4 * n : 4 * n + m + z.i[mem.P]])
-    if m + z.i[mem.P] > 0:
-        place[0] = tried[mem.T_END]
-        put(place, 1, end[: 2 * n])
-        at = address(z, mem.END) + 8 * 4 * n
-        if not acceleration_level(z, at, at + 8 * m, counts):
-            put(found, 1, end[4 * n + m + z.i[mem.P] : 5 * n + m + z.i[mem.P]])
-            put(found, 1 + n, end[4 * n : 4 * n + m + z.i[mem.P]])
-    control[mem.H_NEXT], control[mem.LAST], control[mem.LAST_ERROR] = (
-        tried[mem.NEXT_H],
-        control[mem.LAST] + tried[mem.H_TRIED],
-        -1.0,
-    )
-    put(part(z, mem.ACCELERATION), 0, found[1 : 1 + n])
-
-
-@compiled
-def put_multipliers(z: Any) -> None:
-    """Those of the acceleration level, and its v', into the state."""
-    n, m, found = z.i[mem.N], z.i[mem.M], part(z, mem.ACCELERATION_LEVEL)
-    put(part(z, mem.VDOT), 0, found[1 : 1 + n])
-    put(part(z, mem.LAM), 0, found[1 + n : 1 + n + m])
-    put(part(z, mem.MU), 0, found[1 + n + m :])
+    n, constraints, control, place = z.i[mem.N], z.i[mem.M] + z.i[mem.P], part(z, mem.CONTROL), part(z, mem.PLACE)
+    if constraints > 0:
+        place[0] = part(z, mem.NUMBER)[mem.T]
+        put(place, 1, part(z, mem.END)[: 2 * n])
+        if acceleration_level(z, address(z, mem.LAM), counts):
+            put(view(z.w, z.i[2 * mem.LAM], constraints + n), 0, part(z, mem.ACCELERATION_LEVEL)[1:])
+    control[mem.H_NEXT], control[mem.LAST_ERROR] = part(z, mem.ATTEMPT)[mem.NEXT_H], -1.0
+    control[mem.LAST] += part(z, mem.ATTEMPT)[mem.H_TRIED]
+    put(part(z, mem.ACCELERATION), 0, part(z, mem.VDOT))

@@ -9,57 +9,27 @@ from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.loops.sections import address, call, half, largest, part, put
+from solvers.hht.loops.sections import address, call, largest, part, put
 
 
 @compiled
-def describe(z: Any, h: Any, t1: Any) -> None:
-    """Fill what :func:`solvers.hht.equations.local_error.raw_errors` takes, in its order."""
-    n, m, p, x, end, given = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.RAW_GIVEN)
-    control, last_h, a, f, step = (
-        part(z, mem.CONTROL),
-        part(z, mem.NUMBER)[mem.H],
-        part(z, mem.A),
-        part(z, mem.F),
-        part(z, mem.STEP),
-    )
-    with_reaction_k = p > 0 and control[mem.HAS_REACTION_K] > 0.0
-    given[0], given[1] = h, control[mem.LAST]
-    given[2] = 1.0 if last_h == 0.0 else h / (h + last_h)
-    given[3] = h / (6 * (h + control[mem.LAST])) if with_reaction_k else 0.0
-    given[4] = t1
-    k = put(given, 5, end[: 2 * n])
-    k = put(given, k, part(z, mem.V))
-    for i in range(n):
-        a0 = a[i] if step[2] == 1.0 else step[3] * f[i] + step[2] * (a[i] - f[i])
-        given[k + i] = a0 + step[4] * x[i]
-    k = put(given, k + n, end[2 * n : 4 * n])
-    k = put(given, k, part(z, mem.BEFORE))
-    k = put(given, k, part(z, mem.ACCELERATION))
-    if m > 0:
-        k = put(given, k, end[5 * n + m + p : 7 * n + m + p])
-        k = put(given, k, part(z, mem.LAM))
-        k = put(given, k, x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m])
-        k = put(given, k, x[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + m])
-    if p > 0:
-        k = put(given, k, x[z.i[mem.O_RK] : z.i[mem.O_RK] + n])
-        k = put(given, k, part(z, mem.REACTION_K))
-        k = put(given, k, part(z, mem.MU))
-        k = put(given, k, x[z.i[mem.O_MU] : z.i[mem.O_MU] + p])
-    if z.i[mem.VARIABLE]:
-        put(given, k, part(z, mem.END_INVERSE_MASS))
+def begin(z: Any, source: Any, scale: Any) -> None:
+    """A right-hand side of ``source`` (n,) over ``scale`` in the force rows, and else zero."""
+    right = part(z, mem.RIGHT)
+    for i in range(right.size):
+        right[i] = source[i] / scale if i < source.size else 0.0
 
 
 @compiled
-def put_levels(z: Any, slot: Any, which: Any, sign: Any, position: Any) -> None:
-    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side ``which``."""
-    right, off, h, m = part(z, mem.PAIR_RIGHT), part(z, mem.LEVELS), half(z, mem.RECORD, slot)[mem.MADE_H], z.i[mem.M]
+def put_levels(z: Any, slot: Any, sign: Any, position: Any) -> None:
+    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
+    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
-            right[2 * (z.i[mem.O_LAM0] + i) + which] = sign * off[i] * (2 / (h * h))
-        right[2 * (z.i[mem.O_LAM1] + i) + which] = sign * off[m + i] / h
+            right[z.i[mem.O_LAM0] + i] = sign * off[i] * (2 / (h * h))
+        right[z.i[mem.O_LAM1] + i] = sign * off[m + i] / h
     for i in range(z.i[mem.P]):
-        right[2 * (z.i[mem.O_MU] + i) + which] = sign * off[2 * m + i] / h
+        right[z.i[mem.O_MU] + i] = sign * off[2 * m + i] / h
 
 
 @compiled
@@ -76,45 +46,34 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), half(z, mem.RECORD, slot)[mem.MADE_H], part(z, mem.CONSTANTS)
-    error, right, solutions, changes = (
-        part(z, mem.ERROR),
-        part(z, mem.PAIR_RIGHT),
-        part(z, mem.PAIR_SOLUTION),
-        part(z, mem.PAIR_CHANGE),
-    )
+    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
+    error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
-    for i in range(right.size):
-        right[i] = 0.0
-    for i in range(n):
-        right[2 * i], right[2 * i + 1] = raw[i] / in_q, raw[n + i] / in_v
+    begin(z, raw[:n], in_q)
     respond(z, slot)
     for i in range(n):
-        error[i] = changes[2 * i]
+        error[i] = change[i]
         if z.i[mem.O_RK] >= 0:
-            error[i] -= 0.5 * made * made * solutions[2 * (z.i[mem.O_RK] + i)]
-    for i in range(n):  # v is filtered once more, together with what the error of q makes of it across the constraints
-        right[2 * i], right[2 * i + 1] = changes[2 * (n + i) + 1] / in_v, 0.0
+            error[i] -= 0.5 * made * made * solution[z.i[mem.O_RK] + i]
+    begin(z, raw[n : 2 * n], in_v)
+    respond(z, slot)
+    begin(z, change[n:], in_v)  # once more, together with what the error of q makes of v across the constraints
     if z.i[mem.M] + z.i[mem.P] > 0:
         place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
         levels_at(z, t1)
-        put_levels(z, slot, 0, -1.0, False)
-    if inside:
-        levels_inside(z, h)
-        put_levels(z, slot, 1, 1.0, True)
+        put_levels(z, slot, -1.0, False)
     respond(z, slot)
-    off = 0.0
-    for i in range(n):
-        error[n + i] = changes[2 * (n + i)]
-    weights = part(z, mem.WEIGHTS)
+    put(error, n, change[n:])
     size = weighted_rms(error, weights)
-    if inside:
-        for i in range(2 * n):
-            error[i] = changes[2 * i + 1]
-        off = weighted_rms(error, weights)
-    return size, off
+    if not inside:
+        return size, 0.0
+    begin(z, change[:0], 1.0)
+    levels_inside(z, h)
+    put_levels(z, slot, 1.0, True)
+    respond(z, slot)
+    return size, weighted_rms(change, weights)
 
 
 @compiled
@@ -168,8 +127,8 @@ def estimate(z: Any) -> Any:
     """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
     n, end, number, tried = z.i[mem.N], part(z, mem.END), part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
-    describe(z, h, t1)
-    call(z, mem.C_RAW, mem.RAW, (address(z, mem.RAW_GIVEN),))
+    given = address(z, mem.X), address(z, mem.STEP), address(z, mem.CONTROL), address(z, mem.END)
+    call(z, mem.C_RAW, mem.RAW, given)
     if slot < 0:  # (H21): nothing moved
         return 0.0
     relative, size_q = weigh(z, end[:n], end[n : 2 * n])
@@ -177,10 +136,10 @@ def estimate(z: Any) -> Any:
     for i in range(n):
         least = min(least, weights[n + i])
     inside = z.i[mem.M] + z.i[mem.P] > 0 and EPS * size_q <= ROUNDOFF * abs(h) * least  # else v there is roundoff over h
-    kept = int(number[mem.FACTOR])
+    lagged = int(number[mem.FACTOR])
     found, off = filtered(z, slot, t1, h, inside)
     size = found / relative
-    if kept >= 0 and kept != slot:  # the matrix before it: stiffness met in this very step is no filter
-        found, _ = filtered(z, kept, t1, h, False)
+    if lagged >= 0 and lagged != slot:  # the matrix before it: stiffness met in this very step is no filter
+        found, _ = filtered(z, lagged, t1, h, False)
         size = max(size, found / relative)
     return max(size, off) if math.isfinite(size) else math.inf

@@ -10,8 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue
-from solvers.hht.control.options import ControlOptions
-from solvers.hht.control.plan import STILL
+from solvers.hht.control.plan import STILL, ControlOptions
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.step.state import ControlMemory, State
 

@@ -1,10 +1,9 @@
-"""How long the next steps are to be: prescribed one by one, all alike, or as the local error allows."""
+"""How long the next steps are to be: prescribed one by one, all alike, or as the local error allows, with its constants."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from hhtbench.arguments import Vector
 from hhtbench.request import StepPlan
 from hhtbench.result import Status
 from solvers._start import Failure
-from solvers.hht.control.options import ControlOptions
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import CERTAIN, representable
 from solvers.hht.step.state import State
@@ -22,27 +20,43 @@ STILL = 1e-10  # relative change of v' that is roundoff
 LEFT_OVER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
 
 
-class Plan(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class ControlOptions:
+    """The user's bounds on the step, and heuristic constants of its control."""
+
+    first_step: float = 0.0  #: [s], of |h|; 0: chosen from the motion at the start
+    min_step: float = 0.0  #: [s]; only the step to the end may be shorter
+    max_step: float = math.inf  #: [s]
+    target: float = 0.6  #: error aimed at, of 1: a rejection costs more than a step that is a tenth shorter
+    integral: float = 0.7 / 3  #: exponent of this step's error; 3 since the local error is O(h^3)
+    proportional: float = 0.4 / 3  #: exponent of the last step's error: damps the alternation of long and short steps
+    growth: float = 1.5  #: most per step: what is stable in the stiff limit for every alpha (THEORY.md 10)
+    shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
+    keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
+    least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
+    after_failure: float = 0.25  #: factor after Newton has failed
+    spacings: float = 16.0  #: of floating-point times: what is shorter is no step
+    grown: float = 100.0  #: times an error must exceed what a jump of the force leaves of it in a shorter step
+
+
+class Plan:
     """Says how long the next steps are."""
 
-    @property
-    def by_error(self) -> ByError | None:
-        """Itself, where the local error decides."""
+    by_error: ByError | None = None  #: itself, where the local error decides
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
-        """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]."""
+        """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros by error."""
+        return np.zeros(1), np.zeros(1)
 
     def made(self, count: int) -> None:
         """``count`` of those have been made."""
 
     def cut_short(self) -> None:
-        """The last of them ended early, at an event."""
+        """The last of them ended early, at an event; the next one is whole again, or as long as its error allows."""
 
 
-class Prescribed:
+class Prescribed(Plan):
     """The steps of a request, one after the other; what an event leaves of one comes next."""
-
-    by_error = None
 
     def __init__(self, steps: StepPlan) -> None:
         self.steps, self.taken = steps, 0
@@ -65,11 +79,10 @@ class Prescribed:
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Plan):
     """Steps of one length; the last before ``stop`` is cut to end there."""
 
     h: float  #: signed [s]
-    by_error = None
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
         """Length and end [s] of the next step, (1,) each."""
@@ -79,34 +92,18 @@ class Constant:
             h, t1 = stop - state.t, stop
         return np.array([h]), np.array([t1])
 
-    def made(self, count: int) -> None:
-        """Nothing is kept of them."""
-
-    def cut_short(self) -> None:
-        """The next one is whole again."""
-
 
 @dataclass(frozen=True)
-class ByError:
+class ByError(Plan):
     """Steps whose local error (H26) is at most 1, as long as that allows."""
 
     tolerances: Tolerances
     options: ControlOptions
 
     @property
-    def by_error(self) -> ByError:
+    def by_error(self) -> ByError:  # type: ignore[override]
         """Itself."""
         return self
-
-    def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
-        """Nothing is known of them, (1,) each."""
-        return np.zeros(1), np.zeros(1)
-
-    def made(self, count: int) -> None:
-        """Nothing is kept of them."""
-
-    def cut_short(self) -> None:
-        """The next step is as long as the error of the whole one allows."""
 
     def first(self, state: State) -> float:
         """|h| [s] to try first."""

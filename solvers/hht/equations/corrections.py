@@ -1,8 +1,8 @@
 """One step of the compiled loops as pure array functions of the state before it.
 
-The loops keep the state as one vector; known values and Newton's residual follow from it in straight lines, and so does the
-state after the step, in the same order.  Systems so small that their inverse matrix pays are given whole corrections: a
-product with an inverse of some ten rows takes less time than two triangles and the loops around them.
+The loops keep the state as one vector; the state after the step follows from it in straight lines, in the same order.
+Systems so small that their inverse matrix pays are given whole corrections: a product with an inverse of some ten rows takes
+less time than two triangles and the loops around them.
 """
 
 from __future__ import annotations
@@ -12,16 +12,9 @@ from typing import Any
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.discretise import (
-    stages,
-    step_residual,
-    step_residual_and_ends,
-    step_residual_and_matrix,
-    unpack_matrix,
-)
+from solvers.hht.equations.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
 from solvers.hht.equations.formulas import force_at_end
-from solvers.hht.equations.known import packed_known, start_of
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout, known_values, start_of
 
 SMALL = 12  #: unknowns up to which that is so
 
@@ -32,30 +25,15 @@ def state_size(layout: Layout) -> int:
     return (7 if s.m else 5) * s.n + s.m + s.p
 
 
-def residual_of(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`~solvers.hht.discretise.step_residual` (size,) from the state."""
-    return step_residual(dynamics, layout, x, packed_known(dynamics, method, layout, given))
-
-
-def residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
-    return step_residual_and_ends(dynamics, layout, x, packed_known(dynamics, method, layout, given))
-
-
 def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`~solvers.hht.discretise.step_residual` (size,), then :func:`state_after`."""
-    residual = residual_of(dynamics, method, layout, x, given)
+    """:func:`~solvers.hht.equations.discretise.step_residual` (size,), then :func:`state_after`."""
+    residual = step_residual(dynamics, method, layout, x, given)
     return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
-
-
-def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`~solvers.hht.discretise.step_residual_and_matrix` from the state."""
-    return step_residual_and_matrix(dynamics, layout, x, packed_known(dynamics, method, layout, given))
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
-    known, unknown = layout.known(packed_known(dynamics, method, layout, given)), layout.split(x)
+    known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
     a = unknown["a"]
     parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
@@ -69,7 +47,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
 def fresh_correction(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any
 ) -> Any:
-    """A correction with the matrix at the iterate ``x`` (size,), and what is kept of that matrix, (H14).
+    """A correction with the matrix at the iterate ``x`` (size,), and what a lagged matrix needs, (H14).
 
     ``entries`` are the flat places of dq1/dx over dv1/dx (2n, size) that can differ from zero.
 
@@ -79,27 +57,20 @@ def fresh_correction(
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
-    residual, blocks = unpack_matrix(layout, residual_and_matrix(dynamics, method, layout, x, given))
+    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, method, layout, x, given))
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
-    kept = maps.ravel()[xp.asarray(entries)]
+    own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
-    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), kept, largest])
+    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), own, largest])
 
 
-def kept_correction_and_end(
-    dynamics: Dynamics,
-    method: Method,
-    layout: Layout,
-    entries: tuple[int, ...],
-    x: Any,
-    inverted: Any,
-    kept: Any,
-    given: Any,
+def lagged_correction_and_end(
+    dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, own: Any, given: Any
 ) -> Any:
-    """A correction with what :func:`fresh_correction` left of a matrix, :func:`_sized`, then :func:`state_after`."""
+    """A correction with the matrix of an earlier :func:`fresh_correction`, :func:`_sized`, then :func:`state_after`."""
     xp, size = dynamics.xp, layout.size
-    residual = residual_of(dynamics, method, layout, x, given)
-    flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(kept)
+    residual = step_residual(dynamics, method, layout, x, given)
+    flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(own)
     sized = _sized(dynamics, layout, inverted.reshape(size, size).T @ residual, flat.reshape(-1, size))
     return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])
 

@@ -3,8 +3,8 @@
 Backend-neutral: the functions use operators and the array namespace ``dynamics.xp`` only, so that every engine traces
 or calls the same lines.  Nothing here branches on a value, only on what a system declares (:class:`Layout`).
 
-Everything known before a step travels in one vector (``Layout.pack``), everything unknown in another.  The unknowns
-are accelerations and multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
+The step and the state before it travel in one vector, everything unknown in another.  The unknowns are accelerations and
+multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.known import Layout, known_values
 
 
 class Stages(NamedTuple):
@@ -39,30 +40,37 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         start_reaction = _start_reaction(dynamics, unknown["lam0"], known)
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
-        if layout.end_unknown:
-            end_reaction = unknown["R1"]
+        end = known["q_stage"]  # (H8)
+        if layout.end_unknown or not layout.moving:
+            end_reaction = unknown["R1"] if layout.end_unknown else _end_reaction(dynamics, end, unknown["lam1"], known)
             q1 = q1 + known["q_R1"] * end_reaction
-            v1 = v1 + known["v_R1"] * end_reaction
-        elif not layout.moving:
-            end_reaction = _explicit_end_reaction(dynamics, layout, known["q_stage"], unknown["lam1"], known)
-            q1 = q1 + known["q_R1"] * end_reaction
-            v1 = v1 + known["v_R1"] * end_reaction
-        end = known["q_stage"] + known["theta"] * q1 if layout.moving else known["q_stage"]  # (H8)
-        if layout.moving and not layout.end_unknown:
-            end_reaction = _explicit_end_reaction(dynamics, layout, end, unknown["lam1"], known)
-            v1 = v1 + known["v_R1"] * end_reaction
+        if layout.moving:
+            end = end + known["theta"] * q1  # (H8)
+        if end_reaction is None:
+            end_reaction = _end_reaction(dynamics, end, unknown["lam1"], known)
+        v1 = v1 + known["v_R1"] * end_reaction
     return Stages(q1, v1, end, start_reaction, end_reaction)
 
 
-def step_residual(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
+def step_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
 
     Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
     velocity rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
     """
-    unknown, known = layout.split(x), layout.known(packed)
+    return step_residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
+
+
+def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    unknown, known = layout.split(x), known_values(dynamics, method, layout, given)
     place = stages(dynamics, layout, unknown, known)
-    return dynamics.xp.concatenate(_rows(dynamics, layout, unknown, known, place))
+    return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
+
+
+def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`residual_and_matrix` from the state."""
+    return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
 
 
 def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
@@ -86,7 +94,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
     return rows
 
 
-def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
+def residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, known: Mapping[str, Any]) -> Any:
     """Residual, exact Newton matrix and the derivatives of q1 and v1 by the unknowns, (H14).
 
     Returns
@@ -94,8 +102,7 @@ def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed:
     array (size + size*size + 2*n*size,)
         Residual, matrix, dq1/dx and dv1/dx, each in row-major order; :func:`unpack_matrix` takes them apart.
     """
-    xp = dynamics.xp
-    unknown, known = layout.split(x), layout.known(packed)
+    xp, unknown = dynamics.xp, layout.split(x)
     place = stages(dynamics, layout, unknown, known)
     q_x, v_x = _end_derivatives(dynamics, layout, unknown, known, place)
     residual = xp.concatenate(_rows(dynamics, layout, unknown, known, place))
@@ -103,15 +110,8 @@ def step_residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, packed:
     return xp.concatenate([residual, matrix.ravel(), q_x.ravel(), v_x.ravel()])
 
 
-def step_residual_and_ends(dynamics: Dynamics, layout: Layout, x: Any, packed: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
-    unknown, known = layout.split(x), layout.known(packed)
-    place = stages(dynamics, layout, unknown, known)
-    return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
-
-
 def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
-    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`step_residual_and_matrix`."""
+    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`residual_and_matrix`."""
     size = layout.size
     return packed[:size], packed[size:].reshape(-1, size)
 
@@ -121,18 +121,14 @@ def _matrix_rows(
 ) -> list[Any]:
     """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
     s, h, t1, alpha = layout.structure, known["h"], known["t1"], known["alpha"]
-    direct = _Columns(dynamics, layout)
     by_q, by_v = dynamics.force_jacobians(t1, place.q1, place.v1)
     by_q = None if by_q is None else -(1.0 + alpha) * by_q
     by_v = None if by_v is None else -(1.0 + alpha) * by_v
     if s.mass == "variable":
         mass_q = dynamics.mass_product_jacobian(t1, place.q1, unknown["a"] + alpha * known["f0"])
         by_q = mass_q if by_q is None else by_q + mass_q
-    row = _chain(by_q, q_x, by_v, v_x)
-    mass = dynamics.mass(t1, place.q1) if s.mass == "variable" else dynamics.xp.eye(s.n)
-    rows = [
-        direct.add(_accelerate(dynamics, known, row), a=_accelerate(dynamics, known, mass) if s.mass == "variable" else mass)
-    ]
+    row = _accelerate(dynamics, known, _chain(by_q, q_x, by_v, v_x))
+    rows = [_columns(dynamics, layout, row, a=_scaled_mass(dynamics, known, t1, place.q1))]
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
     if s.m:
@@ -149,13 +145,11 @@ def _end_reaction_row(dynamics: Dynamics, layout: Layout, unknown: Any, known: A
     t = known["t_stage"]
     reaction_q, reaction_lam = dynamics.reaction_jacobians(t, place.end, unknown["lam1"])
     by_q = -reaction_q
-    mass = dynamics.mass(t, place.end) if layout.structure.mass == "variable" else None
-    if mass is not None:
+    if layout.structure.mass == "variable":
         by_q = by_q + dynamics.mass_product_jacobian(t, place.end, unknown["R1"])
     row = known["theta"] * (by_q @ q_x) if layout.moving else None
-    own = dynamics.xp.eye(layout.structure.n) if mass is None else _accelerate(dynamics, known, mass)
-    scaled = None if row is None else _accelerate(dynamics, known, row)
-    return _Columns(dynamics, layout).add(scaled, R1=own, lam1=-_accelerate(dynamics, known, reaction_lam))
+    scaled, own = _accelerate(dynamics, known, row), _scaled_mass(dynamics, known, t, place.end)
+    return _columns(dynamics, layout, scaled, R1=own, lam1=-_accelerate(dynamics, known, reaction_lam))
 
 
 def _velocity_constraint_rows(
@@ -164,9 +158,8 @@ def _velocity_constraint_rows(
     t, q, half = known["t_half"], known["q_half"], 0.5 * (known["v0"] + place.v1)
     by_v, by_mu = dynamics.velocity_reaction_jacobians(t, q, half, unknown["mu"])
     row = None if by_v is None else _accelerate(dynamics, known, -0.5 * (by_v @ v_x))
-    variable = layout.structure.mass == "variable"
-    own = _accelerate(dynamics, known, dynamics.mass(t, q)) if variable else dynamics.xp.eye(layout.structure.n)
-    reaction = _Columns(dynamics, layout).add(row, Rk=own, mu=-_accelerate(dynamics, known, by_mu))
+    own = _scaled_mass(dynamics, known, t, q)
+    reaction = _columns(dynamics, layout, row, Rk=own, mu=-_accelerate(dynamics, known, by_mu))
     k_q = dynamics.velocity_constraint_position_jacobian(known["t1"], place.q1, place.v1)
     k_v = dynamics.velocity_constraint_jacobian(known["t1"], place.q1, place.v1)
     return [reaction, (k_q @ q_x + k_v @ v_x) / known["h"]]
@@ -179,40 +172,31 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
     q_blocks, v_blocks = {"a": known["q_a"] * eye}, {"a": known["v_a"] * eye}
     if s.p:
         q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
-    if not s.m:
-        columns = _Columns(dynamics, layout)
-        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
-    at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
-    at_start = _inverse_mass_times(dynamics, known, "inverse_mass", at_start)
-    q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
-    columns = _Columns(dynamics, layout)
-    if layout.end_unknown:
+    if s.m:
+        at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
+        at_start = _inverse_mass_times(dynamics, known, "inverse_mass", at_start)
+        q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
+    if s.m and layout.end_unknown:
         q_blocks["R1"], v_blocks["R1"] = known["q_R1"] * eye, known["v_R1"] * eye
-        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
-    by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
-    at_end = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_lam)
-    v_blocks["lam1"] = known["v_R1"] * at_end
-    if not layout.moving:
+    elif s.m:
+        by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
+        at_end = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_lam)
+        v_blocks["lam1"] = known["v_R1"] * at_end
+        if layout.moving:
+            q_x = _columns(dynamics, layout, None, **q_blocks)
+            moved = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_q) @ q_x
+            return q_x, _columns(dynamics, layout, known["v_R1"] * known["theta"] * moved, **v_blocks)
         q_blocks["lam1"] = known["q_R1"] * at_end
-        return columns.add(None, **q_blocks), columns.add(None, **v_blocks)
-    q_x = columns.add(None, **q_blocks)
-    moved = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_q) @ q_x
-    return q_x, columns.add(known["v_R1"] * known["theta"] * moved, **v_blocks)
+    return _columns(dynamics, layout, None, **q_blocks), _columns(dynamics, layout, None, **v_blocks)
 
 
-class _Columns:
-    """Places blocks under the columns of their unknowns; absent blocks are zero."""
-
-    def __init__(self, dynamics: Dynamics, layout: Layout) -> None:
-        self.xp, self.layout = dynamics.xp, layout
-
-    def add(self, row: Any, **blocks: Any) -> Any:
-        """``row`` (rows, size) or None for zero, plus the named blocks."""
-        height = next(iter(blocks.values())).shape[0]
-        zeros = self.xp.zeros
-        direct = [blocks.get(name, zeros((height, size))) for name, size in self.layout.unknowns.items()]
-        placed = self.xp.concatenate(direct, axis=1)
-        return placed if row is None else row + placed
+def _columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
+    """``row`` (rows, size) or None for zero, plus the named blocks under the columns of their unknowns."""
+    height = next(iter(blocks.values())).shape[0]
+    zeros = dynamics.xp.zeros
+    direct = [blocks.get(name, zeros((height, size))) for name, size in layout.unknowns.items()]
+    placed = dynamics.xp.concatenate(direct, axis=1)
+    return placed if row is None else row + placed
 
 
 def _chain(by_q: Any, q_x: Any, by_v: Any, v_x: Any) -> Any:
@@ -226,7 +210,7 @@ def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
     return _inverse_mass_times(dynamics, known, "inverse_mass", dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
 
 
-def _explicit_end_reaction(dynamics: Dynamics, layout: Layout, q: Any, lam: Any, known: Any) -> Any:
+def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
     return _inverse_mass_times(dynamics, known, "inverse_mass_stage", dynamics.reaction(known["t_stage"], q, lam))  # (H8)
 
 
@@ -241,3 +225,9 @@ def _inverse_mass_times(dynamics: Dynamics, known: Any, name: str, x: Any) -> An
 def _accelerate(dynamics: Dynamics, known: Any, x: Any) -> Any:
     """Force rows to acceleration rows, (H13); None stays None."""
     return None if x is None else _inverse_mass_times(dynamics, known, "inverse_mass", x)
+
+
+def _scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:
+    """The mass there as :func:`_accelerate` scales it, (n, n)."""
+    s = dynamics.structure
+    return _accelerate(dynamics, known, dynamics.mass(t, q)) if s.mass == "variable" else dynamics.xp.eye(s.n)

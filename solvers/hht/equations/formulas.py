@@ -110,6 +110,11 @@ def rms(x: Any) -> float:
     return math.sqrt(float(np.sum(x * x)) / x.size) if np.isfinite(x).all() else math.inf
 
 
+def spacing(x: float) -> float:
+    """Distance from ``x`` >= 0 to the next larger number: x and three quarters of its roundoff round to that."""
+    return max((x + 0.75 * EPS * x) - x, TINY)
+
+
 def representable(t: float, h: float) -> float:
     """h [s], or the nearest length by which times at ``t`` can advance, where their spacing is no negligible part of it.
 

@@ -41,15 +41,11 @@ class HermiteOutput:
 
     def _evaluate(self, times: Vector) -> tuple[Matrix, Matrix]:
         row = self.rows_before(times)
-        at_row = self.t[row] == times  # step ends are returned as they are, not as the polynomial rounds them
         q, v = self.q[row], self.v[row]
-        between = ~at_row
+        between = self.t[row] != times  # step ends are returned as they are, not as the polynomial rounds them
         if between.any():
-            q[between], v[between] = self._between(row[between], times[between])
+            i = row[between]
+            h = (self.t[i + 1] - self.t[i])[:, None]
+            s = (times[between] - self.t[i])[:, None] / h
+            q[between], v[between] = cubic(s, h, self.q[i], self.q[i + 1], self.v[i], self.v[i + 1])
         return q, v
-
-    def _between(self, i: Vector, times: Vector) -> tuple[Matrix, Matrix]:
-        """Inside the steps that begin at rows ``i``."""
-        h = (self.t[i + 1] - self.t[i])[:, None]
-        s = (times - self.t[i])[:, None] / h
-        return cubic(s, h, self.q[i], self.q[i + 1], self.v[i], self.v[i + 1])

@@ -1,21 +1,65 @@
-"""What is known before a step: Newmark weights, the places of the reactions, a0 after a change of step."""
+"""Which unknowns a step has, and what is known before it: Newmark weights, places of reactions, a0 for another step."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from hhtbench.lowering import Dynamics
+import numpy as np
+
+from hhtbench.lowering import Dynamics, Structure
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.layout import Layout
 
 
-def packed_known(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
-    """What :func:`weighted` gives for the step and the state in ``given``, packed by :meth:`Layout.pack`."""
-    start = start_of(layout, given, dynamics.xp)
-    values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
-    return layout.pack(values, dynamics.xp)
+@dataclass(frozen=True)
+class Layout:
+    """Which unknowns a step has; hashable, it selects the compiled code.
+
+    The reaction of a stage is eliminated where it is an explicit function of the other unknowns, else its
+    acceleration ``R`` is an unknown with a row ``M R - Q = 0`` of its own.
+    """
+
+    structure: Structure
+    moving: bool  #: the end reaction is taken at a place that depends on q1
+    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or the mass there is not known
+    inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
+    unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
+    size: int = field(init=False, compare=False)  #: number of unknowns
+
+    def __post_init__(self) -> None:
+        s = self.structure
+        unknowns = {"a": s.n}
+        if s.m:
+            unknowns |= ({"R1": s.n} if self.end_unknown else {}) | {"lam0": s.m, "lam1": s.m}
+        if s.p:
+            unknowns |= {"Rk": s.n, "mu": s.p}
+        object.__setattr__(self, "unknowns", unknowns)
+        object.__setattr__(self, "size", sum(unknowns.values()))
+
+    def sparse_inverse(self, inverse: Any, xp: Any) -> Any:
+        """M^-1 (n, n) from its entries (n*n,): the zeros that are known are written down, so that none is multiplied by."""
+        if self.inverse_places is not None:
+            there = np.zeros(self.structure.n**2, dtype=bool)
+            there[list(self.inverse_places)] = True
+            inverse = xp.where(there, inverse, 0.0)
+        return inverse.reshape(self.structure.n, -1)
+
+    def split(self, vector: Any) -> dict[str, Any]:
+        """The unknowns by name, from ``vector`` (size,)."""
+        return named(self.unknowns, vector)
+
+
+def named(sizes: Mapping[str, int], vector: Any) -> dict[str, Any]:
+    """Parts of ``vector`` one after the other, by name."""
+    ends = np.cumsum(list(sizes.values()))
+    return {name: vector[end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+
+def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
+    """What :func:`weighted` gives for the step and the state in ``given``."""
+    return weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start_of(layout, given, dynamics.xp))
 
 
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a - f, of f and of a1
@@ -24,13 +68,13 @@ HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the st
 
 def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
     """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, then q, v, a, f (n,), lam, mu, vdot, M^-1."""
-    s, at = layout.structure, len(GIVEN) + len(HEAD)
-    start: dict[str, Any] = dict(zip((*GIVEN, *HEAD), given[:at], strict=True))
-    for name in ("q", "v", "a", "f"):
-        start[name], at = given[at : at + s.n], at + s.n
+    s, numbers = layout.structure, (*GIVEN, *HEAD)
+    start: dict[str, Any] = dict(zip(numbers, given[: len(numbers)], strict=True))
+    sizes = {"q": s.n, "v": s.n, "a": s.n, "f": s.n, "lam": s.m, "mu": s.p, "vdot": s.n}
+    start |= named(sizes, given[len(numbers) :])
     moved = start["of_f"] * start["f"] + start["of_a"] * (start["a"] - start["f"])
     start["a0"] = xp.where(start["of_a"] == 1.0, start["a"], moved)
-    at += s.m + s.p + s.n
+    at = len(numbers) + sum(sizes.values())
     inverse = given[at : at + s.n * s.n]
     start["inverse_mass"] = layout.sparse_inverse(inverse, xp) if s.mass == "variable" else None
     return start
@@ -57,7 +101,7 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
     }
     if layout.structure.m:
         values |= _reaction_values(method.reaction, c.b, start["t"], q, v, h, t1)
-        if "inverse_mass_stage" in layout.arrays:
+        if layout.structure.mass == "variable" and not layout.end_unknown:
             values["inverse_mass_stage"] = inverse_mass(values["t_stage"], values["q_stage"])
     if layout.structure.p:
         values |= {"t_half": start["t"] + 0.5 * h, "q_half": q + 0.5 * h * v, "v0": v}  # (H10)

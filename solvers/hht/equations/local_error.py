@@ -1,79 +1,71 @@
-"""What the local error of a step is made of, (H23) to (H25), before :mod:`~solvers.hht.estimate` filters it.
-
-Backend-neutral, so that every engine traces or calls the same lines: all that is known travels in one vector.
-"""
+"""What the local error of a step is made of, (H23) to (H25), before :mod:`~solvers.hht.control.estimate` filters it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.layout import Layout
+from solvers.hht.equations.known import Layout, named, start_of
 
-SCALARS = ("h", "last", "share", "weight_k")
-
-
-def inputs(layout: Layout) -> dict[str, int]:
-    """Names and sizes of the arrays that :func:`raw_errors` takes after its scalars, in order."""
-    s = layout.structure
-    sizes = {"t1": 1, "q1": s.n, "v1": s.n, "v0": s.n, "a0": s.n, "a1": s.n, "f1": s.n, "earlier": s.n, "acceleration": s.n}
-    if s.m:
-        sizes |= {"R0": s.n, "R1": s.n, "lam": s.m, "lam_start": s.m, "lam_end": s.m}
-    if s.p:
-        sizes |= {"Rk": s.n, "Rk_before": s.n, "mu": s.p, "mu_half": s.p}
-    return sizes | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {})
+CONTROL = ("h_next", "last", "error", "has_reaction_k")  # numbers that step control remembers
+REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
 
 
-def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> Any:
+def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any, remembered: Any, end: Any) -> Any:
     """Imbalances that make the errors of q1 and of v1, unfiltered, and f + r at the end of the step: (3n,).
 
     Parameters
     ----------
+    x
+        The unknowns of the step (size,).
     given
-        ``h``, the time ``last`` [s] before it, the ``share`` of a change of the multipliers that is still to come, the
-        weight ``weight_k`` of the change of R_k, then :func:`inputs`: v0, a0, lam, mu before the step, the others of it;
-        ``earlier`` and ``acceleration`` are f + r at -last and 0.
+        The step and the state before it, as :func:`~solvers.hht.equations.known.start_of` takes them.
+    remembered
+        CONTROL, then REMEMBERED.
+    end
+        :func:`~solvers.hht.equations.corrections.state_after`, and M^-1 there where it varies.
     """
-    known, at = dict(zip(SCALARS, given[: len(SCALARS)], strict=True)), len(SCALARS)
-    for name, size in inputs(layout).items():
-        known[name], at = given[at : at + size], at + size
-    if "inverse_mass" in known:
-        known["inverse_mass"] = layout.sparse_inverse(known["inverse_mass"], dynamics.xp)
-    end = known["f1"] + _reaction(dynamics, method, known)
-    raw_v = (
-        known["v1"] - known["v0"] - parabola(known["last"], known["h"], known["earlier"], known["acceleration"], end)
-    )  # (H25)
-    return dynamics.xp.concatenate([_position(dynamics, method, known), raw_v, end])
+    s, xp = dynamics.structure, dynamics.xp
+    before, after, memory = start_of(layout, given, xp), layout.split(x), dict(zip(CONTROL, remembered, strict=False))
+    names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
+    names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
+    memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
+    after |= named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
+    force = after["f1"] + _reaction(dynamics, method, layout, before, after)
+    h, last = before["h"], memory["last"]
+    raw_v = after["v1"] - before["v"] - parabola(last, h, memory["earlier"], memory["acceleration"], force)  # (H25)
+    return xp.concatenate([_position(dynamics, method, before, after, memory), raw_v, force])
 
 
-def _position(dynamics: Dynamics, method: Method, known: Mapping[str, Any]) -> Any:
+def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:
     """(H23), (n,)."""
-    c = method.coefficients
-    raw = (1 + 3 * c.alpha**2) / 12 * (known["a1"] - known["a0"])
+    c, h, xp = method.coefficients, before["h"], dynamics.xp
+    raw = (1 + 3 * c.alpha**2) / 12 * (after["a1"] - (before["a0"] + before["from_end"] * after["a"]))
     if dynamics.structure.m:
         twice = 2.0 if method.reaction.startswith("midpoint") else 1.0
-        raw = raw + twice * (3 * c.b - 1) / 6 * (known["R1"] - known["R0"])
+        raw = raw + twice * (3 * c.b - 1) / 6 * (after["R1"] - after["R0"])
     if dynamics.structure.p:
-        raw = raw + known["weight_k"] * (known["Rk"] - known["Rk_before"])
+        weight = xp.where(memory["has_reaction_k"] > 0.0, h / (6 * (h + memory["last"])), 0.0)
+        raw = raw + weight * (after["Rk"] - memory["reaction_k"])
     return raw
 
 
-def _reaction(dynamics: Dynamics, method: Method, known: Mapping[str, Any]) -> Any:
+def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, after: Any) -> Any:
     """r at the end of the step with multipliers of second order, (n,), (H24)."""
-    s, force = dynamics.structure, 0.0
+    s, xp, force, h, t1 = dynamics.structure, dynamics.xp, 0.0, before["h"], before["t1"]
+    share = xp.where(before["last"] == 0.0, 1.0, h / (h + before["last"]))  # of a change that is still to come
     if s.m:
-        change = known["lam_end"] if method.reaction.startswith("midpoint") else known["lam_start"]
-        lam = known["lam_end"] + known["share"] * (change - known["lam"])
-        force = dynamics.reaction(known["t1"][0], known["q1"], lam)
+        change = after["lam1"] if method.reaction.startswith("midpoint") else after["lam0"]
+        lam = after["lam1"] + share * (change - before["lam"])
+        force = dynamics.reaction(t1, after["q1"], lam)
     if s.p:
-        mu = known["mu_half"] + known["share"] * (known["mu_half"] - known["mu"])
-        force = force + dynamics.velocity_reaction(known["t1"][0], known["q1"], known["v1"], mu)
+        mu = after["mu"] + share * (after["mu"] - before["mu"])
+        force = force + dynamics.velocity_reaction(t1, after["q1"], after["v1"], mu)
     if not s.constrained:
         return force
     if s.mass == "variable":
-        return known["inverse_mass"] @ force
+        return layout.sparse_inverse(after["inverse_mass"], xp) @ force
     return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
 
 

@@ -12,14 +12,14 @@ import equinox as eqx
 import jax
 
 from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import Native, native
+from hhtbench.lowering import Dynamics, Native, native
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.events.event import Event, number_of
 from solvers.hht.events.scan import EXTRA
 from solvers.hht.loops.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 
-def event_value(dynamics: Any, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
+def event_value(dynamics: Dynamics, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
     """The value of an event function, (1,); ``seen`` tells functions apart that refer to other numbers by now."""
     value = dynamics.xp.asarray(function(t, q, v))
     if value.ndim or value.dtype.kind not in "fiu":
@@ -35,31 +35,32 @@ class EventFunctions:
         self.samples = sum(event.samples + EXTRA for event in self.events)
         n = functions.layout.structure.n
         self._seen = [seen_by(event.function) for event in self.events]
-        self._code = [self._compiled(functions, event, seen, n) for event, seen in zip(self.events, self._seen, strict=True)]
+        self._code = [_compiled(functions, event, seen, n) for event, seen in zip(self.events, self._seen, strict=True)]
         self._called = [callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,))) for event in self.events]
-
-    def _compiled(self, functions: Any, event: Event, seen: Any, n: int) -> Native | None:
-        if seen is None or functions.in_python:
-            return None
-        try:
-            return native(event_value, functions.dynamics, event.function, seen, shapes=((), (n,), (n,)))
-        except BudgetSpent:
-            raise
-        except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
-            return None
 
     def codes(self) -> list[int]:
         """Addresses of every function and of its parameters."""
-        pairs = []
+        pairs = list[int]()
         for event, seen, code, called in zip(self.events, self._seen, self._code, self._called, strict=True):
             stays = code is not None and seen == seen_by(event.function)
-            pairs += [code.address, int(code.parameters.ctypes.data)] if code is not None and stays else [called, 0]
+            pairs += code.pair if code is not None and stays else (called, 0)
         return pairs
 
     def fill(self, z: Memory) -> None:
         """Put what does not change into the loops' memory."""
         integer_view(z, DIRECTIONS)[:] = [event.direction for event in self.events]
         integer_view(z, SAMPLES)[:] = [event.samples for event in self.events]
+
+
+def _compiled(functions: Any, event: Event, seen: Any, n: int) -> Native | None:
+    if seen is None or functions.in_python:
+        return None
+    try:
+        return native(event_value, functions.dynamics, event.function, seen, shapes=((), (n,), (n,)))
+    except BudgetSpent:
+        raise
+    except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer
+        return None
 
 
 NUMBERS = (int, float, str, type(None))

@@ -95,21 +95,17 @@ def make_events(given: Any) -> tuple[Event, ...]:
         One is neither callable nor an Event, or its attributes are out of range.
     """
     listed = [] if given is None else list(given) if isinstance(given, (list, tuple)) else [given]
-    return tuple(_named(_event(f"events[{i}]", one), f"events[{i}]") for i, one in enumerate(listed))
+    return tuple(_event(f"events[{i}]", one) for i, one in enumerate(listed))
 
 
 def _event(place: str, given: Any) -> Event:
-    if isinstance(given, Event):
-        return given
-    if not callable(given):
-        raise TypeError(f"{place} must be an Event or a callable (t, q, v); got {type(given).__name__}.")
-    direction = np.sign(getattr(given, "direction", 0))
-    return Event(given, direction=int(direction), terminal=getattr(given, "terminal", False) or False)
-
-
-def _named(event: Event, place: str) -> Event:
-    own = getattr(event.function, "__name__", "<lambda>")
-    return event if event.name else replace(event, name=place if own == "<lambda>" else own)
+    if not isinstance(given, Event):
+        if not callable(given):
+            raise TypeError(f"{place} must be an Event or a callable (t, q, v); got {type(given).__name__}.")
+        direction = np.sign(getattr(given, "direction", 0))
+        given = Event(given, direction=int(direction), terminal=getattr(given, "terminal", False) or False)
+    own = getattr(given.function, "__name__", "<lambda>")
+    return given if given.name else replace(given, name=place if own == "<lambda>" else own)
 
 
 def number_of(event: Event, t: float, q: Vector, v: Vector) -> float:

@@ -1,15 +1,23 @@
-"""The step that ends at an event: the event function's zero as a function of the step's length."""
+"""Sign changes of event functions along one step's dense output, and the step that ends at one.
+
+Such a step is a zero of the event function at the step's own end, as a function of its length.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import brentq
 
 from hhtbench.arguments import Vector
+from hhtbench.counting import Work
+from solvers.hht.equations.formulas import EPS, TINY, crosses
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.crossings import Crossing, zero
 from solvers.hht.events.event import Event, value_of
+from solvers.hht.events.scan import EXTRA
 from solvers.hht.loops.memory import CONVERGED, T_END
 from solvers.hht.step.state import State
 
@@ -19,8 +27,60 @@ if TYPE_CHECKING:
 NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
 WIDER = 8.0  # factor between two looks for the other side of an event
 
+CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
 
 Attempt = tuple[Vector, ...]  # what the loops' memory holds of an attempt at a step
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A change of sign along the dense output of a step."""
+
+    index: int  #: of the event
+    t: float  #: [s]
+    side: int  #: sign of the function before it
+    bracket: tuple[float, float]  #: [s], samples around it
+
+
+def crossings(
+    events: Sequence[Event], times: Vector, values: Vector, output: HermiteOutput, work: Work
+) -> tuple[Crossing, ...]:
+    """Changes of sign along ``output``, which is one step, in order of time, those at one time in the order of the events.
+
+    ``times`` and ``values``: the samples that :func:`~solvers.hht.events.scan.scan` has taken.
+    """
+    found, first, direction = list[Crossing](), 0, 1.0 if output.t[-1] > output.t[0] else -1.0
+    for index, event in enumerate(events):
+        part = slice(first, first + event.samples + EXTRA)
+        found += _crossings(index, event, times[part], values[part], output, work)
+        first = part.stop
+    return tuple(sorted(found, key=lambda crossing: direction * crossing.t))
+
+
+def _crossings(index: int, event: Event, times: Vector, values: Vector, output: HermiteOutput, work: Work) -> list[Crossing]:
+    found = []
+    for i in range(1, times.size):
+        before, now = float(values[i - 1]), float(values[i])
+        if times[i] == times[i - 1] or not crosses(before, now, event.direction):
+            continue
+        bracket = float(times[i - 1]), float(times[i])
+        known = {bracket[0]: before, bracket[1]: now}
+
+        def value(t: float, known: dict[float, float] = known) -> float:
+            return known[t] if t in known else value_of(event, t, *output(t), work)
+
+        t = bracket[1] if now == 0.0 else zero(value, *bracket)
+        end = float(output.t[-1])
+        t = end if abs(t - end) <= CLOSE * float(np.spacing(abs(end))) else t
+        found.append(Crossing(index, t, int(np.sign(before)), bracket))
+    return found
+
+
+def zero(value: Callable[[float], float], low: float, high: float) -> float:
+    """A time between ``low`` and ``high`` at which ``value`` changes its sign, to the last bits."""
+    return float(
+        brentq(value, low, high, xtol=max(float(np.spacing(abs(high))), TINY), rtol=4 * EPS, maxiter=200, disp=False)
+    )
 
 
 def along(before: State, attempt: Attempt) -> HermiteOutput:
@@ -28,19 +88,6 @@ def along(before: State, attempt: Attempt) -> HermiteOutput:
     numbers, end, n = attempt[0], attempt[2], before.q.size
     q1, v1 = end[:n], end[n : 2 * n]
     return HermiteOutput(np.array([before.t, numbers[T_END]]), np.stack([before.q, q1]), np.stack([before.v, v1]))
-
-
-def step_to(engine: Engine, event: Event, crossing: Crossing, before: State, whole: Attempt) -> Attempt | None:
-    """The attempt from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is an attempt.
-
-    None where the steps' ends show no such change of sign: the interpolant alone had it.
-
-    Raises
-    ------
-    NotMade
-        A trial failed.
-    """
-    return _EndsAt(engine, event, crossing, before, whole).attempt()
 
 
 class NotMade(Exception):
@@ -51,8 +98,8 @@ class NotMade(Exception):
         super().__init__(f"a trial step ended with {ended}")
 
 
-class _EndsAt:
-    """The event function at the end of steps from ``before``, as a function of where they end."""
+class StepTo:
+    """The step from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is an attempt."""
 
     def __init__(self, engine: Engine, event: Event, crossing: Crossing, before: State, whole: Attempt) -> None:
         self.engine, self.event, self.crossing, self.whole = engine, event, crossing, whole
@@ -63,7 +110,13 @@ class _EndsAt:
         self.made: dict[float, tuple[Attempt, float]] = {}
 
     def attempt(self) -> Attempt | None:
-        """The one that ends at the event."""
+        """That step; None where the ends of steps show no such change of sign: the interpolant alone had it.
+
+        Raises
+        ------
+        NotMade
+            A trial failed.
+        """
         bracket = self._bracket()
         if bracket is None:
             return None

@@ -6,9 +6,8 @@ import math
 from typing import Any
 
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import invoke
 from solvers.hht.loops.compiled import compiled, crosses, cubic
-from solvers.hht.loops.sections import address, indices, part
+from solvers.hht.loops.sections import address, indices, invoke, part
 
 EXTRA = 3  # samples of a step beside those inside: its start, a place just behind it, its end
 LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up
@@ -22,13 +21,8 @@ def scan(z: Any, counts: Any) -> Any:
     After a start or a change the values there are not known: one near zero counts as zero, and the motion leaves it
     without an event.
     """
-    directions, times, values, first, found = (
-        indices(z, mem.DIRECTIONS),
-        part(z, mem.SAMPLE_TIMES),
-        part(z, mem.SAMPLE_VALUES),
-        0,
-        False,
-    )
+    directions, times, values = indices(z, mem.DIRECTIONS), part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
+    first, found = 0, False
     for e in range(directions.size):
         count = indices(z, mem.SAMPLES)[e] + EXTRA
         if not sample(z, e, first, count, counts):
@@ -42,12 +36,8 @@ def scan(z: Any, counts: Any) -> Any:
 @compiled
 def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
     """The values of event ``e`` along the step into the samples from ``first`` on; False where one is not finite."""
-    times, values, t0, t1 = (
-        part(z, mem.SAMPLE_TIMES),
-        part(z, mem.SAMPLE_VALUES),
-        part(z, mem.NUMBER)[mem.T],
-        part(z, mem.ATTEMPT)[mem.T_END],
-    )
+    times, values = part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
+    t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
     begins, scale = z.i[mem.EVENTS_KNOWN] == 0, 0.0
     for k in range(count):
         at = first + k
@@ -70,15 +60,8 @@ def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
 @compiled
 def value_at(z: Any, e: Any, t: Any) -> Any:
     """The value of event ``e`` at t in the attempt."""
-    n, place, end, q, v, t0 = (
-        z.i[mem.N],
-        part(z, mem.PLACE),
-        part(z, mem.END),
-        part(z, mem.Q),
-        part(z, mem.V),
-        part(z, mem.NUMBER)[mem.T],
-    )
-    t1 = part(z, mem.ATTEMPT)[mem.T_END]
+    n, place, end, q, v = z.i[mem.N], part(z, mem.PLACE), part(z, mem.END), part(z, mem.Q), part(z, mem.V)
+    t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
     h = t1 - t0
     place[0] = t
     for i in range(n):

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import cython_lapack
+from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
-from hhtbench.lowering.compile.patterns import Indices, Pattern
-from solvers.hht.linear.lapack import address_of
+from hhtbench.lowering.compile.coloured import Indices, Pattern
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from solvers.hht.equations.formulas import EPS, FULL_RANK
 from solvers.hht.linear.matrix import PRODUCT
 from solvers.hht.linear.order import Order, find_order
-from solvers.hht.linear.superlu import SuperLU, fill
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, integer_view, view
+from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view, view
 
 KINDS = ("auto", "dense", "band", "sparse")
 CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}
@@ -23,6 +27,48 @@ NARROW = 64  # diagonals up to which a band is taken without a look at what Supe
 BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
 NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+
+
+class SuperLU:
+    """Factorisations of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,), in two slots.
+
+    Columns are ordered by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with pivots on the diagonal, meets zeros there
+    and fills in without bound when it pivots.
+    """
+
+    def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
+        self._sorted = np.lexsort((rows, columns))
+        self._rows = rows[self._sorted].astype(np.int32)
+        self._starts = np.searchsorted(columns[self._sorted], np.arange(size + 1)).astype(np.int32)
+        self._size = size
+        self._slots: list[Any] = [None, None]
+
+    def codes(self, callbacks: Callbacks, entries: int) -> dict[str, tuple[int, int]]:
+        """Addresses by name of what the loops call; ``entries``: of matrix and maps."""
+        factor = callbacks.entry(self.factor, 3, ((1,), (entries,)))
+        return {"factor": (factor, 0), "solve": (callbacks.entry(self.solve, self._size, ((1,), (self._size,))), 0)}
+
+    def factor(self, slot: Vector, entries: Vector) -> Vector:
+        """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
+        values = entries[self._sorted]  # those of the maps follow
+        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size), copy=True)
+        matrix.eliminate_zeros()
+        try:
+            made = splu(matrix, permc_spec="COLAMD")
+        except RuntimeError:  # SuperLU's word for a pivot of exactly zero
+            return np.array([0.0, 0.0, self._size - 1.0])
+        self._slots[int(slot[0])] = made
+        pivots = np.abs(made.U.diagonal())
+        return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
+
+    def solve(self, slot: Vector, right: Vector) -> Vector:
+        """The inverse of the matrix in ``slot`` times ``right`` (size,)."""
+        return self._slots[int(slot[0])].solve(right)
+
+    def fill(self) -> int:
+        """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
+        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._rows.size))
+        return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
 @dataclass(frozen=True)
@@ -60,9 +106,11 @@ class Analysis:
         starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
         named = {"slots": self.slots, "map_starts": starts, "map_columns": self.columns[own:]}
         i, j = self.rows[:own], self.columns[:own]
+        if not self.storage:
+            return named
         if self.kind == "dense":
             return named | {"inside": np.arange(own), "places": i.astype(np.int64) + j.astype(np.int64) * size}
-        return named | self._blocks(_inverse(self.order.rows)[i], _inverse(self.order.columns)[j]) if self.storage else named
+        return named | self._blocks(np.argsort(self.order.rows)[i], np.argsort(self.order.columns)[j])
 
     def _blocks(self, i: Indices, j: Indices) -> dict[str, Any]:
         """Where the entries at the places ``i, j`` (own,) stand in bands, and which couple blocks."""
@@ -85,64 +133,54 @@ class Analysis:
             "blocks": order.blocks.ravel(),
         }
 
-    def fill(self, z: Memory) -> None:
-        """Put what does not change into the loops' memory."""
+    def memory(self, **sizes: int) -> Memory:
+        """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it."""
+        sections = self.sections()
+        own = {"matrix": self.own, "maps": self.rows.size - self.own, "couplings": len(sections.get("outside", ()))}
+        kept = {"storage": self.storage, "inverse": self.inverse}
+        z = allocate(Sizes(**sizes, **own, **kept, size=self.size, sections=sections))
         view(z, mem.VALUES)[:] = self.constants
         z.i[mem.KIND], z.i[mem.OWN] = CODES[self.kind], self.own
         z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
         integer_view(z, mem.LAPACK)[:] = self.size, 1, ord("N"), 0
+        return z
 
     def outside(self) -> SuperLU | None:
         """What keeps factorisations in Python."""
-        if self.kind != "sparse":
-            return None
-        return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size)
+        return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size) if self.kind == "sparse" else None
 
 
 def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> Analysis:
     """For the entries that machine code computes; systems of up to ``small`` unknowns keep the inverse."""
-    computed = np.zeros(matrix.size, dtype=bool)
-    computed[matrix.varying] = True
-    flat = np.flatnonzero(computed | (matrix.constants != 0.0))
-    flat = flat[flat >= size] - size  # entries of matrix and maps, row by row
-    place = np.full(matrix.size, -1)
-    place[:size] = np.arange(size)
-    place[size + flat] = size + np.arange(flat.size)
-    constants = np.concatenate([matrix.constants[:size], matrix.constants[size + flat]])
-    given = flat // size, flat % size, 2 * n, place[matrix.varying].astype(np.int64), constants
+    flat = np.union1d(matrix.varying, np.flatnonzero(matrix.constants))
+    flat = flat[flat >= size]  # entries of matrix and maps, row by row
+    places = np.concatenate([np.arange(size), flat])
+    slots = np.searchsorted(places, matrix.varying)
+    given = flat // size - 1, flat % size, 2 * n, slots, matrix.constants[places]
     if linsolver == "auto" and size <= small:
         return Analysis("inverse", f"up to {small} unknowns", size, *given)
-    return chosen(size, *given, linsolver=linsolver, measured=False)
+    return chosen(size, *given, linsolver, False)
 
 
 def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
     """For the entries of a sparse derivative, which come after the residual."""
-    rows = np.asarray(pattern.rows, dtype=np.int64)
-    columns, total = np.asarray(pattern.columns, dtype=np.int64), size + pattern.entries
-    maps = pattern.shape[0] - size
-    return chosen(size, rows, columns, maps, np.arange(total), np.zeros(total), linsolver=linsolver, measured=True)
+    rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
+    total = size + pattern.entries
+    given = size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total)
+    return chosen(*given, linsolver, True)
 
 
 def full(size: int, n: int, linsolver: str, reason: str) -> Analysis:
     """For full matrices."""
     rows, columns = (x.ravel() for x in np.indices((size + 2 * n, size)))
-    total = size + rows.size
-    given = size, rows, columns, 2 * n, np.arange(total), np.zeros(total)
+    given = size, rows, columns, 2 * n, np.arange(size + rows.size), np.zeros(size + rows.size)
     if linsolver in ("auto", "dense"):
         return Analysis("dense", reason, *given)
-    return chosen(*given, linsolver=linsolver, measured=False)
+    return chosen(*given, linsolver, False)
 
 
 def chosen(
-    size: int,
-    rows: Indices,
-    columns: Indices,
-    maps: int,
-    slots: Indices,
-    constants: Vector,
-    *,
-    linsolver: str,
-    measured: bool,
+    size: int, rows: Indices, columns: Indices, maps: int, slots: Indices, constants: Vector, linsolver: str, measured: bool
 ) -> Analysis:
     """The kind asked for, or with "auto" the cheapest: by the band, and where ``measured`` by SuperLU's fill."""
     given, own = (size, rows, columns, maps, slots, constants), int(np.searchsorted(rows, size))
@@ -156,7 +194,7 @@ def chosen(
         return Analysis("band", shape, *given, order=order)
     if not measured and order.storage > size * size:
         return Analysis("dense", f"{shape}, more than the full matrix", *given)
-    filled = fill(rows[:own], columns[:own], size) if measured else order.storage
+    filled = SuperLU(rows[:own], columns[:own], size).fill() if measured else order.storage
     if measured and min(filled, order.storage) > CROWDED * size * size:
         return Analysis("dense", f"{filled} entries of {size} x {size} fill in", *given)
     if order.storage <= BAND_GAIN * filled:
@@ -164,7 +202,11 @@ def chosen(
     return Analysis("sparse", f"{shape}; SuperLU fills {filled}", *given)
 
 
-def _inverse(order: Indices) -> Indices:
-    places = np.empty_like(order)
-    places[order] = np.arange(order.size)
-    return places
+def address_of(name: str) -> int:
+    """Of SciPy's LAPACK routine ``name``: integers are of 32 bits, every argument goes by its address."""
+    routines: Any = cython_lapack.__pyx_capi__
+    capsule = routines[name]
+    get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(get_pointer(capsule, get_name(capsule)))

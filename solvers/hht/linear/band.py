@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.loops.compiled import compiled, inlined
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import compiled
+from solvers.hht.loops.sections import indices, part
 
 
 @compiled
@@ -66,61 +68,39 @@ def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
     return count
 
 
-@inlined
-def solve_blocks(
-    width: Any,
-    right: Any,
-    rows: Any,
-    columns: Any,
-    storage: Any,
-    pivots: Any,
-    blocks: Any,
-    starts: Any,
-    places: Any,
-    couplings: Any,
-    y: Any,
-    x: Any,
-) -> None:
+@compiled
+def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
     """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
 
-    ``width`` is 1 or 2: one right-hand side, or two with entry beside entry, which take little longer than one.
     Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
     rows of what a block takes from unknowns of earlier blocks.
     """
-    offset, both = 0, width == 2
+    rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
+    starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + slot)
+    storage, pivots = part(z, mem.STORAGE + slot), indices(z, mem.PIVOTS + slot)
+    offset = 0
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
         height, main = 2 * lower + upper + 1, lower + upper
         for i in range(start, start + count):
-            first, second = right[width * rows[i]], right[width * rows[i] + width - 1]
+            value = right[rows[i]]
             for e in range(starts[i], starts[i + 1]):
-                first -= couplings[e] * y[width * places[e]]
-                if both:
-                    second -= couplings[e] * y[width * places[e] + 1]
-            y[width * i] = first
-            if both:
-                y[width * i + 1] = second
+                value -= couplings[e] * y[places[e]]
+            y[i] = value
         for j in range(count):
-            other, at = width * pivots[start + j], width * (start + j)
-            if other:
-                for c in range(width):
-                    y[at + c], y[at + other + c] = y[at + other + c], y[at + c]
-            first, second, column = y[at], y[at + width - 1], offset + j * height + main
+            at, column = start + j, offset + j * height + main
+            other = at + pivots[at]
+            if other != at:
+                y[at], y[other] = y[other], y[at]
+            first = y[at]
             for i in range(1, min(lower, count - 1 - j) + 1):
-                y[at + width * i] -= first * storage[column + i]
-                if both:
-                    y[at + width * i + 1] -= second * storage[column + i]
+                y[at + i] -= first * storage[column + i]
         for j in range(count - 1, -1, -1):
-            at, column = width * (start + j), offset + j * height + main
-            first, second = y[at] * storage[column], y[at + width - 1] * storage[column]
+            at, column = start + j, offset + j * height + main
+            first = y[at] * storage[column]
             y[at] = first
-            if both:
-                y[at + 1] = second
             for i in range(1, min(main, j) + 1):
-                y[at - width * i] -= first * storage[column - i]
-                if both:
-                    y[at - width * i + 1] -= second * storage[column - i]
+                y[at - i] -= first * storage[column - i]
         offset += count * height
     for i in range(rows.size):
-        for c in range(width):
-            x[width * columns[i] + c] = y[width * i + c]
+        x[columns[i]] = y[i]

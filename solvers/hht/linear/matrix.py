@@ -12,20 +12,19 @@ from typing import Any
 from solvers.hht.equations.formulas import EPS, FULL_RANK
 from solvers.hht.linear.band import count_pivots, factor_blocks, solve_blocks
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import invoke, view
 from solvers.hht.loops.compiled import compiled, inlined
 from solvers.hht.loops.sections import (
     address,
     call,
     call_python,
     finite,
-    half,
-    half_address,
-    half_of_indices,
     index_address,
     indices,
+    invoke,
+    largest,
     part,
     put,
+    view,
 )
 
 # unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
@@ -37,12 +36,12 @@ OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse
 def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
     """The matrix at the iterate, into ``slot``, with what :func:`correct` takes; a failure's name, or CONVERGED."""
     counts[mem.JACOBIANS] += 1
-    made = half(z, mem.MADE_AT, slot)
+    made = part(z, mem.MADE_AT + slot)
     given = made.size - z.i[mem.SIZE]
     put(made, put(made, 0, part(z, mem.X)), view(z.w, z.i[2 * mem.STEP], given))
     ended = inverse_at(z, slot) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, slot)
     counts[mem.FACTORISATIONS] += 1
-    record = half(z, mem.RECORD, slot)
+    record = part(z, mem.RECORD + slot)
     record[mem.MADE_H], record[mem.INVERTED] = h, 0.0
     record[mem.USES] = 1.0 if z.i[mem.KIND] == mem.KIND_INVERSE else 0.0
     return ended
@@ -57,7 +56,7 @@ def inverse_at(z: Any, slot: Any) -> Any:
     call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
-    increment, inverse, maps = part(z, mem.INCREMENT), half(z, mem.INVERSE, slot), half(z, mem.MAPS, slot)
+    increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + slot), part(z, mem.MAPS + slot)
     put(increment, 0, fresh[: size + 2])
     put(inverse, 0, fresh[size + 2 : size + 2 + inverse.size])
     put(maps, 0, fresh[size + 2 + inverse.size : size + 2 + inverse.size + maps.size])
@@ -77,7 +76,7 @@ def factorise(z: Any, slot: Any) -> Any:
     for k in range(slots.size):
         values[slots[k]] = computed[k]
     put(part(z, mem.RESIDUAL), 0, values[:size])
-    entries, maps, own = values[size:], half(z, mem.MAPS, slot), z.i[mem.OWN]
+    entries, maps, own = values[size:], part(z, mem.MAPS + slot), z.i[mem.OWN]
     put(maps, 0, entries[own : own + maps.size])
     if z.i[mem.KIND] == mem.KIND_BAND:
         return factor_band(z, slot, entries)
@@ -87,14 +86,14 @@ def factorise(z: Any, slot: Any) -> Any:
 @compiled
 def factor_band(z: Any, slot: Any, entries: Any) -> Any:
     """Blocks of bands, and what couples them."""
-    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), half(z, mem.STORAGE, slot)
+    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
     blocks = indices(z, mem.BLOCKS)
-    least, most = factor_blocks(storage, half_of_indices(z, mem.PIVOTS, slot), blocks)
-    outside, couplings, record = indices(z, mem.OUTSIDE), half(z, mem.COUPLINGS, slot), half(z, mem.RECORD, slot)
+    least, most = factor_blocks(storage, indices(z, mem.PIVOTS + slot), blocks)
+    outside, couplings, record = indices(z, mem.OUTSIDE), part(z, mem.COUPLINGS + slot), part(z, mem.RECORD + slot)
     for k in range(outside.size):
         couplings[k] = entries[outside[k]]
     record[mem.LEAST_PIVOT], record[mem.RANK] = least, z.i[mem.SIZE] - 1  # at most, where it ended at a zero
@@ -106,18 +105,14 @@ def factor_band(z: Any, slot: Any, entries: Any) -> Any:
 @compiled
 def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
     """LAPACK's LU with partial pivoting of the full matrix, column by column."""
-    inside, places, storage, size = indices(z, mem.INSIDE), indices(z, mem.PLACES), half(z, mem.STORAGE, slot), z.i[mem.SIZE]
+    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
-    order, info, matrix = (
-        index_address(z, mem.LAPACK, 0),
-        index_address(z, mem.LAPACK, 3),
-        half_address(z, mem.STORAGE, slot),
-    )
-    invoke(z.i[mem.DGETRF], (order, order, matrix, order, index_address(z, mem.PIVOTS, slot * size), info))
-    record, least, most, rank = half(z, mem.RECORD, slot), abs(storage[0]), 0.0, 0
+    order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + slot), index_address(z, mem.PIVOTS + slot)
+    invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, order + 8 * mem.INFO))
+    size, record, least, most, rank = z.i[mem.SIZE], part(z, mem.RECORD + slot), abs(storage[0]), 0.0, 0
     for j in range(size):
         pivot = abs(storage[j * (size + 1)])
         least, most = min(least, pivot), max(most, pivot)
@@ -131,138 +126,97 @@ def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
 def factor_outside(z: Any, slot: Any) -> Any:
     """A factorisation that Python keeps."""
     part(z, mem.SLOT_ASKED)[0] = slot
-    call_python(z, mem.C_FACTOR, mem.FACTOR_TOLD, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
-    told, record = part(z, mem.FACTOR_TOLD), half(z, mem.RECORD, slot)
-    record[mem.LEAST_PIVOT], record[mem.RANK] = told[1], told[2]
-    return mem.CONVERGED if told[0] > 0.0 else mem.SINGULAR
-
-
-@inlined
-def solve_width(width: Any, z: Any, slot: Any, right: Any, work: Any, out: Any) -> None:
-    """``out``: the inverse of the matrix in ``slot`` times one or two right-hand sides, entry beside entry."""
-    kind = z.i[mem.KIND]
-    if kind == mem.KIND_INVERSE:
-        times_inverse(width, z, slot, right, out)
-    elif kind == mem.KIND_BAND:
-        solve_blocks(
-            width,
-            right,
-            indices(z, mem.ROWS),
-            indices(z, mem.COLUMNS),
-            half(z, mem.STORAGE, slot),
-            half_of_indices(z, mem.PIVOTS, slot),
-            indices(z, mem.BLOCKS),
-            indices(z, mem.STARTS),
-            indices(z, mem.COUPLED),
-            half(z, mem.COUPLINGS, slot),
-            work,
-            out,
-        )
-    else:
-        for c in range(width):
-            solve_full(z, slot, width, c, right, out)
+    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
+    result, record = part(z, mem.FACTOR_RESULT), part(z, mem.RECORD + slot)
+    record[mem.LEAST_PIVOT], record[mem.RANK] = result[1], result[2]
+    return mem.CONVERGED if result[0] > 0.0 else mem.SINGULAR
 
 
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    solve_width(1, z, slot, right, part(z, mem.WORK), out)
-
-
-@compiled
-def solve_full(z: Any, slot: Any, width: Any, which: Any, right: Any, out: Any) -> None:
-    """One right-hand side with LAPACK's factors, or with those that Python keeps."""
-    work, size = part(z, mem.WORK), z.i[mem.SIZE]
-    for i in range(size):
-        work[i] = right[width * i + which]
-    if z.i[mem.KIND] == mem.KIND_DENSE:
-        order, one, no, info = (
-            index_address(z, mem.LAPACK, 0),
-            index_address(z, mem.LAPACK, 1),
-            index_address(z, mem.LAPACK, 2),
-            index_address(z, mem.LAPACK, 3),
-        )
-        matrix, pivots = half_address(z, mem.STORAGE, slot), index_address(z, mem.PIVOTS, slot * size)
+    kind, work = z.i[mem.KIND], part(z, mem.WORK)
+    if kind == mem.KIND_INVERSE:
+        times_inverse(z, slot, right, out)
+    elif kind == mem.KIND_BAND:
+        solve_blocks(z, slot, right, work, out)
+    elif kind == mem.KIND_DENSE:
+        put(work, 0, right)
+        order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + slot)
+        matrix = address(z, mem.STORAGE + slot)
+        one, no, info = order + 8 * mem.ONE, order + 8 * mem.NOT_TRANSPOSED, order + 8 * mem.INFO
         invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
-        for i in range(size):
-            out[width * i + which] = work[i]
-        return
-    part(z, mem.SLOT_ASKED)[0] = slot
-    call_python(z, mem.C_SOLVE, mem.RIGHT, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
-    solution = part(z, mem.RIGHT)
-    for i in range(size):
-        out[width * i + which] = solution[i]
+        put(out, 0, work)
+    else:
+        put(work, 0, right)
+        part(z, mem.SLOT_ASKED)[0] = slot
+        call_python(z, mem.C_SOLVE, mem.SOLVED, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
+        put(out, 0, part(z, mem.SOLVED))
 
 
 @compiled
 def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
     """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
-    record, size = half(z, mem.RECORD, slot), z.i[mem.SIZE]
+    record, size = part(z, mem.RECORD + slot), z.i[mem.SIZE]
     record[mem.USES] += 1.0
     if size > PRODUCT or z.i[mem.KIND] == mem.KIND_CALLBACK or record[mem.USES] <= OFTEN * size:
         solve(z, slot, right, out)
         return
     if record[mem.INVERTED] == 0.0:
         invert(z, slot)
-    times_inverse(1, z, slot, right, out)
+    times_inverse(z, slot, right, out)
 
 
-@inlined
-def times_inverse(width: Any, z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out``: the product of the kept inverse with one or two vectors, entry beside entry."""
-    columns, size = half(z, mem.INVERSE, slot), z.i[mem.SIZE]
-    for i in range(width * size):
+@compiled
+def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
+    """``out``: the product of the inverse in ``slot`` with ``right``."""
+    columns, size = part(z, mem.INVERSE + slot), z.i[mem.SIZE]
+    for i in range(size):
         out[i] = 0.0
     for j in range(size):
-        first, second, at = right[width * j], right[width * j + width - 1], j * size
+        factor, at = right[j], j * size
         for i in range(size):
-            out[width * i] += columns[at + i] * first
-            if width == 2:
-                out[width * i + 1] += columns[at + i] * second
+            out[i] += columns[at + i] * factor
 
 
 @compiled
 def invert(z: Any, slot: Any) -> None:
     """The inverse of the matrix in ``slot``, column by column."""
-    right, columns, size = part(z, mem.RIGHT), half(z, mem.INVERSE, slot), z.i[mem.SIZE]
+    right, columns, size = part(z, mem.RIGHT), part(z, mem.INVERSE + slot), z.i[mem.SIZE]
     for j in range(size):
         for i in range(size):
             right[i] = 1.0 if i == j else 0.0
         solve(z, slot, right, columns[j * size : (j + 1) * size])
-    half(z, mem.RECORD, slot)[mem.INVERTED] = 1.0
+    part(z, mem.RECORD + slot)[mem.INVERTED] = 1.0
+
+
+@compiled
+def move(z: Any, slot: Any, increment: Any) -> None:
+    """What an increment of the unknowns makes of q1 and v1, into CHANGE."""
+    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
+    changes = part(z, mem.CHANGE)
+    for i in range(changes.size):
+        total = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            total += maps[e] * increment[columns[e]]
+        changes[i] = total
 
 
 @compiled
 def moved_by(z: Any, slot: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    starts, columns, maps, n = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), half(z, mem.MAPS, slot), z.i[mem.N]
-    in_q = in_v = 0.0
-    for i in range(2 * n):
-        total = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * increment[columns[e]]
-        size = abs(total)
-        if size != size:
-            return size, size
-        if i < n:
-            in_q = max(in_q, size)
-        else:
-            in_v = max(in_v, size)
-    return in_q, in_v
+    move(z, slot, increment)
+    changes, n = part(z, mem.CHANGE), z.i[mem.N]
+    in_q, in_v = largest(changes[:n]), largest(changes[n:])
+    both = in_q + in_v
+    return (in_q, in_v) if both == both else (both, both)
 
 
 @compiled
 def respond(z: Any, slot: Any) -> None:
-    """What the two right-hand sides in PAIR_RIGHT make of the unknowns, PAIR_SOLUTION, and of q1 and v1, PAIR_CHANGE."""
-    solution, changes, n = part(z, mem.PAIR_SOLUTION), part(z, mem.PAIR_CHANGE), z.i[mem.N]
-    solve_width(2, z, slot, part(z, mem.PAIR_RIGHT), part(z, mem.PAIR_WORK), solution)
-    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), half(z, mem.MAPS, slot)
-    for i in range(2 * n):
-        first = second = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            first += maps[e] * solution[2 * columns[e]]
-            second += maps[e] * solution[2 * columns[e] + 1]
-        changes[2 * i], changes[2 * i + 1] = first, second
+    """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
+    solve(z, slot, part(z, mem.RIGHT), part(z, mem.SOLUTION))
+    move(z, slot, part(z, mem.SOLUTION))
 
 
 @compiled
@@ -274,10 +228,10 @@ def correct(z: Any, slot: Any, evaluated: Any) -> Any:
     increment = part(z, mem.INCREMENT)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
         if not evaluated:
-            inverse, maps = half_address(z, mem.INVERSE, slot), half_address(z, mem.MAPS, slot)
+            inverse, maps = address(z, mem.INVERSE + slot), address(z, mem.MAPS + slot)
             x, given, early = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
             call(z, mem.C_RESIDUAL, mem.INCREMENT, (x, inverse, maps, given, early))
-            half(z, mem.RECORD, slot)[mem.USES] += 1.0
+            part(z, mem.RECORD + slot)[mem.USES] += 1.0
         return increment[z.i[mem.SIZE]], increment[z.i[mem.SIZE] + 1]
     if not evaluated:
         call(z, mem.C_RESIDUAL, mem.RESIDUAL, (address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)))

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching, reverse_cuthill_mckee
 
-from hhtbench.lowering.compile.patterns import Indices
+from hhtbench.lowering.compile.coloured import Indices
 
 DEEPEST = 8  # blocks after one another; a longer sequence costs more calls than its narrower bands save
 
@@ -41,8 +41,7 @@ def find_order(rows: Indices, columns: Indices, size: int) -> Order:
     """The order for a matrix with entries at ``rows`` and ``columns`` (entries,)."""
     pattern: Any = sp.csr_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(size, size))
     row_of = _matched(pattern)  # column -> the row that stands on its diagonal
-    back = np.empty(size, dtype=np.int64)
-    back[row_of] = np.arange(size)
+    back = np.argsort(row_of)
     graph: Any = sp.coo_array((np.ones(rows.size, dtype=np.int8), (back[rows], columns)), shape=(size, size)).tocsr()
     level = _levels(graph)
     forth, blocks, start = [], [], 0

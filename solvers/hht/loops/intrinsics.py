@@ -1,4 +1,4 @@
-"""The code behind :mod:`solvers.hht.loops.calls`; imported where something must be compiled, since it needs Numba."""
+"""The code behind :mod:`solvers.hht.loops.sections`; imported where something must be compiled, since it needs Numba."""
 
 from __future__ import annotations
 
@@ -48,17 +48,3 @@ def _view(typingctx: Any, array: Any, start: Any, count: Any) -> Any:
 
 
 view: Any = intrinsic(_view)  #: (array of 8-byte entries, start, count) -> a part of it
-
-
-def _spacing(typingctx: Any, x: Any) -> Any:
-    """Distance from ``x`` >= 0 to the next larger number; NumPy's own in compiled loops needs Numba when it is loaded."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        bits = ir.IntType(64)
-        following = builder.add(builder.bitcast(arguments[0], bits), ir.Constant(bits, 1))
-        return builder.fsub(builder.bitcast(following, arguments[0].type), arguments[0])
-
-    return types.float64(types.float64), generate
-
-
-spacing: Any = intrinsic(_spacing)  #: (x >= 0) -> distance to the next larger number

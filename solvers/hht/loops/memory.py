@@ -16,6 +16,7 @@ import numpy as np
 from hhtbench.lowering.compile.loops import FloatArray, IntArray
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import GIVEN, HEAD
+from solvers.hht.equations.local_error import CONTROL as CONTROL_NUMBERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,6 @@ class Sizes:
     p: int  #: velocity constraints
     size: int  #: unknowns of a step
     inverse_mass: int  #: n*n where the mass varies, else 0
-    raw: int  #: what the raw errors are made from
     early: int = 0  #: what machine code computes before the iterate is known
     early_matrix: int = 0
     computed: int = 0  #: numbers that the matrix function returns
@@ -58,6 +58,11 @@ def floats(size: Callable[[Sizes], int]) -> int:
     return len(_floats) - 1
 
 
+def slots(size: Callable[[Sizes], int]) -> int:
+    """A section of floats for each of the two factorisations; returns the number of the first."""
+    return [floats(size), floats(size)][0]
+
+
 def integers(size: Callable[[Sizes], int]) -> int:
     """A section of integers; returns its number."""
     _integers.append(size)
@@ -75,7 +80,7 @@ NEWTON_CONSTANTS = (
     "stalled", "second", "noise_margin", "matrix_cost",
 )  # fmt: skip
 
-# The step (GIVEN of solvers.hht.equations.known), then the state: `packed_known` takes them as one vector.
+# The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
 STEP = floats(lambda s: len(GIVEN))
 NUMBER = floats(lambda s: len(HEAD))
 Q = floats(lambda s: s.n)
@@ -91,7 +96,7 @@ X_EARLIER = floats(lambda s: HIGHEST * s.size)
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: its slot, or -1
 
 # What error control remembers: h_next, last, error (-1: none), whether R_k is known; f + r before and after the step; R_k.
-CONTROL = floats(lambda s: 4)
+CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
 ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
@@ -111,13 +116,14 @@ END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
 EARLY_MATRIX = floats(lambda s: s.early_matrix)
 FRESH = floats(lambda s: s.fresh)
+TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
+RECIPROCAL = floats(lambda s: 2)
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)  # in ATTEMPT
 
-# Its error: input and output of the raw errors, a place t, q, v to look at, the constraint levels there ...
-RAW_GIVEN = floats(lambda s: s.raw)
+# Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
 PLACE = floats(lambda s: 1 + 2 * s.n)
 LEVELS = floats(lambda s: 2 * s.m + s.p)
@@ -125,18 +131,16 @@ ERROR = floats(lambda s: 2 * s.n)
 WEIGHTS = floats(lambda s: 2 * s.n)
 RTOL = floats(lambda s: 2 * s.n)
 ATOL = floats(lambda s: 2 * s.n)
-PAIR_RIGHT = floats(lambda s: 2 * s.size)  # ... two right-hand sides at once, entry beside entry
-PAIR_WORK = floats(lambda s: 2 * s.size)
-PAIR_SOLUTION = floats(lambda s: 2 * s.size)
-PAIR_CHANGE = floats(lambda s: 4 * s.n)
+SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
+CHANGE = floats(lambda s: 2 * s.n)
 
-# Two slots for factorisations, one after the other: numbers of each, factors, maps, and where the matrix was made.
-RECORD = floats(lambda s: 2 * 8)
-STORAGE = floats(lambda s: 2 * s.storage)
-COUPLINGS = floats(lambda s: 2 * s.couplings)
-MAPS = floats(lambda s: 2 * s.maps)
-INVERSE = floats(lambda s: 2 * s.inverse)
-MADE_AT = floats(lambda s: 2 * (s.size + s.given))
+# Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
+RECORD = slots(lambda s: 8)
+STORAGE = slots(lambda s: s.storage)
+COUPLINGS = slots(lambda s: s.couplings)
+MAPS = slots(lambda s: s.maps)
+INVERSE = slots(lambda s: s.inverse)
+MADE_AT = slots(lambda s: s.size + s.given)
 MADE_H, RATE, USES, INVERTED, NOISE_Q, NOISE_V, LEAST_PIVOT, RANK = range(8)  # in RECORD
 
 CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
@@ -145,8 +149,9 @@ EVENT_VALUES = floats(lambda s: s.events)
 SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
-FACTOR_TOLD = floats(lambda s: 3)
-# What Python computes where it is rarely needed: [whether, v', lam, mu] of the acceleration level, [whether, END, M^-1].
+FACTOR_RESULT = floats(lambda s: 3)
+SOLVED = floats(lambda s: s.size)
+# What Python computes where it is rarely needed: [whether, lam, mu, v'] of the acceleration level, [whether, END, M^-1].
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
@@ -155,19 +160,14 @@ TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE,
 STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
-SLOTS = given_integers("slots")
-INSIDE = given_integers("inside")
-PLACES = given_integers("places")
-OUTSIDE = given_integers("outside")
-STARTS = given_integers("starts")
-COUPLED = given_integers("coupled")
-ROWS = given_integers("rows")
-COLUMNS = given_integers("columns")
-BLOCKS = given_integers("blocks")
-MAP_STARTS = given_integers("map_starts")
-MAP_COLUMNS = given_integers("map_columns")
-PIVOTS = integers(lambda s: 2 * s.size)
+SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
+    given_integers,
+    ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),
+)
+PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
+integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
+ONE, NOT_TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size
 EVENT_CODE = integers(lambda s: 2 * s.events)
 DIRECTIONS = integers(lambda s: s.events)
 SAMPLES = integers(lambda s: s.events)

@@ -1,13 +1,37 @@
-"""Sections of the loops' memory, and small loops over them; ``z`` is a :class:`~solvers.hht.loops.memory.Memory`."""
+"""Sections of the loops' memory, calls by address, small loops; ``z`` is a :class:`~solvers.hht.loops.memory.Memory`.
+
+Of a section with two slots ``name + slot`` is one.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import math
+from functools import lru_cache
 from typing import Any
 
+from hhtbench.lowering.compile.loops import intrinsic
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import invoke, view
 from solvers.hht.loops.compiled import compiled, inlined
+
+_SOURCE = "solvers.hht.loops.intrinsics"
+
+
+@lru_cache
+def _function_of(count: int) -> Any:
+    return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * count)
+
+
+def _invoke(address: int, pointers: tuple[int, ...]) -> None:
+    _function_of(len(pointers))(int(address))(*map(int, pointers))
+
+
+def _view(array: Any, start: int, count: int) -> Any:
+    return array[start : start + count]
+
+
+invoke: Any = intrinsic(_SOURCE, "invoke", _invoke)  #: (address, pointers) -> None
+view: Any = intrinsic(_SOURCE, "view", _view)  #: (array of 8-byte entries, start, count) -> a part of it
 
 
 @inlined
@@ -17,23 +41,9 @@ def part(z: Any, name: Any) -> Any:
 
 
 @inlined
-def half(z: Any, name: Any, slot: Any) -> Any:
-    """One of the two slots of a section of floats."""
-    count = z.i[2 * name + 1] // 2
-    return view(z.w, z.i[2 * name] + slot * count, count)
-
-
-@inlined
 def indices(z: Any, name: Any) -> Any:
     """The integers of a section."""
     return view(z.i, z.i[2 * (mem.INTEGER + name)], z.i[2 * (mem.INTEGER + name) + 1])
-
-
-@inlined
-def half_of_indices(z: Any, name: Any, slot: Any) -> Any:
-    """One of the two slots of a section of integers."""
-    count = z.i[2 * (mem.INTEGER + name) + 1] // 2
-    return view(z.i, z.i[2 * (mem.INTEGER + name)] + slot * count, count)
 
 
 @inlined
@@ -43,15 +53,9 @@ def address(z: Any, name: Any) -> Any:
 
 
 @inlined
-def half_address(z: Any, name: Any, slot: Any) -> Any:
-    """Where one of the two slots of a section of floats begins in the machine's memory."""
-    return z.i[mem.BASE] + 8 * (z.i[2 * name] + slot * (z.i[2 * name + 1] // 2))
-
-
-@inlined
-def index_address(z: Any, name: Any, offset: Any) -> Any:
-    """Where an entry of a section of integers stands in the machine's memory."""
-    return z.i[mem.INTEGER_BASE] + 8 * (z.i[2 * (mem.INTEGER + name)] + offset)
+def index_address(z: Any, name: Any) -> Any:
+    """Where a section of integers begins in the machine's memory."""
+    return z.i[mem.INTEGER_BASE] + 8 * z.i[2 * (mem.INTEGER + name)]
 
 
 @compiled

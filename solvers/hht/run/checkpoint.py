@@ -11,7 +11,8 @@ import json
 import math
 from collections import Counter
 from dataclasses import fields, is_dataclass
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from hhtbench.result import Counters
 from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
+from solvers.hht.equations.known import GIVEN, HEAD
 from solvers.hht.events.event import Occurrence
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.loops import misfits, misshapen
 from solvers.hht.run.stepper import EventState
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
@@ -28,18 +32,10 @@ from solvers.hht.step.state import ControlMemory, Factorised, State
 MAGIC, VERSION = b"hhtbench HHT checkpoint", 4
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
-NUMBERS = ("<f8",)  # of arrays
-KINDS: dict[str, Any] = {  # what a field's annotation allows
-    "float": float,
-    "int": int,
-    "bool": bool,
-    "str": str,
-    "None": type(None),
-    "Vector": np.ndarray,
-    "Matrix": np.ndarray,
-    "Counter[str]": Counter,
-}
+NUMBERS = np.dtype("<f8")  # of arrays
 COUNTERS = {f.name for f in fields(Counters)} - {"provenance"}
+BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state, which stand before its q and v
+SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
 
 
 def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
@@ -54,7 +50,7 @@ def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
 def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
     """The :class:`IntegratorState` of a checkpoint that was made with the same ``setup``.
 
-    :func:`~solvers.hht.run.legal_state.check` tells whether it fits the system.
+    :func:`check` tells whether it fits the system.
 
     Raises
     ------
@@ -64,7 +60,7 @@ def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
     body = _body(data)
     line, _, rest = body.partition(b"\n")
     try:
-        tree = json.loads(line, parse_constant=_no_number)
+        tree = json.loads(line)
         made_with, integrator = tree["setup"], _decoded(tree["integrator"], _arrays(tree["arrays"], rest))
     except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
@@ -95,10 +91,6 @@ def _body(data: Any) -> bytes:
     return body
 
 
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no finite number")
-
-
 def _encoded(value: Any, arrays: list[np.ndarray]) -> Any:
     """``value`` for JSON; its arrays go to ``arrays``."""
     if is_dataclass(value):
@@ -117,13 +109,12 @@ def _encoded(value: Any, arrays: list[np.ndarray]) -> Any:
 def _arrays(described: Any, rest: bytes) -> list[np.ndarray]:
     found, at = [], 0
     for number, shape in described:
-        if number not in NUMBERS or not all(type(length) is int and length >= 0 for length in shape):
+        if number != NUMBERS.str or not all(type(length) is int and length >= 0 for length in shape):
             raise ValueError(f"an array of {number} and shape {shape}")
-        dtype = np.dtype(number)
-        stop = at + dtype.itemsize * math.prod(shape)
+        stop = at + NUMBERS.itemsize * math.prod(shape)
         if stop > len(rest):
             raise ValueError("arrays are longer than the checkpoint")
-        found.append(np.frombuffer(rest[at:stop], dtype=dtype).reshape(shape).copy())
+        found.append(np.frombuffer(rest[at:stop], dtype=NUMBERS).reshape(shape).copy())
         if not np.isfinite(found[-1]).all():
             raise ValueError("an array holds values that are not finite")
         at = stop
@@ -155,12 +146,12 @@ def _decoded(value: Any, arrays: list[np.ndarray]) -> Any:
     if name == "Counter":
         return _tally(parts)
     kind = TYPES[name]
-    wanted = {f.name: f.type for f in fields(kind)}
+    wanted = get_type_hints(kind)
     if parts.keys() != wanted.keys():
         raise ValueError(f"{name} with fields {', '.join(parts)}")
     for key, allowed in wanted.items():
-        if not _is(parts[key], str(allowed)):
-            raise TypeError(f"{name}.{key} must be {allowed}; got {type(parts[key]).__name__}")
+        if not _is(parts[key], allowed):
+            raise TypeError(f"{name}.{key} must be {kind.__annotations__[key]}; got {type(parts[key]).__name__}")
     return kind(**parts)
 
 
@@ -171,13 +162,61 @@ def _tally(parts: dict[str, Any]) -> Counter[str]:
     return Counter(parts)
 
 
-def _is(value: Any, allowed: str) -> bool:
+def _is(value: Any, allowed: Any) -> bool:
     """Whether ``value`` is of a kind that an annotation allows."""
-    for kind in allowed.split(" | "):
-        if kind.startswith("tuple["):
-            inner = kind[len("tuple[") : -1].split(", ")[0]
-            if isinstance(value, tuple) and all(_is(part, inner) for part in value):
-                return True
-        elif isinstance(value, KINDS.get(kind) or TYPES[kind]) and (kind == "bool" or not isinstance(value, bool)):
-            return True
-    return False
+    origin, inner = get_origin(allowed), get_args(allowed)
+    if origin is UnionType:
+        return any(_is(value, kind) for kind in inner)
+    if origin is tuple:
+        return isinstance(value, tuple) and all(_is(part, inner[0]) for part in value)
+    return isinstance(value, origin or allowed) and (allowed is bool or not isinstance(value, bool))
+
+
+def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
+    """Raise ProblemError unless ``integrator`` is a legal state of steps by ``engine`` with as many events."""
+    n, given, s, rows = engine.structure.n, engine.functions.given[0], integrator, integrator.last.t.size
+    shapes: list[tuple[Any, dict[str, Any]]] = [
+        (s.place, {"q": (n,), "v": (n,)}),
+        (s.tolerances, {"rtol": (2 * n,), "atol": (2 * n,)}),
+        (s.watch, {"values": (events,)}),
+        (s.last, {"t": (max(rows, 1),), "q": (rows, n), "v": (rows, n)}),
+        *((found, {"q": (n,), "v": (n,)}) for found in s.occurrences),
+    ]
+    wrong = misfits(s.state, engine.layout, given)
+    wrong += [text for owner, wanted in shapes for text in misshapen(owner, wanted)]
+    wrong = wrong or _contradictions(s, given, events)
+    if wrong:
+        raise ProblemError(f"the checkpoint does not fit this system: {wrong[0]}.")
+
+
+def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
+    """What contradicts something else, in words."""
+    state, memory, t = s.state, s.state.memory, s.last.t
+    named = {
+        "either a step or tolerances are needed": (s.step is None) == (s.tolerances is None),
+        "a step must not be zero": s.step == 0.0 or not (state.h is None or _is_length(state.h, state.t)),
+        "the direction of time must be 1, -1 or 0": s.direction not in (-1.0, 0.0, 1.0),
+        "sizes must not be negative": min(state.size_q, state.size_v) < 0,
+        "State.factorised must be of a step": state.factorised is not None
+        and not _is_factorised(state.factorised, state, given),
+        "the next step must be positive": memory is not None and not memory.h_next > 0.0,
+        "tolerances must not be negative": s.tolerances is not None
+        and min(s.tolerances.rtol.min(), s.tolerances.atol.min()) < 0.0,
+        f"there are {events} events": len(s.watch.counts) != events
+        or not all(0 <= i < events for i in (*s.watch.changed, *(found.index for found in s.occurrences))),
+        "the last step must end at the state": not t.size or t[-1] != state.t,
+    }
+    return [text for text, broken in named.items() if broken]
+
+
+def _is_factorised(made: Factorised, state: State, given: int) -> bool:
+    """Whether it can have been made in a step that ended at ``state``: changes of q and v are measured by it."""
+    n, size = state.q.size, made.at.size - given
+    h, (q, v) = float(made.at[size]), np.split(made.at[size + BEFORE : size + BEFORE + 2 * n], 2)
+    seen = float(np.abs(q).max()) <= state.size_q and float(np.abs(v).max()) <= state.size_v
+    return seen and _is_length(h, state.t) and min(made.rate, made.uses) >= 0
+
+
+def _is_length(h: float, t: float) -> bool:
+    """Whether a step of ``h`` [s] can have ended at ``t``."""
+    return max(float(np.spacing(abs(t))) / 2, SHORTEST) <= abs(h) <= LONGEST

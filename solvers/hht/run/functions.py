@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -13,25 +14,23 @@ from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, nat
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
-from hhtbench.lowering.dynamics.matrix_free import SMALL, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
 from solvers.hht.equations.corrections import (
     fresh_correction,
-    kept_correction_and_end,
+    lagged_correction_and_end,
     residual_and_end,
-    residual_and_ends,
-    residual_and_matrix,
-    residual_of,
     state_after,
     state_size,
 )
-from solvers.hht.equations.layout import Layout
-from solvers.hht.equations.local_error import SCALARS, inputs, levels, raw_errors
+from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
+from solvers.hht.equations.known import Layout
+from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, allocate
+from solvers.hht.loops.memory import Memory, Sizes
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which machine code without loops pays
@@ -43,6 +42,7 @@ _lock = threading.RLock()
 
 
 Pair = tuple[int, int]  # addresses of a function and of its parameters
+Code = Native | tuple[Callable[..., Any], int, tuple[Any, ...]]  # or a function in Python, the size of its result, shapes
 
 
 class Functions:
@@ -53,9 +53,19 @@ class Functions:
     in_python = False  #: whether all of them are functions in Python
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
+        s = layout.structure
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
         self.newton = NewtonOptions()
+        self._sizes: dict[str, Any] = {
+            "n": s.n,
+            "m": s.m,
+            "p": s.p,
+            "inverse_mass": s.n * s.n if s.mass == "variable" else 0,
+        }
+        self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
+        self._codes: dict[str, Code] = {}
+        self._of_error: dict[str, Code] = {}
         self._blank: Memory | None = None  #: without events, to be copied
 
     @property
@@ -63,69 +73,42 @@ class Functions:
         """Those that machine code calls for the system's own functions."""
         return getattr(self.dynamics, "callbacks", None)
 
+    def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
+        """``function`` of the dynamics and ``static``, which returns ``size`` numbers from arrays of ``shapes``."""
+        raise NotImplementedError
+
     def codes(self, callbacks: Callbacks) -> dict[str, Pair]:
         """Addresses by name, but for those of :meth:`error_codes`."""
-        raise NotImplementedError
+        return {name: _pair(code, callbacks) for name, code in self._codes.items()}
 
     def error_codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses of what only error control needs."""
-        raise NotImplementedError
-
-    @property
-    def given(self) -> tuple[int, ...]:
-        """The shape of the step and the state before it, as one vector."""
-        s = self.layout.structure
-        return (Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n * s.n * (s.mass == "variable"), raw=0).given,)
-
-    @property
-    def raw(self) -> tuple[int, ...]:
-        """The shape of what the raw errors are made from."""
-        return (len(SCALARS) + sum(inputs(self.layout).values()),)
+        """Addresses of what only error control needs; compiled here."""
+        with _lock:  # they are shared between solvers, and these between threads
+            if not self._of_error:
+                s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
+                raw = (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
+                self._of_error["raw"] = self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)
+                if s.constrained:
+                    self._of_error["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+        return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
 
     def memory(self, events: int, samples: int) -> Memory:
         """Room for the loops of one engine; no state is in it yet."""
         if events:
             return self._memory(events, samples)
-        with _lock:
-            self._blank = self._blank or self._memory(0, 0)
+        self._blank = self._blank or self._memory(0, 0)
         z = Memory(self._blank.w.copy(), self._blank.i.copy())
         z.i[mem.BASE], z.i[mem.INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
         return z
 
     def _memory(self, events: int, samples: int) -> Memory:
-        s, layout, analysis = self.layout.structure, self.layout, self.analysis
-        sections = analysis.sections()
-        sizes = Sizes(
-            n=s.n,
-            m=s.m,
-            p=s.p,
-            size=layout.size,
-            inverse_mass=s.n * s.n if s.mass == "variable" else 0,
-            raw=self.raw[0],
-            **self.extra_sizes(),
-            computed=analysis.slots.size,
-            matrix=analysis.own,
-            maps=analysis.rows.size - analysis.own,
-            storage=analysis.storage,
-            couplings=len(sections.get("outside", ())),
-            inverse=analysis.inverse,
-            sections=sections,
-            events=events,
-            samples=samples,
-        )
-        z = allocate(sizes)
-        analysis.fill(z)
-        offsets, at = {}, 0
-        for name, length in layout.unknowns.items():
-            offsets[name], at = at, at + length
-        z.i[mem.O_R1 : mem.O_R1 + 5] = [offsets.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
+        z = self.analysis.memory(**self._sizes, computed=self.analysis.slots.size, events=events, samples=samples)
+        sizes = self.layout.unknowns
+        starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
+        z.i[mem.O_R1 : mem.O_R1 + 5] = [starts.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
         z.i[mem.CALLS_PYTHON] = self.in_python or self.callbacks is not None
         z.i[mem.NOISY] = self.newton.matrix_cost > 0.0
         return z
-
-    def extra_sizes(self) -> dict[str, int]:
-        """Sizes of sections that only machine code needs."""
-        return {}
 
 
 class MachineCode(Functions):
@@ -138,60 +121,45 @@ class MachineCode(Functions):
     """
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
-        s = layout.structure
-        variable = s.mass == "variable"
-        self._inverse_mass = native(inverse_mass_at, dynamics, shapes=((), (s.n,))) if variable else None
-        if self._inverse_mass is not None:
-            known = np.flatnonzero(self._inverse_mass.constants).tolist()
-            layout = replace(layout, inverse_places=tuple(sorted({*self._inverse_mass.varying.tolist(), *known})))
+        place, more = ((), (layout.structure.n,)), tuple[Any, ...]()
+        variable = layout.structure.mass == "variable"
+        inverse_mass = {"inverse_mass": native(inverse_mass_at, dynamics, shapes=place)} if variable else {}
+        for code in inverse_mass.values():
+            known = np.flatnonzero(code.constants).tolist()
+            layout = replace(layout, inverse_places=tuple(sorted({*code.varying.tolist(), *known})))
         super().__init__(dynamics, method, layout)
-        static = self.method, layout
-        x, options = (layout.size,), dict[str, Any](shapes=((layout.size,), self.given))
-        early_matrix = native(residual_and_matrix, dynamics, *static, stage="early", **options)
-        matrix = native(residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
-        self.analysis = of_code(matrix, layout.size, s.n, linsolver, SMALLEST)
+        static, size = (self.method, layout), layout.size
+        options: dict[str, Any] = {"shapes": ((size,), self.given)}
+        early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
+        matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
+        self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
         function: Any = residual_and_end
-        head, more = layout.size, tuple[Any, ...]()
+        head = size
         if self.analysis.kind == "inverse":  # corrections in the place of residual and matrix
             own = self.analysis.own
-            flat = self.analysis.rows[own:] * layout.size + self.analysis.columns[own:] - layout.size**2
+            flat = self.analysis.rows[own:] * size + self.analysis.columns[own:] - size**2
             more = (tuple(flat.tolist()),)
             early_matrix, matrix = (
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
-            function, head = kept_correction_and_end, layout.size + 2
-            options = {"shapes": (x, (layout.size**2,), (flat.size,), self.given)}
+            self._sizes["fresh"] = matrix.size
+            function, head = lagged_correction_and_end, size + 2
+            options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
         end = head + state_size(layout)
-        self._native = {
+        early = native(function, dynamics, *static, *more, stage="early", **options)
+        self._sizes |= {"early": early.size, "early_matrix": early_matrix.size}
+        self._codes = {
             "residual": native(function, dynamics, *static, *more, stage="late", rows=(0, head), **options),
             "matrix": matrix,
             "end": native(function, dynamics, *static, *more, stage="late", rows=(head, end), **options),
-            "early": native(function, dynamics, *static, *more, stage="early", **options),
+            "early": early,
             "early_matrix": early_matrix,
+            **inverse_mass,
         }
-        if self._inverse_mass is not None:
-            self._native["inverse_mass"] = self._inverse_mass
-        self._of_error: dict[str, Native] = {}
 
-    def codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses by name."""
-        return {name: _pair(code) for name, code in self._native.items()}
-
-    def error_codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses of what only error control needs; compiled here."""
-        with _lock:  # they are shared between solvers, and these between threads
-            if not self._of_error:
-                s = self.layout.structure
-                made = {"raw": native(raw_errors, self.dynamics, self.method, self.layout, shapes=(self.raw,))}
-                if s.constrained:
-                    made["levels"] = native(levels, self.dynamics, shapes=((), (s.n,), (s.n,)))
-                self._of_error = made
-        return {name: _pair(code) for name, code in self._of_error.items()}
-
-    def extra_sizes(self) -> dict[str, int]:
-        """Sizes of sections that only machine code needs."""
-        sizes = {name: self._native[name].size for name in ("early", "early_matrix")}
-        return sizes | ({"fresh": self._native["matrix"].size} if self.analysis.kind == "inverse" else {})
+    def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
+        """Machine code."""
+        return native(function, self.dynamics, *static, shapes=shapes)
 
 
 class PythonFunctions(Functions):
@@ -201,21 +169,23 @@ class PythonFunctions(Functions):
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         super().__init__(dynamics, method, layout)
-        static, size, s = (self.method, layout), layout.size, layout.structure
-        source, entries = self._sparse(linsolver)
-        self._source = source
+        static, size, n = (self.method, layout), layout.size, layout.structure.n
+        self._source, entries = self._sparse(linsolver)
         if entries is None:
-            entries = compile_function(residual_and_matrix, dynamics, *static)
-        one, x = self.given, (size,)
-        computed = self.analysis.slots.size
-        self._functions: dict[str, tuple[Callable[..., Any], int, tuple[Any, ...]]] = {
-            "residual": (compile_function(residual_of, source, *static), size, (x, one, None)),
-            "matrix": (entries, computed, (x, one, None)),
-            "end": (compile_function(state_after, source, *static), state_size(layout), (x, one, None)),
+            entries = compile_function(step_residual_and_matrix, dynamics, *static)
+        shapes = (size,), self.given, None
+        self._codes = {
+            "residual": self.made(step_residual, size, shapes, *static),
+            "matrix": (entries, self.analysis.slots.size, shapes),
+            "end": self.made(state_after, state_size(layout), shapes, *static),
         }
-        if s.mass == "variable":
+        if layout.structure.mass == "variable":
             inverse = compile_function(inverse_mass_at, dynamics)
-            self._functions["inverse_mass"] = (lambda t, q: inverse(t, q).ravel()), s.n * s.n, ((), (s.n,))
+            self._codes["inverse_mass"] = (lambda t, q: inverse(t, q).ravel()), n * n, ((), (n,))
+
+    def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
+        """A function in Python."""
+        return compile_function(function, self._source, *static), size, shapes
 
     def _sparse(self, linsolver: str) -> tuple[Dynamics, Callable[..., Any] | None]:
         """The dynamics to compile, and [residual; entries] of a sparse matrix; None: of the full one.  Sets the analysis."""
@@ -228,7 +198,7 @@ class PythonFunctions(Functions):
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
-                coloured = Coloured(residual_and_ends, products, *static, example=example)
+                coloured = Coloured(step_residual_and_ends, products, *static, example=example)
             except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
                 reason = f"the pattern of its derivatives cannot be read: {error}"
             else:
@@ -240,20 +210,6 @@ class PythonFunctions(Functions):
                 reason = self.analysis.reason
         self.analysis = full(size, n, linsolver, reason)
         return self.dynamics, None
-
-    def codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses by name."""
-        return {name: (callbacks.entry(*function), 0) for name, function in self._functions.items()}
-
-    def error_codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses of what only error control needs."""
-        s = self.layout.structure
-        raw = compile_function(raw_errors, self._source, self.method, self.layout)
-        found = {"raw": (callbacks.entry(raw, 3 * s.n, (self.raw,)), 0)}
-        if s.constrained:
-            rows = compile_function(levels, self._source)
-            found["levels"] = callbacks.entry(rows, 2 * s.m + s.p, ((), (s.n,), (s.n,))), 0
-        return found
 
 
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str, *, compiled: bool = True) -> Functions:
@@ -279,5 +235,5 @@ def layout_of(dynamics: Dynamics, method: Method) -> Layout:
     return Layout(dynamics.structure, moving, unknown)
 
 
-def _pair(code: Native) -> Pair:
-    return code.address, int(code.parameters.ctypes.data)
+def _pair(code: Code, callbacks: Callbacks) -> Pair:
+    return code.pair if isinstance(code, Native) else (callbacks.entry(*code), 0)

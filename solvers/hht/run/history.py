@@ -1,4 +1,4 @@
-"""The accepted steps, kept in arrays that grow by doubling, and the events on the way."""
+"""The accepted steps, in one array that grows fourfold, and the events on the way."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
-from hhtbench.result import DenseOutput, StepsData
+from hhtbench.result import StepsData
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
 from solvers.hht.step.state import State
 
 GROWTH = 4  # times the rows there are
+ROOM = 64  # rows at first
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
 
 
@@ -25,9 +26,9 @@ class History:
     """
 
     def __init__(self, structure: Structure, start: State, events: int = 0) -> None:
-        n, m, p = structure.n, structure.m, structure.p
-        self._cuts = np.cumsum([1, 1, n, n, n, m, m])
-        self._rows = np.empty((64, 2 + 3 * n + 2 * m + p))
+        n, m = structure.n, structure.m
+        self._n, self._cuts = n, np.cumsum([1, 1, n, n, n, m, m])
+        self._rows = np.empty((ROOM, columns(structure)))
         self._count = self._changes = 0
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
@@ -40,7 +41,10 @@ class History:
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
-        self._grow(count)
+        if self._count + count > len(self._rows):  # several times what is there: untouched memory costs nothing
+            rows = np.empty((max(GROWTH * len(self._rows), self._count + count), self._rows.shape[1]))
+            rows[: self._count] = self._rows[: self._count]
+            self._rows = rows
         return self._rows[self._count : self._count + count]
 
     def commit(self, count: int) -> None:
@@ -56,13 +60,6 @@ class History:
         for occurrence in occurrences:
             self._occurrences[occurrence.index].append(occurrence)
 
-    def _grow(self, count: int) -> None:
-        """Room for ``count`` more rows; untouched memory costs nothing, so several times what is there is asked for."""
-        if self._count + count > len(self._rows):
-            rows = np.empty((max(GROWTH * len(self._rows), self._count + count), self._rows.shape[1]))
-            rows[: self._count] = self._rows[: self._count]
-            self._rows = rows
-
     def _columns(self) -> list[Matrix]:
         return np.split(self._rows[: self._count], self._cuts, axis=1)
 
@@ -77,11 +74,6 @@ class History:
         t, _, q, v = self._columns()[:4]
         return HermiteOutput(t[:, 0].copy(), q, v)
 
-    def rows(self) -> DenseOutput:
-        """q and v of all rows."""
-        _, _, q, v = (column.copy() for column in self._columns()[:4])
-        return DenseOutput(q, v)
-
     def multiplier_guess(self, times: Vector | None) -> tuple[Matrix, Matrix]:
         """Stage multipliers at the step ends next to ``times``: (k, m) and (k, p), first order; None: of all rows."""
         columns = self._columns()
@@ -94,9 +86,14 @@ class History:
 
     def events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
-        n = int(self._cuts[2] - self._cuts[1])
+        found, n = self._occurrences, self._n
         return {
-            "t_events": tuple(np.array([o.t for o in found]) for found in self._occurrences),
-            "q_events": tuple(np.array([o.q for o in found]).reshape(-1, n) for found in self._occurrences),
-            "v_events": tuple(np.array([o.v for o in found]).reshape(-1, n) for found in self._occurrences),
+            "t_events": tuple(np.array([o.t for o in each]) for each in found),
+            "q_events": tuple(np.array([o.q for o in each]).reshape(-1, n) for each in found),
+            "v_events": tuple(np.array([o.v for o in each]).reshape(-1, n) for each in found),
         }
+
+
+def columns(structure: Structure) -> int:
+    """Of a row: t, h, q, v, a, lam at both ends, mu."""
+    return 2 + 3 * structure.n + 2 * structure.m + structure.p

@@ -18,7 +18,7 @@ from solvers.hht.step.newton import corrected
 
 
 class Control(NamedTuple):
-    """Constants of step control, named as in :class:`~solvers.hht.control.options.ControlOptions`."""
+    """Constants of step control, named as in :class:`~solvers.hht.control.plan.ControlOptions`."""
 
     controlled: bool
     watching: bool  #: whether there are event functions to look at
@@ -70,10 +70,15 @@ def look(z: Memory, counts: IntArray) -> Any:
 
 
 @called
-def take(z: Memory, c: Control, row: FloatMatrix, estimates: bool, counts: IntArray) -> None:
-    """Accept the attempt, and where ``estimates`` and the error matters tell that first."""
-    if estimates and c.controlled:
-        part(z, mem.ATTEMPT)[mem.ERROR_SIZE] = estimate(z)
+def take(z: Memory, c: Control, row: FloatMatrix, located: bool, counts: IntArray) -> None:
+    """Accept the attempt; where root location ``located`` its end, with a matrix made there and its error."""
+    tried, spare = part(z, mem.ATTEMPT), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
+    if located and tried[mem.SLOT] >= 0.0:
+        early(z)
+        made = renew(z, spare, tried[mem.H_TRIED], counts) == mem.CONVERGED
+        tried[mem.SLOT], tried[mem.CONTRACTION] = spare if made else part(z, mem.NUMBER)[mem.FACTOR], 0.0
+    if located and c.controlled:
+        tried[mem.ERROR_SIZE] = estimate(z)
     conclude(z, c, row[0], counts)
 
 

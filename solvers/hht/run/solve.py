@@ -2,79 +2,168 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import Any
 
 import jax
 import numpy as np
 
-from hhtbench.arguments import check_interval, real_number, real_vector
+from hhtbench.arguments import Matrix, Vector, check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
+from hhtbench.lowering import padded
 from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
-from hhtbench.result import Solution, Status
-from solvers._start import Failure, Guesses, Place, empty_solution
-from solvers.hht.control.plan import ByError, Prescribed
+from hhtbench.result import DenseOutput, Solution, Status
+from hhtbench.trust import unresolved
+from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
+from solvers._start import Failure, Guesses, Place
+from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
-from solvers.hht.run.begin import Started
-from solvers.hht.run.engine import Engine
+from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.run.history import History
-from solvers.hht.run.integrate import assemble, checked, integrate, unrecovered
-from solvers.hht.run.stepper import Stepper
+from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
+from solvers.hht.step.state import State
+
+FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+FEW = 20  # the same with a time budget
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 
 
 class Integration:
     """One integration from ``place`` to ``t1`` [s] with the options of ``solver`` (an HHT)."""
 
+    stepper: Stepper | None = None  #: None before the first state
+    history: History
+
     def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses, clock: Clock) -> None:
         self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
-        self.history: History | None = None
-        self.engine: Engine | None = None
 
     def solution(self) -> Solution:
-        """Integrate; what is raised carries ``.partial_solution``."""
-        try:
-            return self._solution()
-        except BaseException as error:
-            BaseException.__setattr__(error, "partial_solution", self._partial(error))  # also where the class is frozen
-            raise
-
-    def _solution(self) -> Solution:
+        """The whole solve."""
         request, t0 = self.request, self.place.t
-        plan = plan_steps(request, t0, self.t1) if request.fixed else None
-        h = self.t1 - t0 if plan is None else plan.length(0)
-        started: Started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=plan is None)
-        if started.engine is None or started.state is None:
-            return self._nothing(started.failure or Failure(Status.declined, ""))
-        engine, state, most = started.engine, started.state, request.max_num_steps
-        events = self.solver.events
-        self.engine, self.history = engine, History(engine.structure, state, len(events))
-        if plan is None:
+        steps = plan_steps(request, t0, self.t1) if request.fixed else None
+        h = self.t1 - t0 if steps is None else steps.length(0)
+        started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=steps is None)
+        if isinstance(started, Failure):
+            return self._nothing(started)
+        engine, state, events, most = started.engine, started.state, self.solver.events, request.max_num_steps
+        self.history = History(engine.structure, state, len(events))
+        if steps is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
-            stepper = Stepper(engine=engine, plan=ByError(tolerances, self.solver.options.control), events=events)
+            plan: Plan = ByError(tolerances, self.solver.options.control)
             most = most or MAX_STEPS
         else:
-            stepper = Stepper(engine=engine, plan=Prescribed(plan), events=events)
-        end = integrate(stepper, state, self.t1, self.history, most)
+            plan = Prescribed(steps)
+        self.stepper = Stepper(engine=engine, plan=plan, events=events)
+        end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
-        rtol = ADDS_UP if request.rtol is None else float(np.min(request.rtol))
-        end = checked(end, self.history, rtol)
-        return assemble(engine, self.history, request.t_eval, end, started.note)
+        return self._assembled(self.stepper, self._checked(end), started.note)
+
+    def left_over(self, end: Failure) -> Solution:
+        """What was accepted before an exception; no function of the system is called for it."""
+        if self.stepper is None:
+            return self._nothing(end)
+        output, t_eval = self.history.dense_output(), self.request.t_eval
+        times = reached(output, t_eval)
+        rows = (output.q.copy(), output.v.copy()) if t_eval is None else output(times)
+        own = stage_values(self.history, None if t_eval is None else times)
+        left = unrecovered(self.stepper.engine, end, (times, *rows), own)
+        return self._complete(left, output)
+
+    def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
+        """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
+        engine, history, t_eval = stepper.engine, self.history, self.request.t_eval
+        self.work.only_output_is_left()
+        output = history.dense_output()
+        times = reached(output, t_eval)
+        rows = DenseOutput(output.q.copy(), output.v.copy()) if t_eval is None else rows_within(output, times, self.work)
+        asked, times = times.size, times[: len(rows.q)]
+        own = stage_values(history, None if t_eval is None else times)
+        solution = solution_of(engine, end, (times, *rows), own, engine.recovered)
+        status, message, carried = solution.status, solution.message, None
+        if times.size < asked:
+            message += f" The time budget ended when {times.size} of {asked} rows were interpolated; no more follow."
+            status = Status.deadline if status is Status.success else status
+        if t_eval is None and engine.structure.constrained:
+            stages = (values[: solution.t.size] for values in stage_values(history, None)[:2])
+            carried = dict(zip(("lam", "mu"), padded(engine.dynamics, *stages), strict=True))
+        return replace(self._complete(solution, output), status=status, message=f"{message} {note}".strip(), carried=carried)
+
+    def _complete(self, solution: Solution, output: HermiteOutput) -> Solution:
+        """With stage values, dense output and events."""
+        return replace(solution, steps_data=self.history.steps_data(), interpolant=output, **self.history.events())
+
+    def _checked(self, end: Failure) -> Failure:
+        """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
+        if end.status not in (Status.success, Status.event):
+            return end
+        h, times = self.history.steps_data().h, self.history.dense_output().t
+        rtol = ADDS_UP if self.request.rtol is None else float(np.min(self.request.rtol))
+        coarse = unresolved((float(times[0]), float(times[-1])), h.size, rtol, float(np.sum(h)))
+        return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _nothing(self, failure: Failure) -> Solution:
         n = self.place.q.size
-        empty = empty_solution(n, failure.status, failure.message, self.work.counters())
         count, rows = len(self.solver.events), np.zeros((0, n))
+        empty = empty_solution(n, failure, self.work.counters())
         return replace(empty, t_events=(np.zeros(0),) * count, q_events=(rows,) * count, v_events=(rows,) * count)
 
-    def _partial(self, error: BaseException) -> Solution:
-        status = Status.interrupted if isinstance(error, KeyboardInterrupt) else Status.user_exception
-        message = f"{type(error).__name__}: {error}."
-        if self.engine is None or self.history is None:
-            return self._nothing(Failure(status, message))
-        return unrecovered(self.engine, self.history, self.request.t_eval, message, status)
+
+def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> Failure:
+    """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``.
+
+    Returns how it ended.
+    """
+    watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
+    count = FIRST if clock.limit is None else FEW
+    while state.t != stop:
+        if max_num_steps is not None and taken >= max_num_steps:
+            message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
+            return Failure(Status.max_steps, message)
+        room = count if max_num_steps is None else min(count, max_num_steps - taken)
+        began = time.perf_counter()
+        accepted = stepper.advance(state, watch, stop, history.room(room))
+        taken += accepted.made
+        history.commit(accepted.made)
+        clock.kept_back = history.handing_over()
+        each = (time.perf_counter() - began) / max(accepted.made, 1)
+        count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
+        history.note(accepted.occurrences)
+        after = stepper.after_events(accepted)
+        if after.state is not accepted.state:
+            history.restart(after.state)
+        state, watch = after.state, after.watch
+        if after.ended is not None:
+            return after.ended
+    return Failure(Status.success, Status.success.text)
+
+
+def reached(output: HermiteOutput, t_eval: Vector | None) -> Vector:
+    """The asked output times within the accepted steps, in either direction of time; None asks for every step."""
+    if t_eval is None:
+        return output.t
+    return t_eval[(t_eval >= output.t.min()) & (t_eval <= output.t.max())]
+
+
+def rows_within(output: HermiteOutput, times: Vector, work: Work) -> DenseOutput:
+    """q and v at ``times`` (k,), or at as many of them as the time budget allows."""
+    parts = [output(times[:0])]
+    for first in range(0, times.size, BLOCK):
+        if work.clock.left() < 0.0:
+            break
+        parts.append(output(times[first : first + BLOCK]))
+    return DenseOutput(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def stage_values(history: History, times: Vector | None) -> OwnMultipliers:
+    """Lam1 (k, m) and mu of the midpoint (k, p) at the step ends next to ``times`` (k,), or at all of them."""
+    values: tuple[Matrix, Matrix] = history.multiplier_guess(times)
+    name, first = "stage values (first order)", (np.zeros(0), np.zeros(0))
+    return OwnMultipliers(*values, first, every=name, rest=f"{name} stand in the rest", some=f"{name} stand there")
 
 
 def end_times(tspan: Any) -> tuple[float, float]:

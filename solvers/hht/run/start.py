@@ -1,34 +1,120 @@
-"""From q0, v0 to the first state: consistency, projection, multipliers and a0."""
+"""From a system and q0, v0 to an engine with its first state: derived, projected, checked, with multipliers and a0."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, size_of
-from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.matrix_free import large
+from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering import ConstraintLevels, Dynamics, derive, size_of, unreduced
+from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.result import Status
+from solvers._finite import expect_finite
 from solvers._projection import closest
 from solvers._start import (
     Failure,
+    Guesses,
     Place,
-    as_arguments,
-    expect_finite,
+    check_start,
+    dynamics_for,
     finite_levels,
     start_acceleration,
+    tried_twice,
+    usable,
     violations,
 )
+from solvers._trust import as_arguments
+from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
+from solvers.hht.run.functions import functions_for
 from solvers.hht.step.state import State
 
 PROJECTED = 1e-12  # scaled violation a projected start must reach
 PROJECTION_STEPS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Started:
+    """The engine with its first state; ``note`` says what was done to the start."""
+
+    engine: Engine
+    state: State
+    note: str
+
+
+def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
+    """The caller's start as private arrays.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        One is no finite number or vector, or their lengths differ.
+    """
+    t, q = real_number("t0", t0, unit=" [s]"), real_vector("q0", q0)
+    if q.size == 0:
+        raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
+    v = real_vector("v0", v0, q.size)
+    lam = None if lam_guess is None else real_vector("lam_guess", lam_guess)
+    mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
+    return Place(t, q, v), (lam, mu)
+
+
+def begin(
+    system: System | NumpySystem,
+    options: HHTOptions,
+    place: Place,
+    guesses: Guesses,
+    h: float,
+    work: Work,
+    *,
+    controlled: bool = False,
+) -> Started | Failure:
+    """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
+
+    ``h`` [s] is the first step, or the direction of time.
+    """
+
+    def begun() -> Started | Failure:
+        engine, at = make_engine(system, options, place, work, controlled=controlled), place
+        dynamics, notes = engine.dynamics, list[str]()
+        if hasattr(dynamics, "rho"):
+            notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
+        if options.calc_initcond and engine.structure.constrained:
+            projected = project(dynamics, ConstraintLevels(dynamics), place, work)
+            if isinstance(projected, Failure):
+                return projected
+            at, moved = projected
+            notes.append(f"{moved}.")
+        failure = check_start(dynamics, ConstraintLevels(unreduced(dynamics)), at, guesses)
+        state = failure or first_state(engine, at, *guesses, h)
+        return state if isinstance(state, Failure) else Started(engine, state, " ".join(notes))
+
+    started: Started | Failure = tried_twice(begun, work, place.t)
+    return started
+
+
+def make_engine(
+    system: System | NumpySystem, options: HHTOptions, place: Place, work: Work, *, controlled: bool = False
+) -> Engine:
+    """The engine for runs that begin at ``place``, without a look at the start."""
+    method, dynamics = options.method(controlled=controlled), dynamics_for(system, place, work)
+    functions = functions_for(dynamics, method, options.linsolver)
+    names = tuple(name for name in DERIVATIVES if declared(system, name) is not None)
+
+    def derived() -> Any:
+        without = derive(system, place.t, place.q, place.v, ignored=names)
+        return functions_for(usable(without, place, work), method, options.linsolver)
+
+    fallback: Callable[[], Any] | None = derived if names and not functions.newton.matrix_cost else None
+    return Engine(dynamics, method, work, functions, fallback=fallback, plain=options.engine == "python")
 
 
 def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
@@ -37,34 +123,27 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
     Without constraints neither multipliers nor KKT matrix are touched.
     """
     t, q, v = place.t, place.q, place.v
-    s = engine.structure
-    found: Acceleration | None = None
-    if s.constrained:  # first: where the KKT matrix is singular there may be no f either
-        solved = start_acceleration(engine.acceleration, engine.dynamics, engine.work, place, (lam, mu))
-        if isinstance(solved, Failure):
-            return solved
-        found = solved
+    found: Any = None
+    if engine.structure.constrained:  # first: where the KKT matrix is singular there may be no f either
+        found = start_acceleration(engine, place, (lam, mu))
+        if isinstance(found, Failure):
+            return found
     f0, inverse = engine.force(t, q, v)
-    nothing = np.zeros(0)
-    start = Acceleration(f0, nothing, nothing, converged=True, singular=False) if found is None else found
+    vdot = f0 if found is None else found.vdot
     a0 = f0
     if engine.method.start == "shifted":
         shift = engine.method.coefficients.alpha * h
-        a0 = engine.force(t + shift, q + shift * v, v + shift * start.vdot)[0]  # (H12)
+        a0 = engine.force(t + shift, q + shift * v, v + shift * vdot)[0]  # (H12)
     return State(
         t=t,
         q=q,
         v=v,
         a=a0,
         f=f0,
-        h=None,
-        lam=start.lam,
-        mu=start.mu,
-        vdot=start.vdot,
+        lam=NOTHING if found is None else found.lam,
+        mu=NOTHING if found is None else found.mu,
+        vdot=vdot,
         inverse_mass=inverse,
-        unknowns=None,
-        earlier=None,
-        factorised=None,
         size_q=float(np.max(np.abs(q))),
         size_v=float(np.max(np.abs(v))),
     )
@@ -89,40 +168,41 @@ def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Wo
 
 
 def _projected(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tuple[Place, str] | Failure:
-    q, far = _project_position(dynamics, levels, place)
-    if far is not None:
-        return far
-    v = place.v.copy()
-    for _ in range(PROJECTION_STEPS):
-        at = finite_levels(levels, place.t, q, v)
-        rows = at.rows
-        mass = _finite_mass(dynamics, place.t, q)
-        change = closest(mass, rows, mass @ (v - place.v), at.velocity_drift)
-        v = v + change
-        if np.max(np.abs(change)) <= 1e-15 * max(1.0, float(np.max(np.abs(v)))):
-            break
-    moved = Place(place.t, q, v)
-    text = violations(finite_levels(levels, place.t, q, v), moved, PROJECTED)
+    t = place.t
+
+    def position(q: Vector) -> tuple[Any, Any, Vector]:
+        at = finite_levels(levels, t, q, place.v)
+        return _finite_mass(dynamics, t, q), at.position_jacobian, at.position
+
+    q = _nearest(place.q, position)
+    at = finite_levels(levels, t, q, place.v)
+    if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
+        message = f"no consistent position was found near q0: after {PROJECTION_STEPS} steps g = {at.position}"
+        return Failure(Status.inconsistent_initial, message)
+
+    def velocity(v: Vector) -> tuple[Any, Any, Vector]:
+        at = finite_levels(levels, t, q, v)
+        return _finite_mass(dynamics, t, q), at.rows, at.velocity_drift
+
+    v = _nearest(place.v, velocity)
+    moved = Place(t, q, v)
+    text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
     note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}"
     return moved, note
 
 
-def _project_position(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tuple[Vector, Failure | None]:
-    q = place.q.copy()
+def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) -> Vector:
+    """Newton's iteration from ``start`` (n,) to the nearest root of a level: x -> mass, Jacobian and value."""
+    x = start.copy()
     for _ in range(PROJECTION_STEPS):
-        at = finite_levels(levels, place.t, q, place.v)
-        mass = _finite_mass(dynamics, place.t, q)
-        change = closest(mass, at.position_jacobian, mass @ (q - place.q), at.position)
-        q = q + change
-        if np.max(np.abs(change), initial=0.0) <= 1e-15 * max(1.0, float(np.max(np.abs(q)))):
+        mass, rows, value = level(x)
+        change = closest(mass, rows, mass @ (x - start), value)
+        x = x + change
+        if np.max(np.abs(change), initial=0.0) <= 1e-15 * max(1.0, float(np.max(np.abs(x)))):
             break
-    at = finite_levels(levels, place.t, q, place.v)
-    if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
-        message = f"no consistent position was found near q0: after {PROJECTION_STEPS} steps g = {at.position}"
-        return q, Failure(Status.inconsistent_initial, message)
-    return q, None
+    return x
 
 
 def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,22 +14,21 @@ from hhtbench.lowering import ConstraintLevels
 from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.first_step import prepared
-from solvers.hht.control.options import ControlOptions
-from solvers.hht.control.plan import Plan
-from solvers.hht.events.crossings import Crossing, crossings
+from solvers.hht.control.plan import ByError, ControlOptions, Plan
+from solvers.hht.equations.coefficients import NEAR_HALF
+from solvers.hht.equations.formulas import SHORT
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
-from solvers.hht.events.locate import Attempt, NotMade, along, step_to
+from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.failures import failure_of
-from solvers.hht.run.march import Control
+from solvers.hht.run.march import Control, look
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
+RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
 PILED_UP = "let the change end the motion there, or make the event terminal."
-NAMES = ("min_step", "max_step", "target", "integral", "proportional", "growth", "shrink", "least", "spacings")
 
 
 @dataclass(frozen=True)
@@ -46,19 +45,14 @@ class Accepted:
     """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
 
     state: State  #: after them
-    made: int  #: how many
     watch: EventState
+    made: int = 0  #: how many
     occurrences: tuple[Occurrence, ...] = ()
     stopping: tuple[int, ...] = ()  #: events at the end of the last step that end the integration or change the state
-    failure: Failure | None = None  #: why there are no more
+    ended: Failure | None = None  #: why there are no more: a failure, or a terminal event
 
 
-@dataclass(frozen=True)
-class Shortened:
-    """A step made shorter to end at an event."""
-
-    attempt: Attempt
-    index: int  #: of the event
+Cut = tuple[Attempt, int]  # a step made shorter to end at an event, and the number of that
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,188 +63,208 @@ class Stepper:
     plan: Plan
     events: tuple[Event, ...] = ()
 
-    def advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
+    def advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float | None = None) -> Accepted:
         """At most as many accepted steps towards ``stop`` [s] as there are ``rows`` to write to, up to an event in one.
 
-        A spent budget and a value that is not finite are failures like others.
+        A spent budget and a value that is not finite are failures like others.  A first step does not pass ``horizon`` [s].
         """
         try:
-            return self._advance(state, watch, stop, rows)
+            return self._advance(state, watch, stop, rows, stop if horizon is None else horizon)
         except BudgetSpent as spent:
-            return Accepted(state, 0, watch, failure=budget_failure(spent, state.t))
+            return Accepted(state, watch, ended=budget_failure(spent, state.t))
         except NonFiniteValue as error:  # of an event function, or of the look at a motion's start
             text = f"{error}, in the step from t = {state.t:.17g}"
-            return Accepted(state, 0, watch, failure=Failure(Status.nonfinite_callback, text))
+            return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 
-    def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
+    def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float) -> Accepted:
         engine, by_error = self.engine, self.plan.by_error
         engine.work.check_time()
         engine.watch(self.events)
         if by_error is not None:
-            engine.tolerate(by_error.tolerances.rtol, by_error.tolerances.atol)
+            engine.loops.section(mem.RTOL)[:] = by_error.tolerances.rtol
+            engine.loops.section(mem.ATOL)[:] = by_error.tolerances.atol
             if state.memory is None:
-                state = prepared(engine, state, by_error.tolerances, by_error.options, stop)
+                state = prepared(engine, state, by_error.tolerances, by_error.options, horizon)
             if failure := by_error.unreachable(state, stop):
-                return Accepted(state, 0, watch, failure=failure)
+                return Accepted(state, watch, ended=failure)
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
-        state, made, ended = engine.march(state, self._control(stop), lengths, ends, rows, watch.values)
+        state, made, ended = engine.march(state, control_of(self.plan, stop, self.events), lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
-            watch = replace(watch, values=engine.event_values(), changed=())
+            watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
         if ended == mem.CONVERGED:
-            return Accepted(state, made, watch)
+            return Accepted(state, watch, made)
         if ended == mem.SUSPECT:
             engine.give_up_derivatives(before)
-            return self._advance(before, watch, stop, rows)
+            return self._advance(before, watch, stop, rows, horizon)
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
         if ended == mem.EVENT_FOUND:
             return self._with_events(state, watch, stop, rows)
-        return Accepted(state, 0, watch, failure=failure_of(engine, self.plan, state, ended))
-
-    def _control(self, stop: float) -> Control:
-        by_error = self.plan.by_error
-        return control_of(
-            ControlOptions() if by_error is None else by_error.options, stop, by_error is not None, self.events
-        )
+        return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
 
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
         n = self.engine.structure.n
-        (t,), q, v = np.split(self.engine.section(mem.PLACE), [1, 1 + n])
+        (t,), q, v = np.split(self.engine.loops.section(mem.PLACE), [1, 1 + n])
         for event in self.events:
             value_of(event, float(t), q, v, self.engine.work)
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
 
-    def terminal(self, accepted: Accepted) -> str | None:
-        """The event that ends the integration after ``accepted``, in words."""
-        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(accepted.watch.counts[i])]
-        if not named:
-            return None
-        return f"event {', '.join(map(repr, named))} at t = {accepted.state.t:.17g}. {Status.event.text}"
+    def after_events(self, accepted: Accepted) -> Accepted:
+        """``accepted`` with the changes that events make at its end; a terminal one, or a failed change, has ended it."""
+        state, watch, ended = accepted.state, accepted.watch, accepted.ended
+        if not accepted.stopping:
+            return accepted
+        changing = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
+        if changing:
+            changed = self._changed(state, changing)
+            if isinstance(changed, Failure):
+                return replace(accepted, ended=changed)
+            state, watch = changed, replace(watch, values=None, changed=accepted.stopping)
+        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(watch.counts[i])]
+        if named:
+            text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
+            ended = Failure(Status.event, text)
+        return replace(accepted, state=state, watch=watch, ended=ended)
 
-    def watch_after(self, accepted: Accepted, state: State) -> EventState:
-        """What goes on with ``state``, the end of ``accepted`` or what its events made of it."""
-        if state is accepted.state:
-            return accepted.watch
-        return replace(accepted.watch, values=None, changed=accepted.stopping)
-
-    def changed(self, accepted: Accepted) -> State | Failure:
-        """The state after the changes that events make at the end of ``accepted``; without one the end itself."""
-        state = accepted.state
-        events = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
-        if not events:
-            return state
+    def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
+        """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
         where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
+        engine, q, v = self.engine, state.q, state.v
         try:
-            found = _begun_anew(self.engine, events, state)
+            for event in events:
+                q, v = changed_by(event, state.t, q, v)
+            place: Any = Place(state.t, q, v)
+            if engine.structure.constrained:
+                place = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
+                place = place if isinstance(place, Failure) else place[0]
+            failed = isinstance(place, Failure)
+            new = place if failed else first_state(engine, place, state.lam, state.mu, state.h or 0.0)
         except BudgetSpent as spent:
             return budget_failure(spent, state.t)
         except NonFiniteValue as error:
             return Failure(Status.nonfinite_callback, f"{error}, {where}")
-        return Failure(found.status, f"{where}: {found.message}") if isinstance(found, Failure) else found
+        if isinstance(new, Failure):
+            return Failure(new.status, f"{where}: {new.message}")
+        return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
 
     def _with_events(self, before: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         """The step that the loops have tried, up to its first event that stops it."""
         engine, cut = self.engine, None
         whole = now = engine.attempted()
+        end = float(whole[0][mem.T_END])
         for _ in range(CUTS):
             output = along(before, now)
-            times, values = engine.section(mem.SAMPLE_TIMES).copy(), engine.section(mem.SAMPLE_VALUES).copy()
+            times, values = engine.loops.section(mem.SAMPLE_TIMES).copy(), engine.loops.section(mem.SAMPLE_VALUES).copy()
             found = _with_cut(crossings(self.events, times, values, output, engine.work), cut, float(now[0][mem.T_END]))
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:
-                return Accepted(before, 0, watch, failure=failure_of(engine, self.plan, before, error.ended))
+                return Accepted(before, watch, ended=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                state, row = engine.take(self._control(stop), estimates=cut is not None)
-                rows[0] = row
+                taken = engine.take(before, control_of(self.plan, stop, self.events), watch.values, located=cut is not None)
+                state, rows[0] = taken
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
-                return self._passed(state, output, found, replace(watch, values=engine.event_values(), changed=()))
-            if self._piled(earlier, before, float(whole[0][mem.T_END]), watch):
-                name, t = self.events[earlier.index].name, float(earlier.attempt[0][mem.T_END])
-                text = f"changes by event {name!r} pile up at t = {t:.17g}; {PILED_UP}"
-                return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, text))
-            now, cut = earlier.attempt, earlier
+                watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
+                return self._passed(state, output, found, watch)
+            (now, index), cut = earlier, earlier
+            t, event = float(now[0][mem.T_END]), self.events[index]
+            again = index in watch.changed and event.change is not None
+            if again and abs(t - before.t) < PILED * abs(end - before.t):  # the event that made `before` comes at once
+                text = f"changes by event {event.name!r} pile up at t = {t:.17g}; {PILED_UP}"
+                return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
             engine.put_back(now)
-            if engine.look() == mem.EVENT_NONFINITE:
+            if engine.loops.call(look) == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        h = float(whole[0][mem.T_END]) - before.t
-        text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
-        return Accepted(before, 0, watch, failure=Failure(Status.time_resolution, f"{text}; take shorter steps."))
+        text = f"in the step from t = {before.t:.17g} with h = {end - before.t:g} each look shows an event before the last"
+        return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
-    def _piled(self, cut: Shortened, before: State, end: float, watch: EventState) -> bool:
-        """Whether the event that made the state ``before`` comes again in no time, in a step that was to reach ``end``."""
-        again = cut.index in watch.changed and self.events[cut.index].change is not None
-        return again and abs(float(cut.attempt[0][mem.T_END]) - before.t) < PILED * abs(end - before.t)
-
-    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Shortened | None:
+    def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
 
         What only the interpolant crosses is removed from ``found``.
         """
-        while (first := self._first_stop(found, counts)) is not None and first.t != now[0][mem.T_END]:
-            attempt = step_to(self.engine, self.events[first.index], first, before, now)
+        while (first := next((c for c, _, stops in self._counted(found, counts) if stops), None)) is not None:
+            if first.t == now[0][mem.T_END]:
+                break
+            attempt = StepTo(self.engine, self.events[first.index], first, before, now).attempt()
             if attempt is not None:
-                return Shortened(attempt, first.index)
+                return attempt, first.index
             found.remove(first)
         return None
 
-    def _first_stop(self, crossings: Sequence[Crossing], counts: tuple[int, ...]) -> Crossing | None:
-        tally = list(counts)
-        for crossing in crossings:
-            event = self.events[crossing.index]
-            tally[crossing.index] += 1
-            if event.change is not None or event.ends(tally[crossing.index]):
-                return crossing
-        return None
-
-    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
-        counts, occurrences, stopping = list(watch.counts), [], []
+    def _counted(self, found: Sequence[Crossing], counts: tuple[int, ...]) -> Iterator[tuple[Crossing, int, bool]]:
+        """Each with the number of its occurrence, and whether it ends the integration or changes the state."""
+        numbers = list(counts)
         for crossing in found:
             event = self.events[crossing.index]
-            counts[crossing.index] += 1
-            occurrences.append(Occurrence(crossing.index, event.name, crossing.t, *output(crossing.t)))
-            if event.change is not None or event.ends(counts[crossing.index]):
-                stopping.append(crossing.index)
-        watch = replace(watch, counts=tuple(counts))
-        return Accepted(state, 1, watch, tuple(occurrences), tuple(sorted(set(stopping))))
+            numbers[crossing.index] += 1
+            number = numbers[crossing.index]
+            yield crossing, number, event.change is not None or event.ends(number)
+
+    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
+        counted, counts = list(self._counted(found, watch.counts)), list(watch.counts)
+        for crossing, number, _ in counted:
+            counts[crossing.index] = number
+        events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *output(c.t)) for c in found)
+        stopping = tuple(sorted({crossing.index for crossing, _, stops in counted if stops}))
+        return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
 
 
-def control_of(o: ControlOptions, stop: float, controlled: bool, events: Sequence[Event]) -> Control:
+def control_of(plan: Plan, stop: float, events: Sequence[Event]) -> Control:
     """As the loops take it."""
-    values = {name: float(getattr(o, name)) for name in (*NAMES, "after_failure", "grown")}
-    return Control(controlled=controlled, watching=bool(events), stop=float(stop), keep=o.keep, **values)
+    options = ControlOptions() if plan.by_error is None else plan.by_error.options
+    constants = (getattr(options, name) for name in Control._fields[3:])
+    return Control(plan.by_error is not None, bool(events), float(stop), *constants)
 
 
-def _with_cut(found: Sequence[Crossing], cut: Shortened | None, end: float) -> list[Crossing]:
+def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
     """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
     if cut is None:
         return list(found)
-    index, result = cut.index, list(found)
+    (_, index), result = cut, list(found)
     own = [crossing for crossing in result if crossing.index == index]
     if own:
         result.remove(own[-1])
     return [*result, replace(own[-1], t=end) if own else Crossing(index, end, 0, (end, end))]
 
 
-def _begun_anew(engine: Engine, events: Sequence[Event], state: State) -> State | Failure:
-    """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
-    q, v = state.q, state.v
-    for event in events:
-        q, v = changed_by(event, state.t, q, v)
-    place = Place(state.t, q, v)
-    if engine.structure.constrained:
-        projected: Any = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
-        if isinstance(projected, Failure):
-            return projected
-        place = projected[0]
-    new = first_state(engine, place, state.lam, state.mu, state.h or 0.0)
-    if isinstance(new, Failure):
-        return new
-    return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
+def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
+    """Of the step from ``state`` that the loops tried last and left with ``ended``."""
+    numbers, by_error = engine.loops.section(mem.ATTEMPT), plan.by_error
+    h, t = float(numbers[mem.H_TRIED]), state.t
+    where = f"in the step from t = {t:.17g} with h = {h:g}"
+    if ended == mem.NO_ADVANCE:
+        text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
+        return Failure(Status.time_resolution, text)
+    if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
+        return _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
+    cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
+    if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
+        return Failure(Status.nonfinite_callback, f"{cause}, {where}")
+    if ended == mem.SINGULAR:
+        return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
+    near = abs(engine.method.coefficients.b - 0.5) < NEAR_HALF
+    remedy = "b is close to the singular value 1/2, take b = 0" if near else "take a smaller step"
+    return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
+
+
+def _too_large(plan: ByError, before: State, numbers: np.ndarray, *, roundoff: bool) -> Failure:
+    """The error of the last step that was tried is more than what is allowed."""
+    o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
+    text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
+    if roundoff:
+        first = float(numbers[mem.FIRST_H])
+        text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
+        return Failure(Status.step_too_small, f"{text}: {plan.tolerances.reachable(before, first)}")
+    by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
+    moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
+    if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
+        return Failure(Status.time_resolution, f"{text}; {Status.time_resolution.text}")
+    return Failure(Status.step_too_small, f"{text}; {Status.step_too_small.text}")

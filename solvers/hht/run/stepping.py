@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import real_number
-from hhtbench.errors import BudgetSpent, ProblemError
+from hhtbench.errors import ProblemError
 from hhtbench.result import Status
-from solvers._start import Failure, Place
-from solvers.hht.control.first_step import prepared
+from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
-from solvers.hht.run.stepper import Accepted, EventState, Stepper
+from solvers.hht.run.history import columns
+from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
@@ -49,6 +49,7 @@ class Goal:
     t: float | None
     normal: bool  #: step until ``t`` is reached or passed
     tstop: float | None
+    ahead: float  #: direction of time: the one in use, or towards what the first call names
 
 
 def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> IntegratorState:
@@ -59,14 +60,9 @@ def begun(place: Place, state: State, step: float | None, tolerances: Tolerances
         step=step,
         tolerances=tolerances,
         watch=EventState(counts=(0,) * events),
-        last=at_rest(state),
+        last=HermiteOutput(np.array([state.t]), state.q[None], state.v[None]),
         direction=0.0 if step is None else math.copysign(1.0, step),
     )
-
-
-def at_rest(state: State) -> HermiteOutput:
-    """Dense output before any step: the state alone."""
-    return HermiteOutput(np.array([state.t]), state.q[None], state.v[None])
 
 
 def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> Goal:
@@ -81,31 +77,22 @@ def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> G
         raise ProblemError(f"method must be one of {', '.join(METHODS)}; got {method!r}.")
     if method == "normal" and t is None:
         raise ProblemError('method="normal" steps until t is reached; give t [s].')
-    goal = Goal(
-        None if t is None else real_number("t", t, unit=" [s]"),
-        method == "normal",
-        None if tstop is None else real_number("tstop", tstop, unit=" [s]"),
-    )
-    now, ahead = integrator.state.t, direction_to(goal, integrator)
-    if goal.tstop is not None and (goal.tstop - now) * ahead <= 0:
-        raise ProblemError(f"tstop must lie ahead of t = {now:.17g}; got {goal.tstop:.17g}. init_step begins anew.")
-    if goal.t is not None and (goal.t - integrator.last.t[0]) * ahead < 0:
-        raise ProblemError(f"t = {goal.t:.17g} lies behind the last step, which ended at {now:.17g}; init_step begins anew.")
-    return goal
-
-
-def direction_to(goal: Goal, integrator: IntegratorState) -> float:
-    """Of time: the one in use, or towards what the first call names."""
-    target = next((x for x in (goal.tstop, goal.t) if x is not None), math.inf)
-    return integrator.direction or (-1.0 if target < integrator.state.t else 1.0)
+    t = None if t is None else real_number("t", t, unit=" [s]")
+    tstop = None if tstop is None else real_number("tstop", tstop, unit=" [s]")
+    now, target = integrator.state.t, next((x for x in (tstop, t) if x is not None), math.inf)
+    ahead = integrator.direction or (-1.0 if target < now else 1.0)
+    if tstop is not None and (tstop - now) * ahead <= 0:
+        raise ProblemError(f"tstop must lie ahead of t = {now:.17g}; got {tstop:.17g}. init_step begins anew.")
+    if t is not None and (t - integrator.last.t[0]) * ahead < 0:
+        raise ProblemError(f"t = {t:.17g} lies behind the last step, which ended at {now:.17g}; init_step begins anew.")
+    return Goal(t, method == "normal", tstop, ahead)
 
 
 def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
     """One step, or steps until ``goal.t`` is reached; on a failure the steps before it count."""
-    ahead = direction_to(goal, integrator)
-    integrator = replace(integrator, direction=ahead, message="", occurrences=())
+    integrator = replace(integrator, direction=goal.ahead, message="", occurrences=())
     for _ in range(MAX_STEPS):
-        if goal.normal and (goal.t - integrator.state.t) * ahead <= 0:  # type: ignore[operator]
+        if goal.normal and (goal.t - integrator.state.t) * goal.ahead <= 0:  # type: ignore[operator]
             return integrator, Status.success
         integrator, status = _one(stepper, integrator, goal)
         if status is not Status.success or not goal.normal or integrator.state.t == goal.tstop:
@@ -114,29 +101,22 @@ def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
 
 
 def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
-    state, engine, by_error = integrator.state, stepper.engine, stepper.plan.by_error
-    if by_error is not None and state.memory is None:
-        try:
-            state = prepared(engine, state, by_error.tolerances, by_error.options, _horizon(integrator, goal))
-        except BudgetSpent as spent:
-            return replace(integrator, message=str(spent)), Status.deadline
-    stop = integrator.direction * math.inf if goal.tstop is None else goal.tstop
-    accepted = stepper.advance(state, integrator.watch, stop, np.zeros((1, engine.columns)))
-    if accepted.failure is not None:
-        return replace(integrator, message=accepted.failure.message), accepted.failure.status
-    changed = stepper.changed(accepted)
-    if isinstance(changed, Failure):
-        return replace(integrator, message=changed.message), changed.status
-    last_words = stepper.terminal(accepted)
+    before, stop = integrator.state, goal.ahead * math.inf if goal.tstop is None else goal.tstop
+    rows = np.zeros((1, columns(stepper.engine.structure)))
+    accepted = stepper.advance(before, integrator.watch, stop, rows, _horizon(integrator, goal))
+    after = stepper.after_events(accepted)
+    status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
+    if status not in (Status.success, Status.event):
+        return replace(integrator, message=message), status
     moved = replace(
         integrator,
-        state=changed,
-        watch=stepper.watch_after(accepted, changed),
-        last=_output(state, accepted, changed),
+        state=after.state,
+        watch=after.watch,
+        last=_output(before, accepted.state, after.state),
         occurrences=integrator.occurrences + accepted.occurrences,
-        message=last_words or "",
+        message=message,
     )
-    return moved, Status.event if last_words is not None else Status.success
+    return moved, status
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:
@@ -145,13 +125,10 @@ def _horizon(integrator: IntegratorState, goal: Goal) -> float:
     t counts at the start only: later on, where output is asked for changes no step.
     """
     t = goal.t if integrator.last.t.size == 1 else None
-    return next((x for x in (goal.tstop, t) if x is not None), integrator.state.t + integrator.direction * HORIZON)
+    return next((x for x in (goal.tstop, t) if x is not None), integrator.state.t + goal.ahead * HORIZON)
 
 
-def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
+def _output(before: State, end: State, after: State) -> HermiteOutput:
     """Dense output of one step, with the state after a change as its last row."""
-    end = accepted.state
-    step = HermiteOutput(np.array([before.t, end.t]), np.stack([before.q, end.q]), np.stack([before.v, end.v]))
-    if after is end:
-        return step
-    return HermiteOutput(np.append(step.t, after.t), np.vstack([step.q, after.q]), np.vstack([step.v, after.v]))
+    rows = (before, end) if after is end else (before, end, after)
+    return HermiteOutput(*(np.array([getattr(row, name) for row in rows]) for name in ("t", "q", "v")))

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
-from solvers.hht.loops.sections import address, call, call_python, finite, half, largest, part, put
-from solvers.hht.step.newton import damped, newton, spend, whole
+from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
+from solvers.hht.step.newton import newton, restarted, spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -45,15 +42,13 @@ def guess(z: Any, h: Any) -> None:
     elif number[mem.KNOWN] > 0.0:
         put(x, 0, last)
     else:
-        plain_guess(z, x)
+        plain_guess(z, z.i[2 * mem.LAM])
 
 
 @compiled
 def best_degree(last: Any, earlier: Any, count: Any) -> Any:
-    """The degree of the extrapolation that would have met the last unknowns best."""
+    """The degree of the extrapolation from ``count`` earlier steps that would have met the last unknowns best."""
     size = last.size
-    if count < HIGHEST:
-        return best_degree_of_few(last, earlier, count)
     e0 = e1 = e2 = e3 = e4 = 0.0
     for i in range(size):  # backward differences: the error of degree k is the one of order k + 1
         b, c, d, e, f = earlier[i], earlier[size + i], earlier[2 * size + i], earlier[3 * size + i], earlier[4 * size + i]
@@ -67,47 +62,32 @@ def best_degree(last: Any, earlier: Any, count: Any) -> Any:
         e3 = max(e3, abs(a))
         e4 = max(e4, abs(a - b))
     best, least = 0, e0
-    if e1 < least:
+    if count > 1 and e1 < least:
         best, least = 1, e1
-    if e2 < least:
+    if count > 2 and e2 < least:
         best, least = 2, e2
-    if e3 < least:
+    if count > 3 and e3 < least:
         best, least = 3, e3
-    return 4 if e4 < least else best
+    return 4 if count > 4 and e4 < least else best
 
 
 @compiled
-def best_degree_of_few(last: Any, earlier: Any, count: Any) -> Any:
-    """The same after fewer steps."""
-    size, best, least = last.size, 0, np.inf
-    for degree in range(count):
-        weights, error = WEIGHTS_OF[degree], 0.0
-        for i in range(size):
-            value = last[i]
-            for k in range(degree + 1):
-                value -= weights[k] * earlier[k * size + i]
-            error = max(error, abs(value))
-        if error < least:
-            best, least = degree, error
-    return best
-
-
-@compiled
-def plain_guess(z: Any, x: Any) -> None:
-    """Unknowns from the state alone: its accelerations and multipliers."""
-    vdot, f, told = part(z, mem.VDOT), part(z, mem.F), z.i[mem.M] == 0 or z.i[mem.P] == 0
+def plain_guess(z: Any, level: Any) -> None:
+    """Unknowns from the state alone: its accelerations, and the [lam, mu, v'] that stand in the memory at ``level``."""
+    x, f, n, m, p = part(z, mem.X), part(z, mem.F), z.i[mem.N], z.i[mem.M], z.i[mem.P]
+    lam, vdot = view(z.w, level, m), view(z.w, level + m + p, n)
     put(x, 0, part(z, mem.A))
-    for i in range(z.i[mem.N]):
-        reaction = vdot[i] - f[i] if told else 0.0
+    for i in range(n):
+        reaction = vdot[i] - f[i] if m == 0 or p == 0 else 0.0  # of both kinds together only the sum is known
         if z.i[mem.O_R1] >= 0:
             x[z.i[mem.O_R1] + i] = reaction
         if z.i[mem.O_RK] >= 0:
             x[z.i[mem.O_RK] + i] = reaction
     if z.i[mem.O_LAM0] >= 0:
-        put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
-        put(x, z.i[mem.O_LAM1], part(z, mem.LAM))
+        put(x, z.i[mem.O_LAM0], lam)
+        put(x, z.i[mem.O_LAM1], lam)
     if z.i[mem.O_MU] >= 0:
-        put(x, z.i[mem.O_MU], part(z, mem.MU))
+        put(x, z.i[mem.O_MU], view(z.w, level + m, p))
 
 
 @compiled
@@ -118,12 +98,8 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     that is not finite, or a bad extrapolation, costs a retry and not the run.
     """
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
-    size_q, size_v, speed, acceleration = (
-        number[mem.SIZE_Q],
-        number[mem.SIZE_V],
-        largest(part(z, mem.V)),
-        largest(part(z, mem.VDOT)),
-    )
+    size_q, size_v = number[mem.SIZE_Q], number[mem.SIZE_V]
+    speed, acceleration = largest(part(z, mem.V)), largest(part(z, mem.VDOT))
     tried[mem.H_TRIED], tried[mem.T_END] = h, t1
     if z.i[mem.M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v) and shortest(z, counts):
         return mem.CONVERGED
@@ -132,48 +108,51 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     step[2], step[3], step[4] = start_weights(z, h)
     early(z)
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
-    typical_q, typical_v = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    kept = int(number[mem.FACTOR])
+    typical = part(z, mem.TYPICAL)
+    typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
+    level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
-    ended, slot, rate = newton(z, kept, h, typical_q, typical_v, counts)
+    ended, slot, rate = newton(z, lagged, h, counts)
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
-        restart_guess(z, h, counts)
-        ended, slot, rate = whole(z, kept, h, typical_q, typical_v, counts)
+        level = multipliers_anew(z, h, counts)
+        plain_guess(z, level)
+        ended, slot, rate = restarted(z, lagged, h, False, counts)
         ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         early(z)
-        plain_guess(z, part(z, mem.X))
-        ended, slot, rate = damped(z, kept, h, typical_q, typical_v, counts)
+        plain_guess(z, level)
+        ended, slot, rate = restarted(z, lagged, h, True, counts)
         ended = finished(z, ended, t1, counts)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
 
 
 @compiled
-def restart_guess(z: Any, h: Any, counts: Any) -> None:
-    """The plain guess; after a far shorter step the multipliers are roundoff over its h^2, and found anew."""
-    if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < abs(part(z, mem.NUMBER)[mem.H]) < MUCH_SHORTER * abs(h):
-        number, place = part(z, mem.NUMBER), part(z, mem.PLACE)
-        place[0] = number[mem.T]
+def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
+    """Where [lam, mu, v'] of the state stand: after a far shorter step its own are roundoff over h^2, and found anew.
+
+    They serve a guess only: error estimates compare with those of the last step.
+    """
+    place, last = part(z, mem.PLACE), abs(part(z, mem.NUMBER)[mem.H])
+    if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < last < MUCH_SHORTER * abs(h):
+        place[0] = part(z, mem.NUMBER)[mem.T]
         put(place, put(place, 1, part(z, mem.Q)), part(z, mem.V))
-        if acceleration_level(z, address(z, mem.LAM), address(z, mem.MU), counts):
-            found, n, m = part(z, mem.ACCELERATION_LEVEL), z.i[mem.N], z.i[mem.M]
-            put(part(z, mem.VDOT), 0, found[1 : 1 + n])
-            put(part(z, mem.LAM), 0, found[1 + n : 1 + n + m])
-            put(part(z, mem.MU), 0, found[1 + n + m :])
-    plain_guess(z, part(z, mem.X))
+        if acceleration_level(z, address(z, mem.LAM), counts):
+            return z.i[2 * mem.ACCELERATION_LEVEL] + 1
+    return z.i[2 * mem.LAM]
 
 
 @compiled
-def acceleration_level(z: Any, lam: Any, mu: Any, counts: Any) -> Any:
-    """Whether the acceleration level at PLACE determines v' and multipliers, near those at two addresses, (H16)."""
+def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
+    """Whether the acceleration level at PLACE determines v' and multipliers; their guess [lam, mu] is at ``near``, (H16)."""
     if not spend(z, counts):
         return False
     at = address(z, mem.PLACE)
-    call_python(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, (at, at + 8, at + 8 + 8 * z.i[mem.N], lam, mu))
+    arguments = at, at + 8, at + 8 + 8 * z.i[mem.N], near, near + 8 * z.i[mem.M]
+    call_python(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, arguments)
     return part(z, mem.ACCELERATION_LEVEL)[0] > 0.0
 
 
@@ -194,7 +173,7 @@ def shortest(z: Any, counts: Any) -> Any:
     if number[mem.KNOWN] > 0.0:
         put(x, 0, part(z, mem.X_LAST))
     else:
-        plain_guess(z, x)
+        plain_guess(z, z.i[2 * mem.LAM])
     multipliers = found[1 + 4 * n : 1 + 4 * n + z.i[mem.M]]
     put(x, z.i[mem.O_LAM0], multipliers)
     put(x, z.i[mem.O_LAM1], multipliers)
@@ -254,9 +233,7 @@ def accept(z: Any, row: Any) -> None:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
     if slot >= 0:
-        half(z, mem.RECORD, slot)[mem.RATE] = tried[mem.CONTRACTION]
+        part(z, mem.RECORD + slot)[mem.RATE] = tried[mem.CONTRACTION]
         number[mem.FACTOR] = slot
-    number[mem.SIZE_Q], number[mem.SIZE_V] = (
-        max(number[mem.SIZE_Q], largest(end[:n])),
-        max(number[mem.SIZE_V], largest(end[n : 2 * n])),
-    )
+    number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
+    number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

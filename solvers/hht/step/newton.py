@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 from solvers.hht.equations.formulas import EPS, NOTHING
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.calls import view
 from solvers.hht.loops.compiled import compiled, digits, has_digit
-from solvers.hht.loops.sections import half, part, put
+from solvers.hht.loops.sections import part, put, view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,28 +50,25 @@ class Increment(NamedTuple):
     first: float  #: size of the first increment by this matrix
     taken: int  #: increments after that
     fresh: bool  #: the matrix was made in this step
-    stood: bool  #: one at the very iterate has not shrunk the increment already
-    per_q: float  #: 1 over the typical size of q
-    per_v: float  #: 1 over the typical size of v
+    stagnated: bool  #: one at the very iterate has not shrunk the increment already
 
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a drawing of lots that is the same everywhere
 
 
 @compiled
-def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
-    """(how it ended, slot of the last matrix, its worst contraction); ``kept`` is the slot of the state's matrix, or -1.
+def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
+    """(how it ended, slot of the last matrix, its worst contraction); ``lagged`` is the slot of the state's matrix, or -1.
 
-    The kept matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
+    The lagged matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
     """
     o = part(z, mem.CONSTANTS)
-    slot, spare = kept, 1 - kept if kept >= 0 else 0
-    if slot >= 0 and abs(half(z, mem.RECORD, slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
+    slot, spare = lagged, 1 - lagged if lagged >= 0 else 0
+    if slot >= 0 and abs(part(z, mem.RECORD + slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
         slot = -1
-    worst = half(z, mem.RECORD, slot)[mem.RATE] if slot >= 0 else 0.0
-    fresh = stood = typical = False
-    last, before, first, taken = math.inf, math.inf, 0.0, 0
-    per_q, per_v, ended = 0.0, 0.0, mem.DIVERGED
+    worst = part(z, mem.RECORD + slot)[mem.RATE] if slot >= 0 else 0.0
+    fresh = stagnated = sized = False
+    last, before, first, taken, ended = math.inf, math.inf, 0.0, 0, mem.DIVERGED
     for _ in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
         if not spend(z, counts):
@@ -84,23 +80,20 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             slot, worst, fresh, last = spare, 0.0, True, math.inf
         in_q, in_v = corrected(z, slot, ended == mem.CONVERGED, counts)
         ended = mem.DIVERGED
-        finite = math.isfinite(in_q + in_v)
-        if finite and not typical:
-            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
-        moved = max(in_q * per_q, in_v * per_v)
-        if not (finite and math.isfinite(moved)):
+        moved = scaled(z, in_q, in_v, not sized)
+        sized = math.isfinite(moved)
+        if not sized:
             if fresh:
                 return mem.NONFINITE, -1, 0.0
             counts[mem.NONFINITES] += 1
-            slot, typical = -1, False
+            slot = -1
             continue
         last, before = min(last, before), math.inf
         rate = moved / last if math.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
         slowest = max(rate, worst, o[mem.LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
         taken = taken + 1 if last < math.inf else 0
         first = first if taken > 0 else moved
-        step = Increment(moved, rate, slowest, first, taken, fresh, stood, per_q, per_v)
-        decision = judged(z, slot, step, counts)
+        decision = judged(z, slot, Increment(moved, rate, slowest, first, taken, fresh, stagnated), counts)
         if decision == GIVE_UP:
             return mem.DIVERGED, -1, 0.0
         if decision != RENEW_HERE:
@@ -112,18 +105,18 @@ def newton(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> 
             continue
         slot = -1
         if decision == STALL:
-            stood, before = True, moved
+            stagnated, before = True, moved
     return mem.DIVERGED, -1, 0.0
 
 
 @compiled
 def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
     """What follows after the :class:`Increment` ``i``."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, i.per_q, i.per_v)
-    if converged(i.size, i.slowest if i.rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
+    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot)
+    if converged(z, slot, i.size, i.slowest if i.rate != 0.0 else 0.0):
         return DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, slot, i.size, i.per_q, i.per_v, counts):
-        return DONE if i.stood else STALL  # with a matrix at the very iterate too: roundoff is left
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, slot, i.size, counts):
+        return DONE if i.stagnated else STALL  # with a matrix at the very iterate too: roundoff is left
     if i.taken == 0:
         return GO_ON
     if i.fresh:
@@ -139,11 +132,14 @@ def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
 
 
 @compiled
-def whole(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
-    """The same with a fresh matrix each time and whole increments, as long as every second is half as long, (H29)."""
-    spare, second = 1 - kept if kept >= 0 else 0, part(z, mem.CONSTANTS)[mem.SECOND]
-    last, before, typical, per_q, per_v = math.inf, math.inf, False, 0.0, 0.0
-    for _ in range(z.i[mem.MAX_ITERATIONS]):
+def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
+    """The same with a fresh matrix each time.
+
+    By whole increments, as long as every second is half as long, (H29); or ``damped``: halved while the next is not smaller.
+    """
+    o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
+    last, before, halvings = math.inf, math.inf, 0
+    for k in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1
@@ -151,61 +147,39 @@ def whole(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> A
         if ended != mem.CONVERGED:
             return ended, -1, 0.0
         in_q, in_v = corrected(z, spare, True, counts)
-        if not typical:
-            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
-        moved = max(in_q * per_q, in_v * per_v)
-        if is_last(z, spare, moved, moved / last, per_q, per_v, counts):
+        if not math.isfinite(in_q + in_v):
+            return mem.NONFINITE, -1, 0.0
+        moved = scaled(z, in_q, in_v, k == 0)
+        rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
+        ends = converged(z, spare, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
+        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
-        if not (math.isfinite(in_q + in_v) and moved <= second * before):
+        if damped:
+            halvings = halved(z, spare, moved, counts)
+            if halvings < 0:
+                return -1 - halvings, -1, 0.0
+        elif moved > o[mem.SECOND] * before:
             return mem.DIVERGED, -1, 0.0
-        step_back(z)
+        else:
+            step_back(z)
         last, before = moved, last
     return mem.DIVERGED, -1, 0.0
 
 
 @compiled
-def damped(z: Any, kept: Any, h: Any, size_q: Any, size_v: Any, counts: Any) -> Any:
-    """The same with a fresh matrix each time and increments halved while the next one is not smaller."""
-    x, spare = part(z, mem.X), 1 - kept if kept >= 0 else 0
-    last, rate, typical, halvings, per_q, per_v = math.inf, 0.0, False, 0, 0.0, 0.0
-    for _ in range(z.i[mem.MAX_DAMPED]):
-        if not spend(z, counts):
-            return mem.SPENT, -1, 0.0
-        ended = renew(z, spare, h, counts)
-        if ended != mem.CONVERGED:
-            return ended, -1, 0.0
-        counts[mem.NEWTON] += 1
-        in_q, in_v = corrected(z, spare, True, counts)
-        if not math.isfinite(in_q + in_v):
-            return mem.NONFINITE, -1, 0.0
-        if not typical:
-            per_q, per_v, typical = 1.0 / size_if(size_q, in_q), 1.0 / size_if(size_v, in_v), True
-        moved = max(in_q * per_q, in_v * per_v)
-        rate = moved / last if last < math.inf and halvings == 0 else 0.0  # a halved increment tells no rate
-        if is_last(z, spare, moved, rate, per_q, per_v, counts):
-            step_back(z)
-            return mem.CONVERGED, spare, 0.0
-        put(part(z, mem.BASE_X), 0, x)
-        put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
-        halvings = halved(z, spare, moved, counts)
-        if halvings < 0:
-            return -1 - halvings, -1, 0.0
-        last = moved
-    return mem.DIVERGED, -1, 0.0
-
-
-@compiled
 def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
-    """How often the increment in FULL is halved until the next one is smaller; -1 less how it ended where it never is."""
+    """How often an increment is halved until the next one is smaller; -1 less how it ended where it never is."""
     x, base, full, increment = part(z, mem.X), part(z, mem.BASE_X), part(z, mem.FULL), part(z, mem.INCREMENT)
-    size, part_of, next_size = length(full, x.size), 1.0, 0.0
+    put(base, 0, x)
+    put(full, 0, increment)
+    size, fraction, next_size = length(full, x.size), 1.0, 0.0
     for halving in range(z.i[mem.MAX_HALVINGS]):
         if not spend(z, counts):
             return -1 - mem.SPENT
         for i in range(x.size):
-            x[i] = base[i] - full[i] * part_of
-        part_of *= 0.5
+            x[i] = base[i] - full[i] * fraction
+        fraction *= 0.5
         corrected(z, slot, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
@@ -230,75 +204,68 @@ def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
     in_q, in_v = correct(z, slot, evaluated)
     if evaluated and z.i[mem.NOISY] and spend(z, counts):
         counts[mem.SOLVES] += 1
-        put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
-        record = half(z, mem.RECORD, slot)
-        put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
-        record[mem.NOISE_Q], record[mem.NOISE_V] = disturbance(z, slot, -1)
-        settle(z)
+        record = part(z, mem.RECORD + slot)
+        record[mem.NOISE_Q], record[mem.NOISE_V] = noise(z, slot, -1, 0)
     return in_q, in_v
 
 
 @compiled
-def enough_for(z: Any, slot: Any, per_q: Any, per_v: Any) -> Any:
+def scaled(z: Any, in_q: Any, in_v: Any, first: Any) -> Any:
+    """Changes of q1 and v1 over typical sizes, (H15); of what is at rest in the origin the ``first`` change is typical."""
+    typical, own = part(z, mem.TYPICAL), part(z, mem.RECIPROCAL)
+    if first:
+        own[0] = 1.0 / (typical[0] if typical[0] > NOTHING else max(typical[0], in_q))
+        own[1] = 1.0 / (typical[1] if typical[1] > NOTHING else max(typical[1], in_v))
+    return max(in_q * own[0], in_v * own[1]) if math.isfinite(in_q + in_v) else math.nan
+
+
+@compiled
+def enough_for(z: Any, slot: Any) -> Any:
     """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
-    o, record = part(z, mem.CONSTANTS), half(z, mem.RECORD, slot)
+    o, record, own = part(z, mem.CONSTANTS), part(z, mem.RECORD + slot), part(z, mem.RECIPROCAL)
     if not z.i[mem.NOISY]:
         return o[mem.TOLERANCE]
-    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * per_q, record[mem.NOISE_V] * per_v))
+    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * own[0], record[mem.NOISE_V] * own[1]))
 
 
 @compiled
-def is_last(z: Any, slot: Any, moved: Any, rate: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
-    """Whether the increment, by a matrix at the iterate and ``rate`` times the last one (0: the first), ends it."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot, per_q, per_v)
-    if converged(moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0, enough, o[mem.MARGIN]):
-        return True
-    return rate >= o[mem.STALLED] and is_roundoff(z, slot, moved, per_q, per_v, counts)
-
-
-@compiled
-def is_roundoff(z: Any, slot: Any, moved: Any, per_q: Any, per_v: Any, counts: Any) -> Any:
+def is_roundoff(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
     """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30)."""
     o, evaluations = part(z, mem.CONSTANTS), 2 * digits(z.i[mem.N])
     if moved <= o[mem.STAGNATION] or counts[mem.RESIDUALS] + evaluations >= z.i[mem.EVALUATIONS]:
         return moved <= o[mem.STAGNATION]
     counts[mem.RESIDUALS] += evaluations
     counts[mem.SOLVES] += evaluations
-    noise = 0.0
-    put(part(z, mem.UNDISTURBED), 0, view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]))
-    put(part(z, mem.FULL), 0, part(z, mem.INCREMENT))
-    for k in range(evaluations):
-        in_q, in_v = disturbance(z, slot, k)
-        noise = max(noise, in_q * per_q, in_v * per_v)
-    settle(z)
-    return moved <= o[mem.NOISE_MARGIN] * noise
+    in_q, in_v = noise(z, slot, 0, evaluations)
+    return moved <= o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v, False)
 
 
 @compiled
-def disturbance(z: Any, slot: Any, k: Any) -> Any:
-    """What one roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
+def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
+    """The largest that roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
 
-    Those of UNDISTURBED whose number has the binary digit k // 2 equal to k % 2, (H30), or for k = -1 a drawing of lots;
-    all away from zero, since the roundoff of regular values is not of both signs alike.
+    Looked at is one roundoff of those entries whose number has the binary digit k // 2 equal to k % 2, (H30), for every k
+    from ``first`` to ``end``, or for k = -1 of those that lots are drawn for; all away from zero, since the roundoff of
+    regular values is not of both signs alike.
     """
-    n, state, kept = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
-    for i in range(state.size):
-        moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
-        state[i] = kept[i] * (1.0 + EPS) if moves else kept[i]
+    n, state, before = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
+    increment, full, in_q, in_v = part(z, mem.INCREMENT), part(z, mem.FULL), 0.0, 0.0
+    put(before, 0, state)
+    put(full, 0, increment)
+    for k in range(first, end):
+        for i in range(state.size):
+            moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
+            state[i] = before[i] * (1.0 + EPS) if moves else before[i]
+        early(z)
+        correct(z, slot, False)
+        for i in range(part(z, mem.X).size):
+            increment[i] -= full[i]
+        of_q, of_v = moved_by(z, slot, increment)
+        in_q, in_v = max(in_q, of_q), max(in_v, of_v)
+    put(state, 0, before)
+    put(increment, 0, full)
     early(z)
-    correct(z, slot, False)
-    increment, full = part(z, mem.INCREMENT), part(z, mem.FULL)
-    for i in range(part(z, mem.X).size):
-        increment[i] -= full[i]
-    return moved_by(z, slot, increment)
-
-
-@compiled
-def settle(z: Any) -> None:
-    """The state and the increment as they were before disturbances."""
-    put(view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), 0, part(z, mem.UNDISTURBED))
-    put(part(z, mem.INCREMENT), 0, part(z, mem.FULL))
-    early(z)
+    return in_q, in_v
 
 
 @compiled
@@ -311,12 +278,7 @@ def length(x: Any, count: Any) -> Any:
 
 
 @compiled
-def size_if(size: Any, change: Any) -> Any:
-    """A typical size, that of the first change for what is at rest in the origin."""
-    return size if size > NOTHING else max(size, change)
-
-
-@compiled
-def converged(moved: Any, rate: Any, enough: Any, margin: Any) -> Any:
-    """Whether the last increment, or with a margin what contraction leaves of it, is at most ``enough``."""
+def converged(z: Any, slot: Any, moved: Any, rate: Any) -> Any:
+    """Whether the last increment, or with a margin what the contraction ``rate`` leaves of it, needs not shrink further."""
+    enough, margin = enough_for(z, slot), part(z, mem.CONSTANTS)[mem.MARGIN]
     return moved <= enough or (0.0 < rate < 1.0 and moved * rate <= margin * enough * (1.0 - rate))

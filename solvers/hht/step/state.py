@@ -37,14 +37,14 @@ class State:
     v: Vector  #: (n,)
     a: Vector  #: (n,) auxiliary acceleration, near f(t + alpha h)
     f: Vector  #: (n,) M^-1 F at (t, q, v)
-    h: float | None  #: signed length of the last step [s]; None before the first
+    h: float | None = None  #: signed length of the last step [s]; None before the first
     lam: Vector  #: (m,) multiplier estimate at t, starts the next Newton iteration or KKT solve
     mu: Vector  #: (p,) the same for the velocity constraints
     vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
-    unknowns: Vector | None  #: (size,) of the last step
-    earlier: Matrix | None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
-    factorised: Factorised | None  #: the kept factorisation
+    unknowns: Vector | None = None  #: (size,) of the last step
+    earlier: Matrix | None = None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
+    factorised: Factorised | None = None  #: the kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
     memory: ControlMemory | None = None  #: None with prescribed steps

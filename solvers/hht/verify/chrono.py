@@ -15,7 +15,8 @@ import numpy as np
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution, Status
-from solvers._start import empty_solution
+from solvers._ending import empty_solution
+from solvers._start import Failure
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import guesses
 
@@ -66,4 +67,4 @@ def solve_as_chrono(problem: Problem, request: Request, alpha: float) -> Solutio
         ends.append(hht.state.t)
     q, v = np.hsplit(np.concatenate(rows), 2)
     counters = replace(hht.counters, steps_accepted=len(ends) - 1)  # hard ones were withdrawn
-    return replace(empty_solution(problem.q0.size, status, hht.message, counters), t=times[: len(q)], q=q, v=v)
+    return replace(empty_solution(problem.q0.size, Failure(status, hht.message), counters), t=times[: len(q)], q=q, v=v)

@@ -1,27 +1,29 @@
 """Section 4: one problem, every solver, a ladder of tolerances; run in a process of its own.
 
-``python -m tests.performance.engine.contest SPEC SECONDS`` prints the rows, as :class:`~hhtbench.store.rows.RunRow`
-holds them, as one line of JSON.  Times are processor times of solves without output before the end.
+``python -m tests.performance.engine.contest SPEC SECONDS`` prints the runs, what the tables read of a
+:class:`~hhtbench.store.rows.RunRow`, and the comparisons as one line of JSON.  Times are processor times of solves without
+output before the end.
 """
 
 from __future__ import annotations
 
 import json
-import statistics
 import sys
 import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis.cells import state_error
+from hhtbench.analysis.cells import Point, state_error
+from hhtbench.analysis.missing import NOT_RUN
 from hhtbench.campaign.metrics import plain
 from hhtbench.campaign.run import attempt, request_of, run_cell, succeeded, without_output
 from hhtbench.protocol import Problem
 from hhtbench.specs import canonical
 from hhtbench.store import RunRow
 from tests.performance.engine.callbacks import share_of
-from tests.performance.engine.clock import in_turn
+from tests.performance.engine.clock import once
+from tests.performance.engine.duels import duels
 from tests.performance.engine.minimal import MinimalSolver, reduced_of
 from tests.performance.engine.ours import SPEC
 
@@ -48,13 +50,18 @@ ENTRANTS = (
     "ida(form=index2)",
     "ida(form=index3)",
 )
-MAX_SECONDS = 5.0  # of one solve [s]
-REPEATS = 5
+MAX_SECONDS = 3.0  # of one solve: more than a hundred times what HHT needs on most problems [s]
+REPEATS = 2  # of every run, to find who is compared with whom; the comparisons repeat what they need
+STARTS = 3  # times of a start
+BEHIND = 100.0  # times what HHT's longest solve takes: behind it, and LONG, a finer tolerance of another decides nothing
 LONG = 0.5  # solves from which one time is enough [s]
+DECIDING = 8.0  # for the comparisons of one problem [s]
+CLIMBING = 0.7  # of the time of the problem, after which no solve of a ladder is begun
 WORST = 1.0  # errors above it are of no interest: not timed again
+DIGITS = 5  # of a number in the file
+MESSAGE = 160  # characters of why a run failed
 MINIMAL = "minimal, "
-HOPELESS = ("declined", "deadline", "user_exception", "not run")  # a finer tolerance ends alike
-NOT_RUN = "not run"  # status of a cell for which the section's time did not suffice
+HOPELESS = ("declined", "deadline", "user_exception", NOT_RUN)  # a finer tolerance ends alike
 
 
 @dataclass
@@ -76,18 +83,25 @@ class Limit:
         return time.perf_counter() > self.end
 
 
-def contest(spec: str, seconds: float) -> list[RunRow]:
-    """All rows of the problem ``spec``; cells that ``seconds`` [s] without compilation do not suffice for say so."""
-    limit = Limit(time.perf_counter() + seconds)
+def contest(spec: str, seconds: float) -> tuple[list[RunRow], list[dict[str, Any]]]:
+    """All rows of the problem ``spec``, and the comparisons; cells that ``seconds`` [s] do not suffice for say so."""
+    climbing, limit = (Limit(time.perf_counter() + part * seconds) for part in (CLIMBING, 1.0))
     problem = load_problem(spec)
     entrants = [Entrant(name, *_entrant(name, problem, spec)) for name in ENTRANTS]
+    slowest = LONG
     for entrant in entrants:
         if entrant.solver is not None:
-            _climb(entrant, problem, spec, limit)
-    _time_in_turn(entrants, problem, limit)
+            _climb(entrant, problem, spec, climbing, slowest)
+            if entrant.spec.startswith("hht"):
+                slowest = max([slowest, *(BEHIND * row.timing.get("solve_s", 0.0) for row in entrant.rows)])
+    timer = Timer(entrants, problem)
+    timer.all_in_turn(limit)
+    rows = [row for entrant in entrants for row in entrant.rows]
+    compared = duels(rows, timer.solve, min(DECIDING, limit.end - time.perf_counter()))
+    timer.note()
     for entrant in entrants:
         _watch_callbacks(entrant, problem, limit)
-    return [row for entrant in entrants for row in entrant.rows]
+    return rows, compared
 
 
 def _entrant(name: str, problem: Problem, spec: str) -> tuple[Any, list[RunRow]]:
@@ -101,18 +115,21 @@ def _entrant(name: str, problem: Problem, spec: str) -> tuple[Any, list[RunRow]]
     return MinimalSolver(load_solver(name.removeprefix(MINIMAL)), reduced), []
 
 
-def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit) -> None:
-    """From the loosest tolerance to the one that reaches ``FINEST``, or the first that takes too long."""
+def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit, slowest: float) -> None:
+    """From the loosest tolerance to the one that reaches ``FINEST``, or the first that takes too long, ``slowest`` [s]."""
     warm: dict[str, float] = {}
+    took, ours = 0.0, entrant.spec.startswith("hht")
     for rtol in LADDERS.get(entrant.spec.partition("(")[0], LADDERS[""]):
         if limit.passed():
             found: dict[str, Any] = {"status": NOT_RUN, "message": "the time of the section was up"}
+        elif took > slowest and not ours:
+            text = f"the tolerance before took {took:.1f} s, over {BEHIND:.0f} times HHT's longest"
+            found = {"status": NOT_RUN, "message": text}
         else:
-            cold = "s" not in warm
             found = run_cell(problem, entrant.solver, _asked(rtol), warm, lambda _: None)
-            limit.end += warm.get("s", 0.0) if cold else 0.0
         row = _row(spec, entrant.spec, rtol, found)
         entrant.rows.append(row)
+        took = row.timing.get("solve_s", 0.0)
         error = state_error(row) if row.success else None
         if row.status in HOPELESS or (error is not None and error <= FINEST):
             return
@@ -138,23 +155,39 @@ def _row(problem: str, solver: str, rtol: float, found: dict[str, Any]) -> RunRo
     )
 
 
-def _time_in_turn(entrants: list[Entrant], problem: Problem, limit: Limit) -> None:
-    """Rounds over all runs that succeeded: the processor time of each, best and median."""
-    runs = [(entrant.solver, row) for entrant in entrants for row in entrant.rows if _of_interest(row)]
-    taken: dict[str, list[tuple[float, float]]] = {row.key: [] for _, row in runs}
-    for repeat in range(REPEATS):
-        for solver, row in runs:
-            late = limit.passed() or row.timing["solve_s"] > LONG
-            if repeat and late:
-                continue
-            outcome = attempt(problem, solver, without_output(problem, request_of(problem, row.request)))
-            if succeeded(outcome):
-                taken[row.key].append((outcome.cpu, outcome.seconds))
-    for _, row in runs:
-        cpu, wall = [[pair[i] for pair in taken[row.key]] for i in range(2)]
-        if cpu:
-            own = {"best_s": min(cpu), "median_s": statistics.median(cpu), "repeats": len(cpu)}
-            row.timing.update(own, wall_s=statistics.median(wall))
+class Timer:
+    """Processor times of the runs that succeeded."""
+
+    def __init__(self, entrants: list[Entrant], problem: Problem) -> None:
+        self.problem = problem
+        self.runs = {row.key: (entrant.solver, row) for entrant in entrants for row in entrant.rows if _of_interest(row)}
+        self.taken: dict[str, list[float]] = {key: [] for key in self.runs}
+
+    def all_in_turn(self, limit: Limit) -> None:
+        """Every run some times, a long one once."""
+        for repeat in range(REPEATS):
+            for key, (_, row) in self.runs.items():
+                if not (limit.passed() or (repeat and row.timing["solve_s"] > LONG)):
+                    self._solve(key)
+        self.note()
+
+    def solve(self, run: Point) -> float | None:
+        """One more of ``run``; None where it failed."""
+        return self._solve(run.key)
+
+    def _solve(self, key: str) -> float | None:
+        solver, row = self.runs[key]
+        outcome = attempt(self.problem, solver, without_output(self.problem, request_of(self.problem, row.request)))
+        if not succeeded(outcome):
+            return None
+        self.taken[key].append(outcome.cpu)
+        return outcome.cpu
+
+    def note(self) -> None:
+        """The best of each in its row."""
+        for key, (_, row) in self.runs.items():
+            if self.taken[key]:
+                row.timing.update(best_s=min(self.taken[key]), repeats=len(self.taken[key]))
 
 
 def _of_interest(row: RunRow) -> bool:
@@ -168,17 +201,45 @@ def _watch_callbacks(entrant: Entrant, problem: Problem, limit: Limit) -> None:
     if not good or limit.passed() or good[-1].timing["solve_s"] > LONG:
         return
     request = without_output(problem, request_of(problem, good[-1].request))
-    start = in_turn({"": lambda: entrant.solver.warm_up(problem, request)}, REPEATS)[""]
-    good[-1].timing["start_s"] = start.cpu
+    starts = [once(lambda: entrant.solver.warm_up(problem, request)).cpu for _ in range(STARTS)]
+    good[-1].timing["start_s"] = min(starts)
     share = share_of(problem, entrant.solver, request)
     if share is not None:
         good[-1].timing["callbacks"] = asdict(share)
 
 
+def kept(row: RunRow) -> dict[str, Any]:
+    """What the tables read of a row."""
+    errors, drift = row.metrics.get("errors") or {}, row.metrics.get("drift") or {}
+    sizes = {name: {"max_scaled": entry["max_scaled"]} for name, entry in errors.items() if name in ("q", "v")}
+    if not sizes and errors:
+        sizes = {"observables": errors.get("observables") or {}}
+    measured = {"errors": {**sizes, "digits": errors.get("digits")}} if errors else {}
+    measured["drift"] = {name: drift[name] for name in ("position", "velocity") if drift.get(name) is not None}
+    times = {name: row.timing[name] for name in ("solve_s", "best_s", "start_s", "callbacks") if name in row.timing}
+    return {
+        "problem": row.problem,
+        "solver": row.solver,
+        "request": {"rtol": row.request["rtol"]},
+        "status": row.status,
+        "message": "" if row.success else row.message[:MESSAGE],
+        "metrics": rounded(measured),
+        "timing": rounded(times),
+    }
+
+
+def rounded(value: Any) -> Any:
+    """All numbers to the digits that count."""
+    if isinstance(value, dict):
+        return {name: rounded(entry) for name, entry in value.items()}
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
 def main(spec: str, seconds: str) -> None:
-    """The rows as one line of JSON."""
-    rows = contest(spec, float(seconds))
-    sys.stdout.write(json.dumps([plain(asdict(row)) for row in rows]) + "\n")
+    """Runs and comparisons as one line of JSON."""
+    rows, compared = contest(spec, float(seconds))
+    found = {"runs": [kept(row) for row in rows], "duels": rounded(plain(compared))}
+    sys.stdout.write(json.dumps(plain(found)) + "\n")
 
 
 if __name__ == "__main__":

@@ -10,55 +10,58 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from hhtbench import load_problem
+from hhtbench.analysis.missing import NOT_RUN
 from hhtbench.protocol import Problem, declared
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems
 from hhtbench.specs import canonical
-from tests.performance.engine.contest import ENTRANTS, MINIMAL, NOT_RUN
+from tests.performance.engine.contest import ENTRANTS, MINIMAL
 
 QUICK = ("jay_negrut_pendulum", "andrews", "knife_edge")
-SECONDS = 480.0  # of the whole section with everything compiled
 JOBS = 2
-GENEROUS = 3.0  # times its part of the time that one problem may take
-LEAST = 5.0  # for one problem, so that the last ones are not left out altogether [s]
-GRACE = 300.0  # beyond its own limit a process may take for its imports, compilation and the last solve [s]
+GENEROUS = 3.0  # times its part of the time that one problem may take: most need less
+GRACE = 45.0  # beyond its own limit a process may take for its imports, the last compilation and the last solve [s]
+
+Found = dict[str, list[dict[str, Any]]]  # "runs" and "duels"
 
 
-def measure_field(names: tuple[str, ...] = (), seconds: float = SECONDS) -> list[dict[str, Any]]:
-    """The rows of every constrained problem, on the spans that ``hhtbench validate --all`` solves."""
+def measure_field(names: tuple[str, ...], seconds: float) -> Found:
+    """The runs of every constrained problem, on the spans that ``hhtbench validate --all`` solves, and the comparisons.
+
+    ``seconds`` are those of the whole on the clock, imports and compilation included.  Small problems come first: what
+    they leave goes to the large ones, and where a loaded machine leaves too little, most problems are there all the same.
+    """
     plan = registered_plans()
     specs = [validated_spec(name, plan) for name in names or list_problems()]
-    specs = [spec for spec in specs if _constrained(load_problem(spec))]
-    share = Share(seconds, len(specs))
+    loaded = {spec: load_problem(spec) for spec in specs}
+    chosen = [spec for spec in specs if _constrained(loaded[spec])]
+    share = Share(seconds, len(chosen))
     with ThreadPoolExecutor(JOBS) as pool:
-        found = pool.map(lambda spec: _run(spec, share), specs)
-        return [row for rows in found for row in rows]
+        running = {spec: pool.submit(_run, spec, share) for spec in sorted(chosen, key=lambda spec: loaded[spec].q0.size)}
+        found = [running[spec].result() for spec in chosen]
+    return {kind: [line for one in found for line in one[kind]] for kind in ("runs", "duels")}
 
 
 class Share:
-    """What is left of the time for solving, for the problems that are left; compilation comes on top of it."""
+    """What is left of the time, for the problems that are left."""
 
     def __init__(self, seconds: float, problems: int) -> None:
-        self.left, self.problems = JOBS * seconds, problems
+        self.end, self.problems = time.monotonic() + seconds, problems
 
     def take(self) -> float:
-        """The time of the next problem [s]: several times its part, since most need less."""
-        part = GENEROUS * self.left / max(self.problems, 1)
+        """The time of the next problem [s]."""
+        left = self.end - time.monotonic()
+        part = GENEROUS * JOBS * left / max(self.problems, 1)
         self.problems -= 1
-        return min(max(part, LEAST), self.left)
-
-    def spend(self, seconds: float, rows: list[dict[str, Any]]) -> None:
-        """A problem took ``seconds`` with compilation, which every first row of a solver holds."""
-        warm = {row["solver"]: (row.get("timing") or {}).get("compile_s") or 0.0 for row in rows}
-        self.left -= max(seconds - sum(warm.values()), 0.0)
+        return min(part, left)
 
 
 def _constrained(problem: Problem) -> bool:
     return any(declared(problem.system, name) is not None for name in ("constraint", "velocity_constraint"))
 
 
-def _run(spec: str, share: Share) -> list[dict[str, Any]]:
-    """The rows of one problem; what its process did not tell is told here."""
+def _run(spec: str, share: Share) -> Found:
+    """The runs of one problem; what its process did not tell is told here."""
     seconds = share.take()
     if seconds <= 0:
         return _nothing(spec, NOT_RUN, "the time of the section was up")
@@ -67,30 +70,17 @@ def _run(spec: str, share: Share) -> list[dict[str, Any]]:
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=seconds + GRACE)
     except subprocess.TimeoutExpired:
-        return _nothing(spec, "deadline", f"its process was ended after {seconds + GRACE:.0f} s")
+        return _nothing(spec, NOT_RUN, f"its process was ended after {seconds + GRACE:.0f} s")
+    sys.stderr.write(f"  {spec}: {time.monotonic() - started:.0f} s\n")
     if done.returncode:
-        return _nothing(
-            spec,
-            "crashed",
-            f"its process ended with {done.returncode}: {(done.stderr.strip() or 'no message').splitlines()[-1][:300]}",
-        )
-    rows: list[dict[str, Any]] = json.loads(done.stdout.splitlines()[-1])
-    share.spend(time.monotonic() - started, rows)
-    return rows
+        reason = (done.stderr.strip() or "no message").splitlines()[-1][:300]
+        return _nothing(spec, "crashed", f"its process ended with {done.returncode}: {reason}")
+    found: Found = json.loads(done.stdout.splitlines()[-1])
+    return found
 
 
-def _nothing(spec: str, status: str, message: str) -> list[dict[str, Any]]:
-    """A row for every solver that says why there is nothing."""
-    request = {"rtol": 1e-2, "atol": None, "step": None, "steps": None}
-    names = [name if name.startswith(MINIMAL) else canonical(name) for name in ENTRANTS]
-    return [
-        {
-            "key": f"{spec} {name}",
-            "problem": canonical(spec),
-            "solver": name.replace("'", ""),
-            "request": request,
-            "status": status,
-            "message": message,
-        }
-        for name in names
-    ]
+def _nothing(spec: str, status: str, message: str) -> Found:
+    """A run for every solver that says why there is nothing."""
+    names = [name if name.startswith(MINIMAL) else canonical(name).replace("'", "") for name in ENTRANTS]
+    why = {"problem": canonical(spec), "request": {"rtol": 1e-2}, "status": status, "message": message}
+    return {"runs": [{**why, "solver": name} for name in names], "duels": []}

@@ -7,60 +7,80 @@ neither side.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from problems import planar_chain
 from tests.performance import chain
-from tests.performance.engine.clock import Time, in_turn
+from tests.performance.engine.clock import BROKEN, Compared, compare, unmeasured
 from tests.performance.engine.ours import constant_steps
 
-LINKS = {1: 0.25, 10: 0.5}  # limits of the ratio
+LIMITS = {1: 0.25, 10: 0.5}  # of the ratio, by links
 H = 1e-4  # [s]
-STEPS = 4000
-SHORT = 10  # of the steps, in the run that is subtracted
+STEPS = {1: 20_000, 10: 4000}  # by links: so many that the start is a small part
+SHORT = 10  # the part of the steps in the run that is subtracted is one in so many
+SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
 FINER = 16  # steps of the reference in one
 SAME_ERROR = 1.5  # ratio of errors up to which ours counts as not larger
-REPEATS = 5
 ALPHA = (chain.RHO - 1.0) / (chain.RHO + 1.0)
 
 
 def measure_chains() -> list[dict[str, Any]]:
     """One line a chain."""
-    return [_line(links, limit) for links, limit in LINKS.items()]
+    return [_line(links, limit) for links, limit in LIMITS.items()]
 
 
 def _line(links: int, limit: float) -> dict[str, Any]:
-    problem = planar_chain.problem(n_links=links)
-    line: dict[str, Any] = {"links": links, "h": H, "steps": STEPS, "limit": limit, "note": ""}
-    own = lambda steps: constant_steps(problem, H, steps, alpha=ALPHA, b=0.0)  # noqa: E731
-    reached = own(STEPS).q[-1]
-    actions: dict[str, Any] = {"ours": lambda: own(STEPS), "ours short": lambda: own(STEPS // SHORT)}
+    problem, steps = planar_chain.problem(n_links=links), STEPS[links]
+    line: dict[str, Any] = {"links": links, "h": H, "steps": steps, "note": ""}
+    own = lambda count: constant_steps(problem, H, count, alpha=ALPHA, b=0.0)  # noqa: E731
+    reached = own(steps).q[-1]
+    ours = _runs("ours", steps, own)
     if chain.exudyn is None:
-        found = _per_step(in_turn(actions, REPEATS))
-        missing = dict.fromkeys(("theirs_s", "ratio", "clock_ratio", "error", "their_error", "solver", "holds"))
-        return {**line, **missing, "ours_s": found["ours"].cpu, "note": "exudyn is not installed"}
-    reference = constant_steps(problem, H / FINER, STEPS * FINER, alpha=ALPHA, b=0.0).q[-1]
-    for name in ("EXUdense", "EigenDense", "EigenSparse"):
-        actions |= {name: lambda name=name: _theirs(links, name, STEPS)}
-        actions |= {f"{name} short": lambda name=name: _theirs(links, name, STEPS // SHORT)}
-    found = _per_step(in_turn(actions, REPEATS))
-    best = min((name for name in found if name != "ours"), key=lambda name: found[name].cpu)
-    errors = [float(np.abs(q - reference).max()) for q in (reached, _theirs(links, best, STEPS).q)]
-    ratio = found["ours"].cpu / found[best].cpu
-    return {
-        **line,
-        "ours_s": found["ours"].cpu,
-        "theirs_s": found[best].cpu,
-        "ratio": ratio,
-        "clock_ratio": found["ours"].wall / found[best].wall,
+        found = compare(ours, lambda seconds: _spent(seconds, "ours"), float("inf"))
+        missing = dict.fromkeys(("theirs_s", "error", "their_error", "solver"))
+        alone = found.figure.value / (steps - steps // SHORT)
+        return {**line, **unmeasured(limit, "exudyn is not installed"), **missing, "ours_s": alone}
+    reference = constant_steps(problem, H / FINER, steps * FINER, alpha=ALPHA, b=0.0).q[-1]
+    beside = {
+        name: compare(ours | _runs(name, steps, partial(_theirs, links, name)), partial(_ratio, name), limit)
+        for name in SOLVERS
+    }
+    best = max(beside, key=lambda name: beside[name].figure.value)
+    errors = [float(np.abs(q - reference).max()) for q in (reached, _theirs(links, best, steps).q)]
+    line |= {
+        **beside[best].line(),
+        "ours_s": _step(beside[best], "ours", steps),
+        "theirs_s": _step(beside[best], best, steps),
         "error": errors[0],
         "their_error": errors[1],
         "solver": best,
-        "others": {name: time.cpu for name, time in found.items() if name not in ("ours", best)},
-        "holds": bool(ratio <= limit and errors[0] <= SAME_ERROR * errors[1]),
+        "others": {name: _step(found, name, steps) for name, found in beside.items() if name != best},
     }
+    return line if errors[0] <= SAME_ERROR * errors[1] else {**line, "verdict": BROKEN, "note": "HHT's error is larger"}
+
+
+def _runs(name: str, steps: int, run: Callable[[int], object]) -> dict[str, Callable[[], object]]:
+    """A long run and a short one."""
+    return {name: partial(run, steps), f"{name} short": partial(run, steps // SHORT)}
+
+
+def _spent(seconds: Mapping[str, float], name: str) -> float:
+    """A long run less a short one [s]."""
+    return seconds[name] - seconds[f"{name} short"]
+
+
+def _ratio(solver: str, seconds: Mapping[str, float]) -> float:
+    """HHT's time over that of Exudyn's ``solver``; the steps are the same."""
+    return _spent(seconds, "ours") / _spent(seconds, solver)
+
+
+def _step(found: Compared, name: str, steps: int) -> float:
+    """Median time of a step [s]."""
+    return _spent({key: found.cpu(key) for key in found.rounds[0]}, name) / (steps - steps // SHORT)
 
 
 def _theirs(links: int, solver: str, steps: int) -> chain.Theirs:
@@ -70,10 +90,3 @@ def _theirs(links: int, solver: str, steps: int) -> chain.Theirs:
     if not chain.exudyn.MainSolverImplicitSecondOrder().SolveSystem(theirs.mbs, theirs.settings):
         raise RuntimeError("Exudyn did not finish")
     return theirs
-
-
-def _per_step(found: dict[str, Time]) -> dict[str, Time]:
-    """Long runs less short ones."""
-    steps = STEPS - STEPS // SHORT
-    pairs = {name: (time, found[f"{name} short"]) for name, time in found.items() if not name.endswith(" short")}
-    return {n: Time((long.cpu - short.cpu) / steps, (long.wall - short.wall) / steps) for n, (long, short) in pairs.items()}

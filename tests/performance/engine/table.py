@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from tabulate import tabulate
 
-from hhtbench.report.speed import SECTIONS, contest_rows, contest_table, shares_table
+from hhtbench.report.speed import SECTIONS, VERDICTS, contest_rows, contest_table, shares_table, summary
 from hhtbench.report.tables import Table
 
 
@@ -19,14 +20,14 @@ def printed(speed: Mapping[str, Any]) -> str:
             parts += [f"\n{section.title}", _text(section.table(speed[key]))]
     rows = contest_rows(speed)
     if rows:
-        parts += ["\nAt equal error, beside the reference solvers (processor time)", _text(contest_table(rows))]
+        parts += ["\nAt equal error, beside the reference solvers (processor time)"]
+        parts += [_text(contest_table(rows, speed.get("duels") or [])), *summary(rows, speed.get("duels") or [])]
         parts += ["\nTime in the equations, of the most accurate run of each solver (medians over the problems)"]
         parts += [_text(shares_table(rows))]
     lines = [line for key in SECTIONS for line in speed.get(key) or []]
-    broken = sum(line["holds"] is False for line in lines)
-    unknown = sum(line["holds"] is None for line in lines)
-    said = f"{len(lines) - broken - unknown} of {len(lines)} limits hold, {broken} broken, {unknown} not measured"
-    return "\n".join([*parts, f"\n{said}; {speed['seconds']:.0f} s"])
+    counts = Counter(line["verdict"] for line in lines)
+    said = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS)
+    return "\n".join([*parts, f"\n{len(lines)} limits: {said}; {speed['seconds']:.0f} s"])
 
 
 def _text(table: Table) -> str:

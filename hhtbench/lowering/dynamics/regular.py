@@ -1,0 +1,173 @@
+"""Singular systems made regular: redundant constraints left out, and a mass matrix that is singular augmented.
+
+Where rows of ``[g_q; k_v]`` depend on others and the start satisfies all of them, the motion is determined but the
+multipliers are not: adding to them a vector of the null space of ``C^T`` changes nothing.  Independent rows give the same
+motion; of all multipliers with the same reaction ``C^T [lam; mu]`` the one of smallest norm is reported, (H22).
+
+Where the mass is singular but the KKT matrix is regular: on the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so
+adding ``rho C^T (C vdot + c)`` to the equations changes nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The
+new mass is positive definite exactly where M is positive definite on the null space of C.  Solving with the KKT matrix
+inside every f instead would put the reaction into f and leave nothing for the two stage multipliers of the extended HHT
+method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.protocol import declared
+
+LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
+
+
+class ReducedDynamics(Wrapper):
+    """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only."""
+
+    position: tuple[int, ...] = eqx.field(static=True)  #: kept rows of g
+    velocity: tuple[int, ...] = eqx.field(static=True)  #: kept rows of k
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
+        return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Functions of k and Q_k are called velocity_...; to Q and Q_k multipliers of the rows left out are zero."""
+        whole = self.inner.structure
+        rows, size = (self.velocity, whole.p) if name.startswith("velocity") else (self.position, whole.m)
+        kept = np.array(rows, dtype=int)
+        if "reaction" in name:
+            *place, multipliers = arguments
+            arguments = *place, self.xp.asarray(np.eye(size)[:, kept]) @ multipliers
+        value = super().call(name, *arguments)
+        if name.endswith("reaction_jacobians"):
+            return value[0], value[1][:, kept]
+        return value[kept] if "constraint" in name else value
+
+
+def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
+    """``dynamics`` without the rows ``redundant`` of [g; k]; None where a declared reaction may need their multipliers."""
+    if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
+        return None
+    s = dynamics.structure
+    position = tuple(i for i in range(s.m) if i not in redundant)
+    velocity = tuple(i for i in range(s.p) if s.m + i not in redundant)
+    return ReducedDynamics(inner=dynamics, position=position, velocity=velocity)
+
+
+def unreduced(dynamics: Dynamics) -> Dynamics:
+    """The dynamics with all rows of the constraints."""
+    kept = _reduction(dynamics)
+    return dynamics if kept is None else kept.inner
+
+
+def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
+    """Multipliers (k, kept) with a zero for every redundant row: (k, m) and (k, p), the same reaction."""
+    whole, kept = unreduced(dynamics), _reduction(dynamics)
+    if kept is None:
+        return lam, mu
+    full = np.zeros((len(lam), whole.structure.m)), np.zeros((len(mu), whole.structure.p))
+    full[0][:, list(kept.position)] = lam
+    full[1][:, list(kept.velocity)] = mu
+    return full
+
+
+def minimum_norm(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
+    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
+
+    ``rank`` is that of the consistent configuration: off the constraints by an error, the rows are independent by as little,
+    and a rank found by a tolerance would jump there.
+    """
+    left, size, right = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(left[:, :rank] @ ((right[:rank] @ (rows.T @ multipliers)) / size[:rank]), dtype=np.float64)
+
+
+def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
+    inner: Any = dynamics
+    while isinstance(inner, Wrapper) and not isinstance(inner, ReducedDynamics):
+        inner = inner.inner
+    return inner if isinstance(inner, ReducedDynamics) else None
+
+
+class AugmentedDynamics(Wrapper):
+    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``.
+
+    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
+    """
+
+    rho: Any  #: scalar weight, float64 array
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
+        return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
+
+    def _stacked(self, of_position: Callable[[], Any], of_velocity: Callable[[], Any]) -> Any:
+        """What the rows of g and of k have, those that take part."""
+        s = self.inner.structure
+        parts = [of_position()] if s.m else []
+        return self.xp.concatenate([*parts, of_velocity()] if s.p and not s.velocity_jacobian_uses_v else parts)
+
+    def rows(self, t: Any, q: Any) -> Any:
+        """C (rows, n) as a function of (t, q)."""
+        at_rest = lambda: self.velocity_constraint_jacobian(t, q, 0.0 * q)  # noqa: E731
+        return self._stacked(lambda: self.constraint_jacobian(t, q), at_rest)
+
+    def mass(self, t: Any, q: Any) -> Any:
+        rows = self.rows(t, q)
+        return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        rest = self._stacked(  # c (rows,)
+            lambda: self.constraint_acceleration(t, q, v), lambda: self.velocity_constraint_acceleration(t, q, v)
+        )
+        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ rest)
+
+    def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
+        return self.jacobian(lambda y: self.mass(t, y) @ x, q)
+
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        """(F_q, F_v), each (n, n); of order 4 where they are differences, since c holds 1e-9 of difference error."""
+        return self.jacobian(lambda x: self.force(t, x, v), q), self.jacobian(lambda x: self.force(t, q, x), v)
+
+
+def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
+    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
+
+    Raises
+    ------
+    ProblemError
+        No constraint can take part: there are only velocity constraints, and they are nonlinear in v.
+    """
+    dynamics = _with_known_velocity_rows(dynamics, t, q)
+    if not dynamics.structure.m and dynamics.structure.velocity_jacobian_uses_v:
+        raise ProblemError(
+            "the mass matrix is singular and the velocity constraints are nonlinear in v, so they cannot make it regular; "
+            "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
+        )
+    plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
+    rows = np.asarray(plain.rows(t, q))
+    mass = np.asarray(dynamics.mass(t, q))
+    size = np.abs(mass).max() or 1.0
+    rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
+    return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+
+
+def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:
+    """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
+    if isinstance(dynamics, ReducedDynamics) and dynamics.xp is np:
+        return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
+    if not isinstance(dynamics, NumpyDynamics) or not dynamics.structure.p:
+        return dynamics
+    at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
+    places = np.arange(1.0, q.size + 1)
+    moving = [dynamics.velocity_constraint_jacobian(t, q, v) for v in (np.cos(places), 10.0 * np.sin(places))]
+    uses_v = any(np.abs(rows - at_rest).max() > LINEAR * np.abs(at_rest).max() for rows in moving)
+    return replace(dynamics, structure=replace(dynamics.structure, velocity_jacobian_uses_v=bool(uses_v)))

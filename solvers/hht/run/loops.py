@@ -1,0 +1,196 @@
+"""``Loops``: the compiled loops with the functions of one system, their memory, and a state on its way into it and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from solvers.hht.equations.formulas import HIGHEST
+from solvers.hht.equations.known import Layout
+from solvers.hht.events.compiled import EventFunctions
+from solvers.hht.events.event import Event
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import integer_view, view
+from solvers.hht.run.march import remake
+from solvers.hht.step.state import ControlMemory, Factorised, State
+
+if TYPE_CHECKING:
+    from solvers.hht.run.engine import Engine
+
+UNLIMITED = 2**62
+OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
+    "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
+    "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
+}  # fmt: skip
+OF_CONTROL = {"earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K}
+Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
+
+
+class Loops:
+    """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
+
+    def __init__(self, engine: Engine, events: Sequence[Event]) -> None:
+        self.functions, self.work, self._plain = engine.functions, engine.work, engine.plain
+        self._points, method, functions = engine.points, engine.method, engine.functions
+        self.callbacks = functions.callbacks or Callbacks()
+        self.callbacks.check = self.work.check_time
+        self.events = EventFunctions(events, functions, self.callbacks)
+        self.held: State | None = None  #: the state that is in the memory
+        self.nonfinite: NonFiniteValue | None = None  #: the last value in the last call, where it is known
+        self._outside = functions.analysis.outside()
+        self.z = z = functions.memory(len(self.events.events), self.events.samples)
+        c, o = method.coefficients, functions.newton
+        view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
+        z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
+        z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
+        codes = functions.codes(self.callbacks) | engine.rare(self.callbacks)
+        if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
+            codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
+        self._put(codes)
+        self.events.fill(z)
+
+    def section(self, name: int) -> Vector:
+        """A section of the memory, for reading and writing."""
+        section: Vector = view(self.z, name)
+        return section
+
+    def load(self, state: State, values: Vector | None, *, controlled: bool, suspicious: bool) -> None:
+        """Put ``state`` into the memory, with its factorisation made again, and the ``values`` of the event functions there.
+
+        ``suspicious``: a failure of Newton's iteration may be that of declared derivatives.
+
+        Raises
+        ------
+        ProblemError
+            It is a state of another system, or of other options.
+        """
+        self.raise_noted()
+        z = self.z
+        if controlled and not z.i[mem.CODE + 2 * mem.FUNCTIONS.index("raw")]:
+            self._put(self.functions.error_codes(self.callbacks))
+        if self.held is not state:
+            if misfits(state, self.functions.layout, self.functions.given[0]):
+                raise ProblemError("the state is none of this system with these options: its arrays are of other lengths.")
+            self.held, ended = None, mem.CONVERGED
+            if state.factorised is not None:
+                before = self.work.tally.copy()
+                ended = self.call(remake, state.factorised.at)
+                self.work.tally.clear()  # that work was counted before
+                self.work.tally.update(before)
+            self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
+            self.held = state
+        z.i[mem.FALLBACK] = suspicious
+        z.i[mem.EVENTS_KNOWN] = values is not None
+        if values is not None:
+            self.section(mem.EVENT_VALUES)[:] = values
+        integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
+
+    def store(self, *, controlled: bool) -> State:
+        """The state that the loops left in their memory."""
+        t, h, size_q, size_v, known, slot = self.section(mem.NUMBER).tolist()
+        arrays: dict[str, Any] = {name: self.section(section).copy() for name, section in OF_STATE.items()}
+        n = arrays["q"].size
+        arrays["inverse_mass"] = arrays["inverse_mass"].reshape(n, n) if self.z.i[mem.VARIABLE] else None
+        if known > 1.0:
+            arrays["earlier"] = self.section(mem.X_EARLIER).copy().reshape(HIGHEST, -1)[: int(known) - 1]
+        self.held = State(
+            t=t,
+            h=h,
+            **arrays,
+            factorised=None if slot < 0 else self._factorised(int(slot)),
+            size_q=size_q,
+            size_v=size_v,
+            memory=self._control_memory() if controlled else None,
+        )
+        return self.held
+
+    def call(self, entry: Any, *arguments: Any) -> int:
+        """Call one of the loops; what a function in Python has raised in it is raised again."""
+        result = self.call_noting(entry, *arguments)
+        self.raise_noted()
+        return result
+
+    def call_noting(self, entry: Any, *arguments: Any) -> int:
+        """Call one of the loops and count its work; what a function in Python has raised in it stays noted."""
+        tally, limit, spent = np.zeros(len(mem.COUNTS), dtype=np.int64), self.work.max_evaluations, self.work.tally
+        limited = limit is not None and self._points
+        self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
+        with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
+            result = int((entry.function if self._plain else entry)(self.z, *arguments, tally) or 0)
+        nonfinite = self.callbacks.take_nonfinite()
+        self.nonfinite = nonfinite[-1] if nonfinite else None
+        counted = dict(zip(mem.COUNTS, tally.tolist(), strict=True))
+        if not self._points:
+            counted |= {"residual_evaluations": 0, "nonfinite_evaluations": len(nonfinite)}
+        self.work.tally.update({name: amount for name, amount in counted.items() if amount})
+        return result
+
+    def raise_noted(self) -> None:
+        """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
+        cause = self.callbacks.take_cause()
+        if cause is not None:
+            raise cause
+
+    def _put(self, codes: Codes) -> None:
+        for name, pair in codes.items():
+            at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
+            self.z.i[at : at + 2] = pair
+
+    def _fill(self, state: State) -> None:
+        """Write ``state``, which fits; its factorisation, if any, is in slot 0 already."""
+        earlier, memory, made = state.earlier, state.memory, state.factorised
+        known = 0 if state.unknowns is None else 1 + (0 if earlier is None else len(earlier))
+        slot = -1.0 if made is None else 0.0
+        self.section(mem.NUMBER)[:] = state.t, state.h or 0.0, state.size_q, state.size_v, known, slot
+        if made is not None:
+            record = self.section(mem.RECORD)
+            record[mem.RATE], record[mem.USES] = made.rate, made.uses
+        if memory is not None:
+            error = -1.0 if memory.error is None else memory.error
+            self.section(mem.CONTROL)[:] = memory.h_next, memory.last, error, memory.velocity_reaction is not None
+        for owner, sections in ((state, OF_STATE), (memory, OF_CONTROL)):
+            for name, section in sections.items():
+                values = getattr(owner, name, None)
+                if values is not None:
+                    self.section(section)[:] = values.ravel()
+        if earlier is not None:
+            self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
+
+    def _control_memory(self) -> ControlMemory:
+        h_next, last, error, has_reaction = self.section(mem.CONTROL).tolist()
+        arrays: dict[str, Any] = {name: self.section(section).copy() for name, section in OF_CONTROL.items()}
+        if not has_reaction:
+            del arrays["velocity_reaction"]
+        return ControlMemory(h_next=h_next, last=last, **arrays, error=None if error < 0.0 else error)
+
+    def _factorised(self, slot: int) -> Factorised:
+        record, at = self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot).copy()
+        return Factorised(at=at, rate=float(record[mem.RATE]), uses=int(record[mem.USES]))
+
+
+def misfits(state: State, layout: Layout, given: int) -> list[str]:
+    """Which arrays of ``state`` are of another system, or of other options, in words; ``given``: numbers of a step."""
+    s, size = layout.structure, layout.size
+    known = 0 if state.earlier is None else min(state.earlier.size // size, HIGHEST)
+    vectors = dict.fromkeys(("q", "v", "a", "f", "vdot"), (s.n,)) | {"lam": (s.m,), "mu": (s.p,)}
+    matrices = {"inverse_mass": (s.n, s.n), "unknowns": (size,), "earlier": (known, size)}
+    found = misshapen(state, vectors | matrices) + misshapen(state.memory, dict.fromkeys(OF_CONTROL, (s.n,)))
+    found += misshapen(state.factorised, {"at": (size + given,)})
+    return found + [f"the mass is {s.mass}"] * ((state.inverse_mass is None) == (s.mass == "variable"))
+
+
+def misshapen(owner: Any, shapes: dict[str, tuple[int, ...]]) -> list[str]:
+    """Arrays of ``owner`` that have not these ``shapes``, in words; one that is None has any."""
+    found = []
+    for name, shape in shapes.items():
+        value = getattr(owner, name, None)
+        if value is not None and (value.shape != shape or value.dtype != np.float64):
+            found.append(f"{type(owner).__name__}.{name} must have shape {shape}; got {value.dtype} {value.shape}")
+    return found
