@@ -1,4 +1,4 @@
-# make bench    measure the claims of the HHT paper and what its b does, compare the solvers; the report goes to reports/latest
+# make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
 # make bench-chain  time per step and memory on chains of 10 to 10,000 links, beside Exudyn's
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
@@ -30,7 +30,6 @@ export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 bench: $(STAMP)
 	@mkdir -p reports/latest
 	$(BIN)/hhtbench verify paper --jobs $(JOBS) --report reports/latest; verified=$$?; \
-	$(BIN)/hhtbench verify b --jobs $(JOBS) --report reports/latest/b || verified=$$?; \
 	$(BIN)/hhtbench run --campaign quick --jobs $(JOBS) --store reports/latest/campaign.sqlite && \
 	$(BIN)/hhtbench report --store reports/latest/campaign.sqlite --folder reports/latest && exit $$verified
 
