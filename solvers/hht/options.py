@@ -27,10 +27,10 @@ class HHTOptions:
     rho_inf
         Instead of alpha: what a step leaves of the fastest vibrations, (1 + alpha)/(1 - alpha) in [1/2, 1].
     b
-        Weight of the end reaction in the position, not 1/2.  The default 0 costs least a step, alone is symplectic at
-        alpha = 0 (long conservative runs), and is never far behind.  0.2 takes 0.7 times the steps at equal error in the
-        median of motions turned by constraints, up to three times as many where forces work against them; a step costs
-        1.0 to 1.9 times as much (THEORY.md 11, ``hhtbench verify b``).
+        Weight of the end reaction in the position, not 1/2.  The default 0 costs least a step and alone is symplectic at
+        alpha = 0: for long conservative runs.  0.2 takes 0.7 times the steps at equal error in the median of problems with
+        position constraints (a pendulum an eighth, a mechanism whose forces work against its constraints up to three times
+        as many); a step costs 1.0 to 1.9 times as much (THEORY.md 11, ``hhtbench verify b``).
     reaction
         Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).
     rescale_a
