@@ -146,18 +146,16 @@ class _Compiled:
     def _any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""
         try:
-            arrays = None if self._route == "xla" else _as_floats(arguments)
-            value = None if arrays is None else self._by_machine_code(arrays)
+            value, arrays = None, None if self._route == "xla" else _as_floats(arguments)
+            if arrays is not None:
+                shapes = tuple(array.shape for array in arrays)
+                if shapes not in self._calls:
+                    self._calls[shapes] = self._choose(shapes)
+                self._last = self._calls[shapes]
+                value = self._last(*arrays)
             return self._by_xla(*arguments) if value is None else value
         except TRACED_AS_VALUE as error:
             raise explain_control_flow(error, getattr(self.dynamics, "system", self.dynamics)) from error
-
-    def _by_machine_code(self, arrays: list[np.ndarray]) -> np.ndarray | None:
-        shapes = tuple(array.shape for array in arrays)
-        if shapes not in self._calls:
-            self._calls[shapes] = self._choose(shapes)
-        self._last = self._calls[shapes]
-        return self._last(*arrays)
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
         """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""

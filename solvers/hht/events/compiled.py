@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import equinox as eqx
@@ -34,16 +34,16 @@ class EventFunctions:
         self.events = tuple(events)
         self.samples = sum(event.samples + EXTRA for event in self.events)
         n = functions.layout.structure.n
-        self._seen = [seen_by(event.function) for event in self.events]
-        self._code = [_compiled(functions, event, seen, n) for event, seen in zip(self.events, self._seen, strict=True)]
-        self._called = [callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,))) for event in self.events]
+        self._known = []  # of every function: itself, what it refers to, its machine code, the address of a callback
+        for event in self.events:
+            seen, called = seen_by(event.function), callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,)))
+            self._known.append((event.function, seen, _compiled(functions, event, seen, n), called))
 
     def codes(self) -> list[int]:
         """Addresses of every function and of its parameters."""
         pairs = list[int]()
-        for event, seen, code, called in zip(self.events, self._seen, self._code, self._called, strict=True):
-            stays = code is not None and seen == seen_by(event.function)
-            pairs += code.pair if code is not None and stays else (called, 0)
+        for function, seen, code, called in self._known:
+            pairs += code.pair if code is not None and seen == seen_by(function) else (called, 0)
         return pairs
 
     def fill(self, z: Memory) -> None:
@@ -74,7 +74,7 @@ def seen_by(function: Any, depth: int = 0) -> tuple[Any, ...] | None:
 
     A list that it appends to, say, would grow once, when it is traced, and never again.
     """
-    if isinstance(function, MethodType) or not isinstance(function, FunctionType) or depth > DEEPEST:
+    if not isinstance(function, FunctionType) or depth > DEEPEST:
         return None
     names = inspect.getclosurevars(function)
     values = [*names.nonlocals.values(), *names.globals.values(), *(function.__defaults__ or ())]
@@ -92,12 +92,9 @@ def _seen(value: Any, depth: int) -> tuple[Any, ...] | None:
         return None if None in parts else parts
     if isinstance(value, FunctionType) and not _of_a_library(value.__module__):
         return seen_by(value, depth + 1)
-    name = value.__name__ if isinstance(value, ModuleType) else type(value).__module__
-    owner = getattr(value, "__module__", None) if callable(value) else None
-    fixed = isinstance(value, (ModuleType, FunctionType, BuiltinFunctionType)) or callable(value)
-    if isinstance(value, jax.Array | eqx.Module) or (fixed and _of_a_library(owner or name)):
-        return "fixed", id(value)
-    return None
+    owner = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None) or type(value).__module__
+    fixed = (isinstance(value, ModuleType) or callable(value)) and _of_a_library(owner)
+    return ("fixed", id(value)) if fixed or isinstance(value, jax.Array | eqx.Module) else None
 
 
 def _of_a_library(module: str | None) -> bool:
