@@ -70,13 +70,13 @@ def test_a_coloured_derivative_equals_the_full_one():
     assert np.allclose(values, jax.jit(curve)(FREE, jnp.asarray(Q), T, jnp.asarray(V)), rtol=1e-14)
     full = jax.jit(jax.jacfwd(curve, 1))(FREE, jnp.asarray(Q), T, jnp.asarray(V))
     assert np.allclose(derivative.toarray(), full, rtol=1e-14)
-    assert coloured.pattern.entries < 0.6 * derivative.shape[0] * N and coloured.pattern.colours < N
+    assert coloured.pattern.rows.size < 0.6 * derivative.shape[0] * N and coloured.pattern.colours < N
 
 
 def test_an_entry_that_vanishes_at_the_start_belongs_to_the_pattern():
     nowhere = np.zeros(N)
     pattern = Coloured(curve, FREE, example=(nowhere, 0.0, nowhere)).pattern
-    assert np.array_equal(pattern.matrix(np.ones(pattern.entries)).toarray() > 0, _dependencies())
+    assert np.array_equal(pattern.matrix(np.ones(pattern.rows.size)).toarray() > 0, _dependencies())
 
 
 def _dependencies():

@@ -41,11 +41,6 @@ class Pattern:
     colours: int  #: directional derivatives that one evaluation costs
 
     @property
-    def entries(self) -> int:
-        """Number of entries."""
-        return int(self.rows.size)
-
-    @property
     def places(self) -> Indices:
         """(entries,) where each entry stands in the compressed derivative (colours, rows), flattened."""
         return self.colour[self.columns].astype(np.int64) * self.shape[0] + self.rows

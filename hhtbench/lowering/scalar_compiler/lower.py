@@ -17,12 +17,12 @@ import jax
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement, reductions
+from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
 from hhtbench.lowering.scalar_compiler.emit import needs, ordered
 from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
-RULE_BOOKS = (control, elementwise, linear_algebra, movement, reductions)  # importing them registers their rules
+RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
 CHEAP = ("constant", "parameter", "argument", "solve", "foreign")  # cost no operation, or are no numbers themselves

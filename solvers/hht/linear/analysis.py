@@ -37,10 +37,7 @@ class SuperLU:
     """
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
-        self._sorted = np.lexsort((rows, columns))
-        self._rows = rows[self._sorted].astype(np.int32)
-        self._starts = np.searchsorted(columns[self._sorted], np.arange(size + 1)).astype(np.int32)
-        self._size = size
+        self._places, self._size = (rows, columns), size
         self._slots: list[Any] = [None, None]
 
     def codes(self, callbacks: Callbacks, entries: int) -> dict[str, tuple[int, int]]:
@@ -50,8 +47,8 @@ class SuperLU:
 
     def factor(self, slot: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
-        values = entries[self._sorted]  # those of the maps follow
-        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size), copy=True)
+        values = entries[: self._places[0].size]  # those of the maps follow
+        matrix: Any = sp.csc_array((values, self._places), shape=(self._size, self._size))
         matrix.eliminate_zeros()
         try:
             made = splu(matrix, permc_spec="COLAMD")
@@ -67,7 +64,7 @@ class SuperLU:
 
     def fill(self) -> int:
         """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
-        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._rows.size))
+        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._places[0].size))
         return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
@@ -165,7 +162,7 @@ def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> An
 def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
     """For the entries of a sparse derivative, which come after the residual."""
     rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
-    total = size + pattern.entries
+    total = size + rows.size
     given = size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total)
     return chosen(*given, linsolver, True)
 
