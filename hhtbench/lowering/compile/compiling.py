@@ -70,21 +70,6 @@ def route_of(dynamics: Compilable) -> str:
     return "numpy" if dynamics.xp is np else "xla"
 
 
-def wanted_route(route: str | None) -> str:
-    """The route asked for by the argument, else by the environment, else "auto".
-
-    Raises
-    ------
-    ProblemError
-        There is no such route.
-    """
-    source = "route" if route is not None else VARIABLE
-    wanted = route if route is not None else os.environ.get(VARIABLE) or "auto"
-    if wanted not in ROUTES:
-        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
-    return wanted
-
-
 def too_large(dynamics: Compilable) -> str | None:
     """Why the native route would not pay for a system of this size, or None."""
     s = dynamics.structure
@@ -115,7 +100,9 @@ def compile_function(
         There is no such route; or, at a call, "native" was asked for and does not know how, or Python control flow looks
         at a value that JAX traces: the text says why.
     """
-    wanted = wanted_route(route)
+    source, wanted = (VARIABLE, os.environ.get(VARIABLE) or "auto") if route is None else ("route", route)
+    if wanted not in ROUTES:
+        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
     key = (function, ById(dynamics), static, wanted)
