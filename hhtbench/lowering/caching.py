@@ -58,21 +58,16 @@ class Cache:
             return list(self._values.values())
 
 
-def cache_directory() -> Path:
-    """Where compiled code is kept: ``$HHTBENCH_CACHE``, else ``$XDG_CACHE_HOME/hhtbench``, else ``~/.cache/hhtbench``."""
-    base = os.environ.get("HHTBENCH_CACHE")
-    if base:
-        return Path(base)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hhtbench"
-
-
 def private_folder(name: str) -> Path | None:
     """The folder ``name`` of the cache, which only its owner can write; None where there is none to be trusted.
+
+    The cache: ``$HHTBENCH_CACHE``, else ``$XDG_CACHE_HOME/hhtbench``, else ``~/.cache/hhtbench``.
 
     What lies in it is loaded and run: its protection is the folder's owner and mode.  It is made with mode 0700; one that
     belongs to somebody else or that others can write is refused with a warning, and nothing is kept then.
     """
-    base = cache_directory()
+    given = os.environ.get
+    base = Path(given("HHTBENCH_CACHE") or Path(given("XDG_CACHE_HOME") or Path.home() / ".cache") / "hhtbench")
     try:
         for folder in (base, base / name):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)

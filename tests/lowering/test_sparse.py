@@ -10,7 +10,7 @@ from hhtbench import System, parameter
 from hhtbench.counting import Work
 from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
-from hhtbench.lowering.compile.coloured import Coloured, pattern_of
+from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
 from hhtbench.lowering.dynamics.mass import Diagonal
 from problems import planar_chain
@@ -70,13 +70,13 @@ def test_a_coloured_derivative_equals_the_full_one():
     assert np.allclose(values, jax.jit(curve)(FREE, jnp.asarray(Q), T, jnp.asarray(V)), rtol=1e-14)
     full = jax.jit(jax.jacfwd(curve, 1))(FREE, jnp.asarray(Q), T, jnp.asarray(V))
     assert np.allclose(derivative.toarray(), full, rtol=1e-14)
-    assert coloured.pattern.entries < 0.6 * derivative.shape[0] * N and coloured.pattern.colours < N
+    assert coloured.pattern.rows.size < 0.6 * derivative.shape[0] * N and coloured.pattern.colours < N
 
 
 def test_an_entry_that_vanishes_at_the_start_belongs_to_the_pattern():
     nowhere = np.zeros(N)
-    pattern = pattern_of(curve, FREE, (), (nowhere, 0.0, nowhere))
-    assert np.array_equal(pattern.matrix(np.ones(pattern.entries)).toarray() > 0, _dependencies())
+    pattern = Coloured(curve, FREE, example=(nowhere, 0.0, nowhere)).pattern
+    assert np.array_equal(pattern.matrix(np.ones(pattern.rows.size)).toarray() > 0, _dependencies())
 
 
 def _dependencies():
@@ -89,7 +89,8 @@ def _dependencies():
 
 def test_a_pattern_holds_for_other_parameter_values():
     quiet = matrix_free(derive(Mixed(stiffness=0.0), T, Q, V))
-    assert pattern_of(curve, quiet, (), (Q, T, V)) is pattern_of(curve, FREE, (), (Q, T, V))
+    first, second = (Coloured(curve, dynamics, example=(Q, T, V)) for dynamics in (quiet, FREE))
+    assert first.pattern is second.pattern
 
 
 CHAIN = planar_chain.problem(n_links=81)  # n + m = 405: just large

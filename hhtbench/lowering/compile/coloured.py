@@ -41,11 +41,6 @@ class Pattern:
     colours: int  #: directional derivatives that one evaluation costs
 
     @property
-    def entries(self) -> int:
-        """Number of entries."""
-        return int(self.rows.size)
-
-    @property
     def places(self) -> Indices:
         """(entries,) where each entry stands in the compressed derivative (colours, rows), flattened."""
         return self.colour[self.columns].astype(np.int64) * self.shape[0] + self.rows
@@ -56,19 +51,10 @@ class Pattern:
         return sp.csr_array((values, self.columns, starts), shape=self.shape)
 
 
-def pattern_of(
-    function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], example: tuple[Any, ...]
-) -> Pattern:
-    """The pattern of the derivative of ``function(dynamics, *static, x, *rest)`` by x, whatever the parameter values.
-
-    ``example`` holds arrays of the shapes of x and of the rest.
-    """
-    flat = flat_function(function, dynamics, *static)
-    return _patterns.find(flat.key, lambda: _detected(flat, *(jnp.asarray(array, dtype=float) for array in example)))
-
-
-def _detected(flat: Flat, x: Any, *rest: Any) -> Pattern:
+def _detected(flat: Flat, example: tuple[Any, ...]) -> Pattern:
     import asdex  # it loads Numba, a tenth of a second that few need
+
+    x, *rest = (jnp.asarray(array, dtype=float) for array in example)
 
     def of_unknowns(x: Any, parameters: Any, *rest: Any) -> Any:
         return flat.function(parameters, x, *rest)
@@ -99,10 +85,14 @@ def value_and_entries(
 
 
 class Coloured:
-    """A function of a JAX dynamics with its sparse derivative by the first array; the pattern is found once."""
+    """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x.
+
+    The pattern is found once, whatever the parameter values; ``example``: arrays of the shapes of x and of the rest.
+    """
 
     def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
-        self.pattern: Pattern = pattern_of(function, dynamics, static, example)
+        flat = flat_function(function, dynamics, *static)
+        self.pattern: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))
         compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
         self.packed = partial(compiled, *where)  #: arrays -> values (rows,), then entries (entries,)

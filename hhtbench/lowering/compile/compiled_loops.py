@@ -23,6 +23,7 @@ os.environ["NUMBA_CPU_FEATURES"] = ""
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped, unused-ignore]
 import numba
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
 from numba import types
 from numba.core import cgutils
@@ -30,7 +31,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
-from numba.np.numpy_support import as_dtype, from_dtype
 
 from hhtbench.lowering.compile.loops import (
     BITCODE,
@@ -38,8 +38,8 @@ from hhtbench.lowering.compile.loops import (
     ENTRY,
     MANIFEST,
     Entry,
-    array_layout,
     content_of,
+    in_words,
 )
 from hhtbench.lowering.scalar_compiler.machine import from_bitcode
 
@@ -66,12 +66,12 @@ def bitcode(entry: Entry) -> bytes:
     TypeError
         The function returns something else than a whole number or None, or needs Numba when it runs.
     """
-    called, taken = entry.for_numba(), _taken(arguments_of(entry))
+    called, taken = entry.for_numba(), _taken(numba.typeof(arguments_of(entry)))
 
     def flat(words: Any) -> Any:
         return called(*taken(words))
 
-    made = numba.njit(**WITHOUT_PYTHON, **entry.options)(flat)
+    made = numba.njit(**WITHOUT_PYTHON)(flat)
     with _not_loaded():
         made.compile((types.intp,))
     (result,) = made.overloads.values()
@@ -96,7 +96,7 @@ def write(entry: Entry) -> dict[str, Any]:
     }.items():
         (entry.folder / f"{entry.__name__}.{kind}").write_bytes(code)
         hashes[kind] = hashlib.sha256(code).hexdigest()
-    return {"layout": layout_of(arguments_of(entry)), "files": hashes}
+    return {"layout": in_words(arguments_of(entry), []), "files": hashes}
 
 
 def write_all(found: list[Entry]) -> None:
@@ -122,32 +122,22 @@ def _not_loaded() -> Iterator[None]:
             del codegen._add_module, codegen.set_env
 
 
-def arguments_of(entry: Entry) -> Any:
-    """Numba's type of its arguments, as one tuple."""
+def arguments_of(entry: Entry) -> tuple[Any, ...]:
+    """Empty arguments as it takes them: Numba's types and the layout of the words are read off them."""
     hints = get_type_hints(entry.function, include_extras=True)
-    return types.BaseTuple.from_types([numba_type(kind) for name, kind in hints.items() if name != "return"])
+    return tuple(empty(kind) for name, kind in hints.items() if name != "return")
 
 
-def numba_type(hint: Any) -> Any:
-    """Numba's type of an argument that is annotated so."""
+def empty(hint: Any) -> Any:
+    """A value that is annotated so: an array without entries, a zero, a tuple of such."""
     if get_origin(hint) is Annotated:
         dtype, ndim = get_args(hint)[1:]
-        return types.Array(from_dtype(dtype), ndim, "C")
+        return np.empty((0,) * ndim, dtype)
     if get_origin(hint) is tuple:
-        return types.BaseTuple.from_types([numba_type(part) for part in get_args(hint)])
+        return tuple(map(empty, get_args(hint)))
     if hasattr(hint, "_fields"):
-        parts = get_type_hints(hint, include_extras=True)
-        return types.BaseTuple.from_types([numba_type(parts[name]) for name in hint._fields], hint)
-    return {bool: types.boolean, int: types.int64, float: types.float64}[hint]
-
-
-def layout_of(kind: Any) -> str:
-    """The words of an argument of Numba's type ``kind``, as :func:`hhtbench.lowering.compile.loops.in_words` finds them."""
-    if isinstance(kind, types.BaseTuple):
-        return f"({''.join(map(layout_of, kind.types))})"  # type: ignore[attr-defined]
-    if isinstance(kind, types.Array):
-        return array_layout(as_dtype(kind.dtype), kind.ndim)
-    return {types.boolean: "?", types.int64: "q", types.float64: "d"}[kind]
+        return hint(*map(empty, get_type_hints(hint, include_extras=True).values()))
+    return hint()
 
 
 def _taken(kind: Any) -> Any:

@@ -8,9 +8,12 @@ systems of one class, sizes and static options, whatever their parameter values,
 from __future__ import annotations
 
 import os
+import sysconfig
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import jax
@@ -20,7 +23,6 @@ import numpy as np
 from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import ById, Cache, use_disk_cache
-from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
@@ -29,6 +31,14 @@ ROUTES = ("auto", "native", "xla")
 VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
 MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
 SMALL = "the system is small and every operation is known"
+TRACED_AS_VALUE = (
+    jax.errors.ConcretizationTypeError,  # if, while, and, or, float()
+    jax.errors.TracerArrayConversionError,  # a NumPy function
+    jax.errors.TracerIntegerConversionError,  # range(), an index of a list
+    jax.errors.NonConcreteBooleanIndexError,  # q[q > 0]
+)
+_LIBRARIES = tuple(sorted({str(Path(sysconfig.get_paths()[key]).resolve()) for key in ("stdlib", "purelib", "platlib")}))
+_NOT_THE_USERS = "<", *_LIBRARIES, str(Path(__file__).resolve().parents[2])
 
 _callables = Cache(512)  # finding a function's code again takes as long as a hundred calls of it
 
@@ -58,21 +68,6 @@ class Compilable(Protocol):
 def route_of(dynamics: Compilable) -> str:
     """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
     return "numpy" if dynamics.xp is np else "xla"
-
-
-def wanted_route(route: str | None) -> str:
-    """The route asked for by the argument, else by the environment, else "auto".
-
-    Raises
-    ------
-    ProblemError
-        There is no such route.
-    """
-    source = "route" if route is not None else VARIABLE
-    wanted = route if route is not None else os.environ.get(VARIABLE) or "auto"
-    if wanted not in ROUTES:
-        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
-    return wanted
 
 
 def too_large(dynamics: Compilable) -> str | None:
@@ -105,7 +100,9 @@ def compile_function(
         There is no such route; or, at a call, "native" was asked for and does not know how, or Python control flow looks
         at a value that JAX traces: the text says why.
     """
-    wanted = wanted_route(route)
+    source, wanted = (VARIABLE, os.environ.get(VARIABLE) or "auto") if route is None else ("route", route)
+    if wanted not in ROUTES:
+        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
     key = (function, ById(dynamics), static, wanted)
@@ -146,18 +143,16 @@ class _Compiled:
     def _any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""
         try:
-            arrays = None if self._route == "xla" else _as_floats(arguments)
-            value = None if arrays is None else self._by_machine_code(arrays)
+            value, arrays = None, None if self._route == "xla" else _as_floats(arguments)
+            if arrays is not None:
+                shapes = tuple(array.shape for array in arrays)
+                if shapes not in self._calls:
+                    self._calls[shapes] = self._choose(shapes)
+                self._last = self._calls[shapes]
+                value = self._last(*arrays)
             return self._by_xla(*arguments) if value is None else value
         except TRACED_AS_VALUE as error:
             raise explain_control_flow(error, getattr(self.dynamics, "system", self.dynamics)) from error
-
-    def _by_machine_code(self, arrays: list[np.ndarray]) -> np.ndarray | None:
-        shapes = tuple(array.shape for array in arrays)
-        if shapes not in self._calls:
-            self._calls[shapes] = self._choose(shapes)
-        self._last = self._calls[shapes]
-        return self._last(*arrays)
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
         """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""
@@ -204,3 +199,23 @@ def _as_floats(arguments: tuple[Any, ...]) -> list[np.ndarray] | None:
     if any(array.dtype.kind not in "fiub" for array in arrays):
         return None
     return [array.astype(np.float64, copy=False) for array in arrays]
+
+
+def explain_control_flow(error: Exception, system: Any) -> ProblemError:
+    """The error for a function of ``system`` whose Python code needs the value of something JAX traces."""
+    return ProblemError(
+        f"{type(system).__name__}: {_line(error)} needs a value before there is one: its functions are traced by JAX once "
+        "and then serve all t, q, v and parameters, so plain Python (if, while, float(), a function of numpy) cannot look "
+        "at those.  Write the choice as jnp.where(condition, a, b) or jax.lax.cond, use jax.numpy instead of numpy, make a "
+        "parameter that selects a formula a static field (eqx.field(static=True)), or give the functions as they are to a "
+        "NumpySystem."
+    )
+
+
+def _line(error: Exception) -> str:
+    """``file, line n, in f: source`` of the innermost line that is the user's."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = frame.filename if frame.filename.startswith("<") else str(Path(frame.filename).resolve())
+        if not file.startswith(_NOT_THE_USERS):
+            return f"{frame.filename}, line {frame.lineno}, in {frame.name}: `{frame.line}`"
+    return "one of its functions"

@@ -13,7 +13,6 @@ import importlib
 import json
 import platform
 import struct
-import threading
 from collections.abc import Callable
 from functools import cache, lru_cache, update_wrapper
 from pathlib import Path
@@ -41,7 +40,7 @@ OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")  #: they say
 ENTRIES: list[Entry] = []  #: of all modules that were imported
 
 
-def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any]:
+def entries(folder: Path, *sources: Path) -> Callable[[Any], Any]:
     """A decorator that makes an :class:`Entry` of a function of loops over numbers, with annotated arguments.
 
     They make no arrays of their own and return a whole number or None.
@@ -52,10 +51,8 @@ def entries(folder: Path, *sources: Path, **options: Any) -> Callable[[Any], Any
         Where their object code lies.
     sources
         Files, and folders of files, that it is made from.
-    options
-        Of Numba.
     """
-    return lambda function: Entry(function, folder, sources, options)
+    return lambda function: Entry(function, folder, sources)
 
 
 def inner(**options: Any) -> Callable[[Any], Any]:
@@ -93,10 +90,9 @@ class Entry(Inner):
     ``entry.function`` is the same as plain Python.
     """
 
-    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...], options: dict[str, Any]) -> None:
-        super().__init__(function, lambda: _dispatcher(function, options))
-        self.folder, self.sources, self.options = folder, sources, options
-        self._lock = threading.Lock()
+    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...]) -> None:
+        super().__init__(function, lambda: _dispatcher(function, {}))
+        self.folder, self.sources = folder, sources
         self._ready: tuple[str, Any, Any] | None = None
         ENTRIES.append(self)
 
@@ -119,13 +115,11 @@ class Entry(Inner):
         return result.value
 
     def _prepare(self, words: list[Any]) -> tuple[str, Any, Any]:
-        with self._lock:
-            if self._ready is None:
-                layout, code = self._shipped()
-                (address,) = load(code, ENTRY)
-                formats = ["d" if isinstance(word, float) else "q" for word in words]
-                self._ready = layout, _CALL(address), struct.Struct("".join(formats)).pack
-            return self._ready
+        layout, code = self._shipped()
+        (address,) = load(code, ENTRY)
+        formats = ["d" if isinstance(word, float) else "q" for word in words]
+        self._ready = layout, _CALL(address), struct.Struct("".join(formats)).pack  # threads at once make the same twice
+        return self._ready
 
     def _shipped(self) -> tuple[str, bytes]:
         """What its arguments are in words, and object code for this machine."""

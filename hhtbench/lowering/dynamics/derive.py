@@ -13,7 +13,7 @@ import numpy as np
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.control_flow import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, inverse_of

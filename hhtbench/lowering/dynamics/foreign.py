@@ -190,9 +190,10 @@ class ForeignDynamics(eqx.Module, Dynamics):
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
     """``dynamics`` of plain callables on NumPy arrays as one that can be traced."""
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
+    users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # of copies already, and to be copied from
     addresses = []
     for name, (arguments, results) in FUNCTIONS.items():
-        function = _function(dynamics, name)
+        function = users.get("mass_matrix" if name == "mass" else name) or getattr(dynamics, name)
         if len(results) == 2:
             function = partial(_joined, function, s.n)
         addresses.append(
@@ -203,13 +204,6 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)
     own = tuple(name for name in FUNCTIONS if name not in derived and (name != "mass" or s.mass == "variable"))
     return ForeignDynamics(bits, s, callbacks, own, *masses)
-
-
-def _function(dynamics: Dynamics, name: str) -> Callable[..., Any]:
-    """The user's own where it is declared: the callback's arguments are copies already, and its result is copied."""
-    own = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}
-    found: Callable[..., Any] = own.get("mass_matrix" if name == "mass" else name) or getattr(dynamics, name)
-    return found
 
 
 def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:

@@ -1,7 +1,9 @@
-"""Rules of the primitives that act entry by entry."""
+"""Rules of the primitives that act entry by entry, or combine the entries along an axis: reductions and running ones."""
 
 from __future__ import annotations
 
+import math
+from functools import cache, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ from jax import lax
 
 from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Value, made, rule, rule_of_nodes
-from hhtbench.lowering.scalar_compiler.operations import ARITHMETIC, COMPARISONS, INTRINSICS, LIBM, LOGIC
+from hhtbench.lowering.scalar_compiler.operations import ARITHMETIC, COMPARISONS, ELEMENTWISE, INTRINSICS, LIBM, LOGIC
 
 OTHERS = "add_any", "atan2", "clamp", "erf", "erfc", "logistic", "max", "min", "neg", "pow", "rsqrt", "sign", "square"
 NUMERIC = *LIBM, *ARITHMETIC, *INTRINSICS, *OTHERS, *COMPARISONS, "is_finite", "lt_to", "le_to"
@@ -19,6 +21,12 @@ OPERATIONS: dict[tuple[str, ...], dict[str, str]] = {  # by the kind of all inpu
     ("int",): {name: name for name in (*INTEGER, *COMPARISONS)} | {"div": "quotient"},
     ("bool",): {name: name for name in LOGIC} | {"max": "or", "min": "and", "eq": "same", "ne": "xor"},
 }
+
+REDUCTIONS = {"reduce_sum": "add", "reduce_prod": "mul"} | {
+    f"reduce_{name}": name for name in ("max", "min", "and", "or", "xor")
+}
+EMPTY = {"add": 0.0, "mul": 1.0, "max": -np.inf, "min": np.inf, "and": True, "or": False, "xor": False}
+RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
 
 
 @rule(*NUMERIC, *LOGIC)
@@ -95,3 +103,50 @@ def _reduce_precision(graph: Graph, equation: Any, x: Ids) -> Ids:
 @rule("copy", "stop_gradient", "device_put", "optimization_barrier")
 def _same(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
     return list(inputs)
+
+
+@rule(*REDUCTIONS)
+def _reduce(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    name, axes = REDUCTIONS[equation.primitive.name], equation.params["axes"]
+    if isinstance(x, np.ndarray) and x.size and name in ELEMENTWISE:
+        return [np.asarray(ELEMENTWISE[name].reduce(x, axis=tuple(axes)))]  # type: ignore[attr-defined]
+    nodes, shape = ctx.lift(x), equation.outvars[0].aval.shape
+    if nodes.kind == "bool":
+        name = {"max": "or", "min": "and"}.get(name, name)
+    elif name in LOGIC:
+        raise NotNative(f"{equation.primitive.name} on bits of integers")
+    moved = np.moveaxis(nodes.ids, axes, range(-len(axes), 0))
+    rows = moved.reshape(math.prod(shape), math.prod(moved.shape[len(shape) :]))
+    fold = cache(partial(_fold, ctx.graph, name))  # most rows of derivatives are zero
+    return made(equation, np.array([fold(tuple(row)) for row in rows.tolist()], dtype=np.int64).reshape(shape))
+
+
+def _fold(graph: Graph, name: str, row: tuple[int, ...]) -> int:
+    return reduce(partial(graph.apply, name), row) if row else int(graph.constants(np.asarray(EMPTY[name])))
+
+
+@rule(*RUNNING)
+def _running(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    nodes, name, p = ctx.lift(x), RUNNING[equation.primitive.name], equation.params
+    if nodes.kind == "bool":
+        raise NotNative(f"{equation.primitive.name} of booleans")
+    order = slice(None, None, -1 if p["reverse"] else 1)
+    lines = np.moveaxis(nodes.ids, p["axis"], 0)[order].copy()
+    for i in range(1, len(lines)):
+        lines[i] = ctx.graph.elementwise(name, lines[i - 1], lines[i])
+    return made(equation, np.moveaxis(lines[order], 0, p["axis"]))
+
+
+@rule("argmax", "argmin")
+def _argmax(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    """The first of the largest; a NaN is larger, and smaller, than any number."""
+    graph, (axis,) = ctx.graph, equation.params["axes"]
+    lines = np.moveaxis(ctx.as_numbers(ctx.lift(x)), axis, 0)
+    best, place = lines[0], np.full(lines.shape[1:], ZERO, dtype=np.int64)
+    for i in range(1, len(lines)):
+        better = graph.elementwise("gt" if equation.primitive.name == "argmax" else "lt", lines[i], best)
+        is_nan, was_not = graph.elementwise("ne", lines[i], lines[i]), graph.elementwise("eq", best, best)
+        better = graph.elementwise("or", better, graph.elementwise("and", is_nan, was_not))
+        place = graph.elementwise("select", better, np.int64(graph.constant(float(i))), place)
+        best = graph.elementwise("select", better, lines[i], best)
+    return made(equation, place)

@@ -1,7 +1,8 @@
-"""Rules of linear algebra and of callbacks: a solve with a general matrix is one call of emitted code."""
+"""Rules of linear algebra and of callbacks: products, and solves; one with a general matrix is one call of emitted code."""
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,39 @@ from scipy.sparse.csgraph import connected_components
 
 from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Value, made, rule, rule_of_nodes
+
+
+@rule("dot_general")
+def _dot(ctx: Interpreter, equation: Any, x: Value, y: Value) -> list[Value]:
+    sums, batches = equation.params["dimension_numbers"]
+    shape = equation.outvars[0].aval.shape
+    if isinstance(x, np.ndarray) and isinstance(y, np.ndarray):
+        left, right = map(_as_matrices, (x, y), sums, batches)
+        return [np.einsum("bik,bjk->bij", left, right).reshape(shape)]
+    left, right = map(_as_matrices, (ctx.numbers(x), ctx.numbers(y)), sums, batches)
+    product = [_product(ctx.graph, a, b) for a, b in zip(left, right, strict=True)]
+    return made(equation, np.array(product, dtype=np.int64).reshape(shape))
+
+
+def _as_matrices(array: np.ndarray, summed: Any, batch: Any) -> np.ndarray:
+    """(batch, rows, k)."""
+    free = [axis for axis in range(array.ndim) if axis not in (*summed, *batch)]
+    sizes = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, summed)]
+    return array.transpose([*batch, *free, *summed]).reshape(sizes)
+
+
+def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
+    """Rows of x times rows of y, summed in order; structural zeros cost nothing."""
+    add, mul = graph.add, graph.mul
+    result = [[ZERO] * len(y) for _ in range(len(x))]
+    for left, right in zip(x.T, y.T, strict=True):
+        columns = np.flatnonzero(right != ZERO).tolist()
+        factors = right.tolist()
+        for i in np.flatnonzero(left != ZERO).tolist():
+            row, factor = result[i], int(left[i])
+            for j in columns:
+                row[j] = add(row[j], mul(factor, factors[j]))
+    return result
 
 
 @rule_of_nodes("hhtbench_inverse", numbers=True)

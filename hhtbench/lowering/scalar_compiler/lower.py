@@ -17,14 +17,15 @@ import jax
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement, reductions
+from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
 from hhtbench.lowering.scalar_compiler.emit import needs, ordered
 from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
-RULE_BOOKS = (control, elementwise, linear_algebra, movement, reductions)  # importing them registers their rules
+RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
+CHEAP = ("constant", "parameter", "argument", "solve", "foreign")  # cost no operation, or are no numbers themselves
 
 Shapes = tuple[tuple[int, ...], ...]
 
@@ -113,9 +114,5 @@ def _kept(lowered: Lowered, last: int) -> list[int]:
     for node in sorted(late):
         wanted.update(dict.fromkeys(needs(graph, node)))
     wanted.update(dict.fromkeys(lowered.outputs))
-    return [node for node in wanted if node not in late and _is_worth_keeping(graph, node)]
-
-
-def _is_worth_keeping(graph: Graph, node: int) -> bool:
-    """A number that costs an operation: booleans have no place in an array of numbers."""
-    return graph.operation[node] not in ("constant", "parameter", "argument", "solve", "foreign") and not graph.is_bool(node)
+    costly = (node for node in wanted if node not in late and graph.operation[node] not in CHEAP)
+    return [node for node in costly if not graph.is_bool(node)]  # which have no place in an array of numbers

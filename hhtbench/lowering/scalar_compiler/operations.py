@@ -51,15 +51,15 @@ def _power(x: Any, y: Any) -> Any:
         return np.power(x, y)
 
 
-NUMPY_NAMES = (  # that are not JAX's
+OTHER_NAMES = (  # NumPy's, where they are not JAX's
     *(("div", "divide"), ("eq", "equal"), ("ge", "greater_equal"), ("gt", "greater"), ("le", "less_equal"), ("lt", "less")),
     *(("max", "maximum"), ("min", "minimum"), ("mul", "multiply"), ("ne", "not_equal"), ("neg", "negative")),
     *(("rem", "fmod"), ("round_even", "rint"), ("sub", "subtract")),
 )
+SAME_NAMES = {*LIBM, *INTRINSICS, *ARITHMETIC, "atan2", "sign", "square"}.difference(dict(OTHER_NAMES), ["round_away"])
 ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
-    **{name: getattr(np, name) for name in (*LIBM, "abs", "add", "atan2", "ceil", "cos", "exp", "exp2", "floor", "log")},
-    **{name: getattr(np, name) for name in ("sign", "sin", "sqrt", "square", "trunc")},
-    **{name: getattr(np, other) for name, other in NUMPY_NAMES},
+    **{name: getattr(np, name) for name in SAME_NAMES},
+    **{name: getattr(np, other) for name, other in OTHER_NAMES},
     **{name: getattr(special, name) for name in ("erf", "erfc")},
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
 }

@@ -37,7 +37,7 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
         v1 = v1 + h * unknown["Rk"]  # (H10)
     if s.m:
-        start_reaction = _start_reaction(dynamics, unknown["lam0"], known)
+        start_reaction = _accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))  # (H8)
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
         end = known["q_stage"]  # (H8)
@@ -174,17 +174,17 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
         q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
     if s.m:
         at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
-        at_start = _inverse_mass_times(dynamics, known, "inverse_mass", at_start)
+        at_start = _accelerate(dynamics, known, at_start)
         q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
     if s.m and layout.end_unknown:
         q_blocks["R1"], v_blocks["R1"] = known["q_R1"] * eye, known["v_R1"] * eye
     elif s.m:
         by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
-        at_end = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_lam)
+        at_end = _accelerate(dynamics, known, by_lam, "inverse_mass_stage")
         v_blocks["lam1"] = known["v_R1"] * at_end
         if layout.moving:
             q_x = _columns(dynamics, layout, None, **q_blocks)
-            moved = _inverse_mass_times(dynamics, known, "inverse_mass_stage", by_q) @ q_x
+            moved = _accelerate(dynamics, known, by_q, "inverse_mass_stage") @ q_x
             return q_x, _columns(dynamics, layout, known["v_R1"] * known["theta"] * moved, **v_blocks)
         q_blocks["lam1"] = known["q_R1"] * at_end
     return _columns(dynamics, layout, None, **q_blocks), _columns(dynamics, layout, None, **v_blocks)
@@ -206,25 +206,16 @@ def _chain(by_q: Any, q_x: Any, by_v: Any, v_x: Any) -> Any:
     return by_q @ q_x if by_v is None else by_q @ q_x + by_v @ v_x
 
 
-def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
-    return _inverse_mass_times(dynamics, known, "inverse_mass", dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
-
-
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
-    return _inverse_mass_times(dynamics, known, "inverse_mass_stage", dynamics.reaction(known["t_stage"], q, lam))  # (H8)
+    return _accelerate(dynamics, known, dynamics.reaction(known["t_stage"], q, lam), "inverse_mass_stage")  # (H8)
 
 
-def _inverse_mass_times(dynamics: Dynamics, known: Any, name: str, x: Any) -> Any:
-    """M^-1 x with the inverse mass that is known for this place; a constant mass has only one, (H2)."""
+def _accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass") -> Any:
+    """M^-1 x, (H13), by the inverse mass that is known by ``name``; a constant mass has only one, (H2).  None stays None."""
     inverse = known.get(name)
     if inverse is None:
         inverse = dynamics.inverse_mass
-    return x if inverse is None else inverse @ x
-
-
-def _accelerate(dynamics: Dynamics, known: Any, x: Any) -> Any:
-    """Force rows to acceleration rows, (H13); None stays None."""
-    return None if x is None else _inverse_mass_times(dynamics, known, "inverse_mass", x)
+    return x if x is None or inverse is None else inverse @ x
 
 
 def _scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,10 +37,7 @@ class SuperLU:
     """
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
-        self._sorted = np.lexsort((rows, columns))
-        self._rows = rows[self._sorted].astype(np.int32)
-        self._starts = np.searchsorted(columns[self._sorted], np.arange(size + 1)).astype(np.int32)
-        self._size = size
+        self._places, self._size = (rows, columns), size
         self._slots: list[Any] = [None, None]
 
     def codes(self, callbacks: Callbacks, entries: int) -> dict[str, tuple[int, int]]:
@@ -50,8 +47,8 @@ class SuperLU:
 
     def factor(self, slot: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
-        values = entries[self._sorted]  # those of the maps follow
-        matrix: Any = sp.csc_array((values, self._rows, self._starts), shape=(self._size, self._size), copy=True)
+        values = entries[: self._places[0].size]  # those of the maps follow
+        matrix: Any = sp.csc_array((values, self._places), shape=(self._size, self._size))
         matrix.eliminate_zeros()
         try:
             made = splu(matrix, permc_spec="COLAMD")
@@ -67,7 +64,7 @@ class SuperLU:
 
     def fill(self) -> int:
         """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
-        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._rows.size))
+        made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._places[0].size))
         return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
@@ -75,14 +72,14 @@ class SuperLU:
 class Analysis:
     """The entries of [matrix; dq1/dx; dv1/dx] and the linear algebra for them."""
 
-    kind: str  #: "inverse", "band", "dense" or "sparse"
-    reason: str  #: why this kind, in words
     size: int  #: unknowns
     rows: Indices  #: (entries,) ascending, those of the matrix first
     columns: Indices  #: (entries,)
     maps: int  #: rows of dq1/dx over dv1/dx, 2n
     slots: Indices  #: (computed,) where what the matrix function returns goes in [residual; entries]
     constants: Vector  #: (size + entries,) the others
+    kind: str = "dense"  #: or "inverse", "band", "sparse"
+    reason: str = "asked for"  #: why this kind, in words
     order: Order = NO_ORDER  #: of a band
 
     @property
@@ -156,50 +153,45 @@ def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> An
     flat = flat[flat >= size]  # entries of matrix and maps, row by row
     places = np.concatenate([np.arange(size), flat])
     slots = np.searchsorted(places, matrix.varying)
-    given = flat // size - 1, flat % size, 2 * n, slots, matrix.constants[places]
+    entries = Analysis(size, flat // size - 1, flat % size, 2 * n, slots, matrix.constants[places])
     if linsolver == "auto" and size <= small:
-        return Analysis("inverse", f"up to {small} unknowns", size, *given)
-    return chosen(size, *given, linsolver, False)
+        return replace(entries, kind="inverse", reason=f"up to {small} unknowns")
+    return chosen(entries, linsolver, measured=False)
 
 
 def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
     """For the entries of a sparse derivative, which come after the residual."""
     rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
-    total = size + pattern.entries
-    given = size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total)
-    return chosen(*given, linsolver, True)
+    total = size + rows.size
+    entries = Analysis(size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total))
+    return chosen(entries, linsolver, measured=True)
 
 
 def full(size: int, n: int, linsolver: str, reason: str) -> Analysis:
     """For full matrices."""
     rows, columns = (x.ravel() for x in np.indices((size + 2 * n, size)))
-    given = size, rows, columns, 2 * n, np.arange(size + rows.size), np.zeros(size + rows.size)
-    if linsolver in ("auto", "dense"):
-        return Analysis("dense", reason, *given)
-    return chosen(*given, linsolver, False)
+    entries = Analysis(size, rows, columns, 2 * n, np.arange(size + rows.size), np.zeros(size + rows.size), reason=reason)
+    return entries if linsolver in ("auto", "dense") else chosen(entries, linsolver, measured=False)
 
 
-def chosen(
-    size: int, rows: Indices, columns: Indices, maps: int, slots: Indices, constants: Vector, linsolver: str, measured: bool
-) -> Analysis:
+def chosen(entries: Analysis, linsolver: str, *, measured: bool) -> Analysis:
     """The kind asked for, or with "auto" the cheapest: by the band, and where ``measured`` by SuperLU's fill."""
-    given, own = (size, rows, columns, maps, slots, constants), int(np.searchsorted(rows, size))
     if linsolver == "dense":
-        return Analysis("dense", "asked for", *given)
-    order = find_order(rows[:own], columns[:own], size)
-    shape = f"{own} entries; blocks of {order.text} diagonals after reverse Cuthill-McKee"
+        return entries
+    size, rows, columns = entries.size, entries.rows[: entries.own], entries.columns[: entries.own]
+    order = find_order(rows, columns, size)
+    shape = f"{rows.size} entries; blocks of {order.text} diagonals after reverse Cuthill-McKee"
+    band, sparse = (replace(entries, kind="band", reason=shape, order=order), replace(entries, kind="sparse", reason=shape))
     if linsolver == "sparse":
-        return Analysis("sparse", shape, *given)
+        return sparse
     if linsolver == "band" or (measured and order.storage <= NARROW * size):
-        return Analysis("band", shape, *given, order=order)
+        return band
     if not measured and order.storage > size * size:
-        return Analysis("dense", f"{shape}, more than the full matrix", *given)
-    filled = SuperLU(rows[:own], columns[:own], size).fill() if measured else order.storage
+        return replace(entries, reason=f"{shape}, more than the full matrix")
+    filled = SuperLU(rows, columns, size).fill() if measured else order.storage
     if measured and min(filled, order.storage) > CROWDED * size * size:
-        return Analysis("dense", f"{filled} entries of {size} x {size} fill in", *given)
-    if order.storage <= BAND_GAIN * filled:
-        return Analysis("band", shape, *given, order=order)
-    return Analysis("sparse", f"{shape}; SuperLU fills {filled}", *given)
+        return replace(entries, reason=f"{filled} entries of {size} x {size} fill in")
+    return band if order.storage <= BAND_GAIN * filled else replace(sparse, reason=f"{shape}; SuperLU fills {filled}")
 
 
 def address_of(name: str) -> int:

@@ -212,15 +212,15 @@ class PythonFunctions(Functions):
         return self.dynamics, None
 
 
-def functions_for(dynamics: Dynamics, method: Method, linsolver: str, *, compiled: bool = True) -> Functions:
+def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     """Those of a system, remembered for the same dynamics: machine code where that pays and is known how."""
-    key = ById(dynamics), replace(method, start="f0"), linsolver, compiled
-    return _known.find(key, lambda: _made(dynamics, method, linsolver, compiled))
+    key = ById(dynamics), replace(method, start="f0"), linsolver
+    return _known.find(key, lambda: _made(dynamics, method, linsolver))
 
 
-def _made(dynamics: Dynamics, method: Method, linsolver: str, compiled: bool) -> Functions:
+def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
-    if compiled and layout.size <= LARGEST:
+    if layout.size <= LARGEST:
         try:
             return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
         except NotNative:

@@ -14,8 +14,7 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import Layout
-from solvers.hht.events.compiled import EventFunctions
-from solvers.hht.events.event import Event
+from solvers.hht.events.event import Event, EventFunctions
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import integer_view, view
 from solvers.hht.run.march import remake
