@@ -83,7 +83,8 @@ class HHT:
         -------
         Solution
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
-            the system's own functions is raised again as it is, with ``.partial_solution``.
+            the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
+            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.
         """
         began = time.perf_counter()
         asked = make_request(**request)
