@@ -119,7 +119,8 @@ class Solution:
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
 
     ``carried`` is None where a solver has no multipliers of its own, as on the underlying ODE, and for HHT with output
-    between its steps: its stage values belong to their ends.
+    between its steps: its stage values belong to their ends.  ``steps_data`` and ``interpolant`` are None where the steps
+    were too many to keep them all for nothing but rows at ``t_eval``.
     """
 
     t: Vector  #: (n_t,) [s]
@@ -145,7 +146,10 @@ class Solution:
     def __call__(self, t: Any) -> DenseOutput:
         """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays."""
         if self.interpolant is None:
-            raise ValueError("this solution has no dense output: no step was accepted, or the solver keeps none.")
+            raise ValueError(
+                "this solution has no dense output: no step was accepted, the solver keeps none, or with t_eval "
+                "there were more steps than it keeps."
+            )
         return self.interpolant(t)
 
     def __repr__(self) -> str:

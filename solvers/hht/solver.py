@@ -27,7 +27,7 @@ from solvers.hht.run.engine import Engine
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepper import Stepper
-from solvers.hht.run.stepping import IntegratorState, begun, make_goal, take
+from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, take
 from solvers.hht.step.state import State
 
 
@@ -67,6 +67,7 @@ class HHT:
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._integrator: IntegratorState | None = None  # of stepping by hand
         self._engine: Engine | None = None
+        self._onward: Onward | None = None  # steps by hand that were made since
         self._message = ""
         self._alone = _Alone()
 
@@ -83,7 +84,8 @@ class HHT:
         -------
         Solution
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
-            the system's own functions is raised again as it is, with ``.partial_solution``.
+            the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
+            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.
         """
         began = time.perf_counter()
         asked = make_request(**request)
@@ -124,7 +126,7 @@ class HHT:
         check_accuracy(asked, place.q.size)
         with self._alone, timed(None):
             started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
-            self._engine = self._integrator = None
+            self._engine = self._integrator = self._onward = None
             if isinstance(started, Failure):
                 self._message = started.message
                 return started.status
@@ -151,8 +153,25 @@ class HHT:
         Status
             ``event`` after a terminal event, with the state at it; a further call goes on from there.
         """
-        with self._alone, timed(None):
+        with self._alone:
+            if method == "onestep" and t is None and tstop is None and self._goes_onward():
+                self._message = ""
+                return Status.success
+            return self._step(t, method, tstop)
+
+    def _goes_onward(self) -> bool:
+        """Whether a step was made without a State of it."""
+        integrator = self._integrator
+        if integrator is None or self._engine is None:
+            return False
+        if self._onward is None or not self._onward.goes_on(integrator):
+            self._onward = onward(self._stepper(self._engine, integrator), integrator)
+        return self._onward is not None and self._onward.step()
+
+    def _step(self, t: float | None, method: str, tstop: float | None) -> Status:
+        with timed(None):
             integrator = self._current()
+            self._onward = None
             goal = make_goal(t, method, tstop, integrator)
             self._engine = self._engine or self._rebuild(integrator)
             self._integrator, status = take(self._stepper(self._engine, integrator), integrator, goal)
@@ -182,7 +201,8 @@ class HHT:
     @property
     def counters(self) -> Counters:
         """Work done by stepping by hand since :meth:`init_step`, that before a checkpoint included."""
-        if self._engine is not None:
+        if self._engine is not None and self._integrator is not None:
+            self._current()
             return self._engine.work.counters()
         counted: dict[str, Any] = {} if self._integrator is None else dict(self._integrator.tally)
         return Counters(**counted)
@@ -216,12 +236,13 @@ class HHT:
                 raise ProblemError(f"the checkpoint does not fit this system, whose functions fail: {error}") from error
             check(integrator, engine, len(self.events))
             self._integrator, self._engine, self._message = integrator, engine, integrator.message
+            self._onward = None
 
     def restart(self, state: State, *, step: float | None = None) -> None:
         """Step on from ``state``, an earlier one or one that was saved, with ``step`` [s] or the step control in use."""
         if not isinstance(state, State):
             raise TypeError(f"restart takes a State (HHT.state); got {type(state).__name__}.")
-        old = self._integrator
+        old = None if self._integrator is None else self._current()
         if old is not None and state.q.shape != old.state.q.shape:
             raise ProblemError(f"restart takes a State with q of shape {old.state.q.shape}; got {state.q.shape}.")
         h = (old.step if old else None) if step is None else real_number("step", step, unit=" [s]")
@@ -263,6 +284,8 @@ class HHT:
     def _current(self) -> IntegratorState:
         if self._integrator is None:
             raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
+        if self._onward is not None:
+            self._integrator = self._onward.settled(self._integrator)
         return self._integrator
 
     def _saved(self) -> IntegratorState:
@@ -272,10 +295,10 @@ class HHT:
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
-        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine")}
+        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__dict__.update(saved, _alone=_Alone(), _engine=None)
+        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None)
 
 
 class _Alone:

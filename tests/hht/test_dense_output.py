@@ -1,11 +1,15 @@
 """Dense output: how accurate it is between steps, and that asking for it changes no step (row S9)."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 import hhtbench as hb
 from hhtbench.result import Status
 from solvers.hht import HHT
+from solvers.hht.run import history, solve
+from tests.hht.event_scenes import wall
 from tests.hht.scenes import ALPHAS, GRAVITY, Q0, SYSTEMS, V0, pendulum_at
 
 INSIDE = np.linspace(0.0, 1.0, 41)[1:-1]  # of a step
@@ -113,3 +117,36 @@ def test_the_multipliers_between_steps_are_those_of_the_interpolated_state():
     tension = np.sum(solution.v**2, axis=1) - GRAVITY * solution.q[:, 1]
     length = np.sum(solution.q**2, axis=1)
     np.testing.assert_allclose(solution.lam[:, 0] * length, tension, rtol=1e-12)
+
+
+@pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)])
+@pytest.mark.parametrize("how", [{"steps": 5000}, {"rtol": 1e-8}], ids=str)
+def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, span, how):
+    solver = HHT(SYSTEMS["jax"], events=wall())
+    whole = solver.solve(span, Q0, V0, t_eval=[*span], **how)
+    asked = np.sort(np.r_[np.linspace(*span, 1001), np.repeat(whole.t_events[0], 2)])[:: -1 if span[0] > span[1] else 1]
+    whole = solver.solve(span, Q0, V0, t_eval=asked, **how)
+    monkeypatch.setattr(history, "KEPT", 1)
+    few = solver.solve(span, Q0, V0, t_eval=asked, **how)
+    assert whole.t_events[0].size > 0
+    assert few.status is whole.status is Status.success
+    for name in ("t", "q", "v", "lam", "mu", "message", "counters"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(whole, name))
+    assert few.steps_data is few.interpolant is None
+    with pytest.raises(ValueError, match="steps than it keeps"):
+        few(0.5)
+
+
+def test_steps_that_nobody_asked_for_take_no_memory_beyond_what_is_kept(monkeypatch):
+    monkeypatch.setattr(history, "KEPT", 10_000)
+    monkeypatch.setattr(solve, "MOST", 512)
+    solver, steps = HHT(SYSTEMS["jax"]), 20_000
+    solver.solve((0.0, 1.0), Q0, V0, steps=steps, t_eval=[1.0])
+    tracemalloc.start()
+    try:
+        solution = solver.solve((0.0, 1.0), Q0, V0, steps=steps, t_eval=[1.0])
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert solution.counters.steps_accepted == steps
+    assert peak < steps * 8, "one number a step, of eight"

@@ -1,5 +1,8 @@
 """Stepping by hand as SUNDIALS offers it: one step, up to a time, never past one, between steps."""
 
+import pickle
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -203,3 +206,53 @@ def test_a_value_that_is_not_finite_in_the_look_at_the_motions_start_is_a_status
     assert solver.init_step(0.0, [1.0], [0.0], rtol=1e-4) is Status.success
     assert solver.step() is Status.nonfinite_callback
     assert "force[0] = nan" in solver.message and solver.state.t == 0.0
+
+
+class Cliff(hb.System):
+    """A point that falls, until its force is no number."""
+
+    def force(self, t, q, v):
+        return jnp.where(q > 0.5, -9.81, jnp.nan)
+
+
+@pytest.mark.parametrize("accuracy", ACCURACY)
+@pytest.mark.parametrize("system", ["pendulum", "cliff"])
+def test_steps_are_the_same_bits_whether_their_states_are_read_or_not(system, accuracy):
+    """Counters, checkpoints, dense output and the cause of a failure too."""
+    place = (0.0, Q0, V0) if system == "pendulum" else (0.0, [1.0], [0.0])
+    made = SYSTEMS["jax"] if system == "pendulum" else Cliff()
+    solvers = [HHT(made, alpha=-0.1) for _ in range(2)]
+    for solver in solvers:
+        solver.init_step(*place, **ACCURACY[accuracy])
+    first, second = solvers
+    statuses = []
+    for _ in range(60):
+        statuses.append(first.step())
+        assert bits(first.state)
+        assert second.step() is statuses[-1]
+        assert second.message == first.message
+    assert (Status.nonfinite_callback in statuses) == (system == "cliff")
+    assert second.counters == first.counters
+    assert second.checkpoint() == first.checkpoint()
+    middle = (first.interpolate(first.state.t).q + first.state.q) / 2
+    np.testing.assert_array_equal(second.interpolate(second.state.t).q, middle)
+    start = first._integrator.last.t[0]
+    np.testing.assert_array_equal(second.interpolate(start).v, first.interpolate(start).v)
+
+
+@pytest.mark.parametrize("accuracy", ACCURACY)
+def test_a_restart_and_a_copy_see_the_steps_that_nobody_has_read(accuracy):
+    solver, other = (begun(SYSTEMS["jax"], accuracy) for _ in range(2))
+    for _ in range(10):
+        solver.step()
+        other.step()
+        state = other.state
+    copied = pickle.loads(pickle.dumps(solver))
+    assert bits(copied.state) == bits(state)
+    solver.restart(state)
+    other.restart(state)
+    for each in (solver, other, copied):
+        for _ in range(5):
+            assert each.step() is Status.success
+    assert bits(solver.state) == bits(other.state) == bits(copied.state)
+    assert solver.counters == other.counters

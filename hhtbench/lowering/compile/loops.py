@@ -104,15 +104,24 @@ class Entry(Inner):
         TypeError
             Arguments of other types than the annotations', or strided arrays.
         """
+        return self.bound(*arguments)()
+
+    def bound(self, *arguments: Any) -> Callable[[], int]:
+        """A call with these arguments, to be made again and again: of arrays their memory, whatever it holds by then."""
         words: list[Any] = []
         layout = in_words(arguments, words)
         wanted, function, pack = self._ready or self._prepare(words)
         if layout != wanted:
             raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
-        result, error = ctypes.c_int64(), ctypes.c_void_p()
-        if function(ctypes.addressof(result), ctypes.addressof(error), pack(*words)):
-            raise RuntimeError(f"{self.__name__} failed in compiled code")
-        return result.value
+        result, error, packed = ctypes.c_int64(), ctypes.c_void_p(), pack(*words)
+        at, error_at, name = _address(result), _address(error), self.__name__
+
+        def call(_kept: Any = (arguments, error)) -> int:
+            if function(at, error_at, packed):
+                raise RuntimeError(f"{name} failed in compiled code")
+            return result.value
+
+        return call
 
     def _prepare(self, words: list[Any]) -> tuple[str, Any, Any]:
         layout, code = self._shipped()

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.equations.formulas import EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
+from solvers.hht.equations.formulas import CERTAIN, EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
 from solvers.hht.step.state import State
 
 
@@ -44,6 +44,11 @@ class Tolerances:
         q = EPS * np.abs(state.q)
         with np.errstate(over="ignore"):
             return self.size(state, q, np.maximum(EPS * np.abs(state.v), q / abs(h)))
+
+    @property
+    def above_roundoff(self) -> bool:
+        """Whether :meth:`roundoff` at the end of a long step is allowed of every state, whatever its size."""
+        return bool(CERTAIN * float(self.rtol.min()) ** 1.5 >= EPS)
 
     def reachable(self, state: State, h: float) -> str:
         """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].

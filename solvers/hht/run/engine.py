@@ -80,6 +80,16 @@ class Engine:
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
         return f"{'plain Python' if self.plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
 
+    @property
+    def fallible(self) -> bool:
+        """Whether a failure of Newton's iteration may be that of declared derivatives."""
+        return self._fallback is not None
+
+    @property
+    def runs_alone(self) -> bool:
+        """Whether steps are machine code that calls no function of the system in Python."""
+        return isinstance(self.functions, MachineCode) and self.functions.callbacks is None and not self.plain
+
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
         """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
 
@@ -141,7 +151,7 @@ class Engine:
         return state, made, self._unless_spent(ended)
 
     def _load(self, state: State, values: Vector | None, *, controlled: bool) -> None:
-        suspicious = self._fallback is not None and self._not_suspect is not state
+        suspicious = self.fallible and self._not_suspect is not state
         self.loops.load(state, values, controlled=controlled, suspicious=suspicious)
 
     def try_step(self, h: float, t1: float) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,20 +16,36 @@ from solvers.hht.step.state import State
 
 GROWTH = 4  # times the rows there are
 ROOM = 64  # rows at first
+KEPT = 24 * 2**20  # bytes of rows of steps, at most, where output times were asked for and not the steps
+BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
+
+
+class OutputRows(NamedTuple):
+    """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
+
+    t: Vector  #: (k,)
+    q: Matrix  #: (k, n)
+    v: Matrix  #: (k, n)
+    lam: Matrix  #: (k, m)
+    mu: Matrix  #: (k, p)
 
 
 class History:
     """Start, accepted steps and changes of state of one integration, one packed row each.
 
     An event that changes the state has two rows with one time: the end of the step, then the state after the change.
+    Where the rows of the steps would take more than ``KEPT``, only those at the times of ``t_eval`` are kept, if there are.
     """
 
-    def __init__(self, structure: Structure, start: State, events: int = 0) -> None:
+    def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
         n, m = structure.n, structure.m
         self._n, self._cuts = n, np.cumsum([1, 1, n, n, n, m, m])
         self._rows = np.empty((ROOM, columns(structure)))
-        self._count = self._changes = 0
+        self._count = self._changes = self._dropped = 0
+        self._elapsed, self._begin = 0.0, start.t
+        self._ahead = t_eval  # those that are not in ``_output`` yet
+        self._output: list[OutputRows] = []
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -41,6 +57,8 @@ class History:
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
+        if self._ahead is not None and self._count > 1 and (self._count + count) * self._rows[0].nbytes > KEPT:
+            self._drop_steps(self._ahead)
         if self._count + count > len(self._rows):  # several times what is there: untouched memory costs nothing
             rows = np.empty((max(GROWTH * len(self._rows), self._count + count), self._rows.shape[1]))
             rows[: self._count] = self._rows[: self._count]
@@ -63,9 +81,61 @@ class History:
     def _columns(self) -> list[Matrix]:
         return np.split(self._rows[: self._count], self._cuts, axis=1)
 
+    def _drop_steps(self, ahead: Vector) -> None:
+        """Keep the output rows before the last step's end, which an event may change yet, and that end."""
+        output = self.dense_output()
+        direction = np.sign(output.t[-1] - output.t[0])
+        if direction == 0.0:
+            return
+        passed = int(np.searchsorted(direction * ahead, direction * output.t[-1], "left"))
+        self._output.append(self._output_rows(output, ahead[:passed]))
+        self._dropped, self._elapsed = self.steps
+        self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
+        self._rows[0, 1] = 0.0  # its step is counted
+
+    def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
+        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
+        if self._ahead is None:
+            t, q, v, lam, mu = (column.copy() for i, column in enumerate(self._columns()) if i in (0, 2, 3, 6, 7))
+            return OutputRows(t[:, 0], q, v, lam, mu), self._count
+        output, rows = self.dense_output(), [*self._output]
+        times = self._ahead[(self._ahead >= output.t.min()) & (self._ahead <= output.t.max())]
+        asked = times.size + sum(part.t.size for part in rows)
+        for first in range(0, max(times.size, 1), BLOCK):
+            rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
+        return OutputRows(*(np.concatenate(parts) for parts in zip(*rows, strict=True))), asked
+
+    def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
+        """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
+        lam, mu = self._columns()[6:]
+        row = output.rows_before(times)
+        index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
+        return OutputRows(times, *output(times), lam[index], mu[index])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From the start to the end of the last step [s]."""
+        return self._begin, float(self._rows[self._count - 1, 0])
+
+    @property
+    def steps(self) -> tuple[int, float]:
+        """How many were accepted, and the sum of their signed lengths [s]."""
+        h = self._rows[: self._count, 1][self._made()]
+        return self._dropped + h.size, self._elapsed + float(np.sum(h))
+
+    def _made(self) -> Any:
+        """Which rows are ends of steps."""
+        return slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
+
+    def kept(self) -> dict[str, Any]:
+        """``steps_data`` and ``interpolant`` of the Solution, if the steps were kept."""
+        if self._dropped:
+            return {}
+        return {"steps_data": self.steps_data(), "interpolant": self.dense_output()}
+
     def steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
-        made: Any = slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
+        made = self._made()
         t, h, _, _, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns())
         return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
 
@@ -73,16 +143,6 @@ class History:
         """Interpolant through all rows; parts of them."""
         t, _, q, v = self._columns()[:4]
         return HermiteOutput(t[:, 0].copy(), q, v)
-
-    def multiplier_guess(self, times: Vector | None) -> tuple[Matrix, Matrix]:
-        """Stage multipliers at the step ends next to ``times``: (k, m) and (k, p), first order; None: of all rows."""
-        columns = self._columns()
-        if times is None:
-            return columns[6].copy(), columns[7].copy()
-        t = columns[0][:, 0]
-        row = HermiteOutput(t, columns[2], columns[3]).rows_before(times)
-        index = np.minimum(row + (t[row] != times), t.size - 1)
-        return columns[6][index], columns[7][index]
 
     def events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""

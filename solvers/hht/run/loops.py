@@ -125,11 +125,20 @@ class Loops:
             result = int((entry.function if self._plain else entry)(self.z, *arguments, tally) or 0)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
-        counted = dict(zip(mem.COUNTS, tally.tolist(), strict=True))
         if not self._points:
-            counted |= {"residual_evaluations": 0, "nonfinite_evaluations": len(nonfinite)}
-        self.work.tally.update({name: amount for name, amount in counted.items() if amount})
+            tally[mem.RESIDUALS], tally[mem.NONFINITES] = 0, len(nonfinite)
+        self.count(tally)
         return result
+
+    def count(self, tally: Any) -> None:
+        """Count work of the loops, (COUNTS,)."""
+        for name, amount in zip(mem.COUNTS, tally.tolist(), strict=True):
+            if amount:
+                self.work.tally[name] += amount
+
+    def ready(self, *, suspicious: bool) -> None:
+        """Steps will be made by calls of the loops that nobody prepares."""
+        self.z.i[mem.FALLBACK], self.z.i[mem.EVALUATIONS] = suspicious, UNLIMITED
 
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""

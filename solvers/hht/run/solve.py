@@ -9,19 +9,18 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector, check_interval, real_number, real_vector
+from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
 from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
-from hhtbench.result import DenseOutput, Solution, Status
+from hhtbench.result import Solution, Status
 from hhtbench.trust import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
-from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.run.history import History
+from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
@@ -29,7 +28,6 @@ from solvers.hht.step.state import State
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
-BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 
 
 class Integration:
@@ -51,7 +49,7 @@ class Integration:
         if isinstance(started, Failure):
             return self._nothing(started)
         engine, state, events, most = started.engine, started.state, self.solver.events, request.max_num_steps
-        self.history = History(engine.structure, state, len(events))
+        self.history = History(engine.structure, state, len(events), request.t_eval)
         if steps is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
             plan: Plan = ByError(tolerances, self.solver.options.control)
@@ -67,43 +65,38 @@ class Integration:
         """What was accepted before an exception; no function of the system is called for it."""
         if self.stepper is None:
             return self._nothing(end)
-        output, t_eval = self.history.dense_output(), self.request.t_eval
-        times = reached(output, t_eval)
-        rows = (output.q.copy(), output.v.copy()) if t_eval is None else output(times)
-        own = stage_values(self.history, None if t_eval is None else times)
-        left = unrecovered(self.stepper.engine, end, (times, *rows), own)
-        return self._complete(left, output)
+        rows, _ = self.history.output_rows(lambda: False)
+        left = unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows))
+        return self._complete(left)
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
-        engine, history, t_eval = stepper.engine, self.history, self.request.t_eval
+        engine = stepper.engine
         self.work.only_output_is_left()
-        output = history.dense_output()
-        times = reached(output, t_eval)
-        rows = DenseOutput(output.q.copy(), output.v.copy()) if t_eval is None else rows_within(output, times, self.work)
-        asked, times = times.size, times[: len(rows.q)]
-        own = stage_values(history, None if t_eval is None else times)
-        solution = solution_of(engine, end, (times, *rows), own, engine.recovered)
+        rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
+        own = own_multipliers(rows)
+        stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
+        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, engine.recovered)
         status, message, carried = solution.status, solution.message, None
-        if times.size < asked:
-            message += f" The time budget ended when {times.size} of {asked} rows were interpolated; no more follow."
+        if rows.t.size < asked:
+            message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
             status = Status.deadline if status is Status.success else status
-        if t_eval is None and engine.structure.constrained:
-            stages = (values[: solution.t.size] for values in stage_values(history, None)[:2])
-            carried = dict(zip(("lam", "mu"), padded(engine.dynamics, *stages), strict=True))
-        return replace(self._complete(solution, output), status=status, message=f"{message} {note}".strip(), carried=carried)
+        if stages is not None and engine.structure.constrained:
+            both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
+            carried = dict(zip(("lam", "mu"), both, strict=True))
+        return replace(self._complete(solution), status=status, message=f"{message} {note}".strip(), carried=carried)
 
-    def _complete(self, solution: Solution, output: HermiteOutput) -> Solution:
+    def _complete(self, solution: Solution) -> Solution:
         """With stage values, dense output and events."""
-        return replace(solution, steps_data=self.history.steps_data(), interpolant=output, **self.history.events())
+        return replace(solution, **self.history.kept(), **self.history.events())
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
         if end.status not in (Status.success, Status.event):
             return end
-        h, times = self.history.steps_data().h, self.history.dense_output().t
         rtol = ADDS_UP if self.request.rtol is None else float(np.min(self.request.rtol))
-        coarse = unresolved((float(times[0]), float(times[-1])), h.size, rtol, float(np.sum(h)))
+        made, elapsed = self.history.steps
+        coarse = unresolved(self.history.span, made, rtol, elapsed)
         return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _nothing(self, failure: Failure) -> Solution:
@@ -142,28 +135,10 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     return Failure(Status.success, Status.success.text)
 
 
-def reached(output: HermiteOutput, t_eval: Vector | None) -> Vector:
-    """The asked output times within the accepted steps, in either direction of time; None asks for every step."""
-    if t_eval is None:
-        return output.t
-    return t_eval[(t_eval >= output.t.min()) & (t_eval <= output.t.max())]
-
-
-def rows_within(output: HermiteOutput, times: Vector, work: Work) -> DenseOutput:
-    """q and v at ``times`` (k,), or at as many of them as the time budget allows."""
-    parts = [output(times[:0])]
-    for first in range(0, times.size, BLOCK):
-        if work.clock.left() < 0.0:
-            break
-        parts.append(output(times[first : first + BLOCK]))
-    return DenseOutput(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-
-def stage_values(history: History, times: Vector | None) -> OwnMultipliers:
-    """Lam1 (k, m) and mu of the midpoint (k, p) at the step ends next to ``times`` (k,), or at all of them."""
-    values: tuple[Matrix, Matrix] = history.multiplier_guess(times)
+def own_multipliers(rows: OutputRows) -> OwnMultipliers:
+    """Lam1 (k, m) and mu of the midpoint (k, p), as ``rows`` have them."""
     name, first = "stage values (first order)", (np.zeros(0), np.zeros(0))
-    return OwnMultipliers(*values, first, every=name, rest=f"{name} stand in the rest", some=f"{name} stand there")
+    return OwnMultipliers(rows.lam, rows.mu, first, every=name, rest=f"{name} stand in the rest", some=f"{name} stand there")
 
 
 def end_times(tspan: Any) -> tuple[float, float]:

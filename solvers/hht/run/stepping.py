@@ -13,15 +13,22 @@ from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
 from solvers._start import Place
+from solvers.hht.control.plan import Constant, Plan
 from solvers.hht.control.tolerances import Tolerances
+from solvers.hht.equations.formulas import representable
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, view
+from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import columns
-from solvers.hht.run.stepper import EventState, Stepper
+from solvers.hht.run.march import march
+from solvers.hht.run.stepper import EventState, Stepper, control_of
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
 METHODS = ("onestep", "normal")
+LIGHT = 20_000  # numbers of the loops' memory that are copied in less time than a State takes to make
 HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first step is no longer
 
 
@@ -132,3 +139,71 @@ def _output(before: State, end: State, after: State) -> HermiteOutput:
     """Dense output of one step, with the state after a change as its last row."""
     rows = (before, end) if after is end else (before, end, after)
     return HermiteOutput(*(np.array([getattr(row, name) for row in rows]) for name in ("t", "q", "v")))
+
+
+def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
+    """Where it can be done; the first step is the :class:`Stepper`'s, as is every one of which there is something to say."""
+    engine, plan, state = stepper.engine, stepper.plan, integrator.state
+    if stepper.events or state.h is None or engine.loops.held is not state or not engine.runs_alone:
+        return None
+    if plan.by_error is not None and not plan.by_error.tolerances.above_roundoff:
+        return None
+    return Onward(engine, plan, integrator.direction) if engine.loops.z.w.size <= LIGHT else None
+
+
+class Onward:
+    """One step after the other by the loops alone, from the state in their memory; it becomes a State when it is read.
+
+    For machine code that calls no Python, without events: all that a State and its next step's arguments are made of takes
+    twenty times as long as the step of a pendulum.
+    """
+
+    def __init__(self, engine: Engine, plan: Plan, direction: float) -> None:
+        self._loops, self._work, self._plan = engine.loops, engine.work, plan
+        z, self._row = engine.loops.z, np.zeros((1, columns(engine.structure)))
+        self._length, self._end = np.zeros(1), np.zeros(1)
+        self._counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
+        self._made, self._pending = 0, False
+        control = control_of(plan, math.copysign(math.inf, direction), ())
+        self._call = march.bound(z, control, self._length, self._end, self._row, self._counts)
+        self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i, self._counts)
+        self._now, self._before = (tuple(array.copy() for array in self._all) for _ in range(2))  # two steps' starts
+        engine.loops.ready(suspicious=engine.fallible)
+
+    def goes_on(self, integrator: IntegratorState) -> bool:
+        """Whether the memory holds what ``integrator`` does, or what has followed from it."""
+        return self._pending or self._loops.held is integrator.state
+
+    def step(self) -> bool:
+        """Whether a step was made; if not everything is as before."""
+        if isinstance(self._plan, Constant):
+            t = float(self._number[mem.T])
+            h = representable(t, self._plan.h)
+            self._length[0], self._end[0] = h, t + h
+        for saved, array in zip(self._now, self._all, strict=True):
+            np.copyto(saved, array)
+        self._pending = True
+        if self._call():
+            self._made, self._now, self._before = self._made + 1, self._before, self._now
+            self._loops.raise_noted()
+            return True
+        for saved, array in zip(self._now, self._all, strict=True):
+            np.copyto(array, saved)
+        self._pending = self._made > 0
+        return False
+
+    def settled(self, integrator: IntegratorState) -> IntegratorState:
+        """``integrator`` after the steps that were made since then, and their work counted."""
+        if not self._pending:
+            return integrator
+        loops, made, counts = self._loops, self._made, self._counts.copy()  # another thread may step on meanwhile
+        self._pending, self._made = False, 0
+        self._counts -= counts
+        loops.count(counts)
+        self._work.add("steps_accepted", made)
+        before, state = Memory(*self._before[:2]), loops.store(controlled=self._plan.by_error is not None)
+        start = float(view(before, mem.NUMBER)[mem.T]), view(before, mem.Q).copy(), view(before, mem.V).copy()
+        rows = (np.array(pair) for pair in zip(start, (state.t, state.q, state.v), strict=True))
+        return (
+            replace(integrator, state=state, last=HermiteOutput(*rows), message="", occurrences=()) if made else integrator
+        )
