@@ -47,8 +47,9 @@ def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, rec
         found = recover_multipliers(run, rows, own, recover_many)
         t, q, v = (array[: len(found.lam)] for array in rows)
         lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
-    status = found.instead if found.instead is not None and end.status is Status.success else end.status
-    message = f"{end.message} {found.note}".strip()
+    status, message = end.status, f"{end.message} {found.note}".strip()
+    if found.instead is not None and status is Status.success:
+        status, message = found.instead, found.note
     return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=run.work.counters())
 
 

@@ -41,7 +41,7 @@ from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
 
 @dataclass(frozen=True)
 class Failure:
-    """A step that could not be made, with its cause."""
+    """How a start, a step or a run ended, in most cases: that it failed, and the cause in words."""
 
     status: Status
     message: str

@@ -200,3 +200,36 @@ def test_the_error_of_a_step_is_that_without_the_attempt_that_failed_before_it()
     assert found[0].h == found[1].h
     assert found[0].memory.error == found[1].memory.error
     assert np.array_equal(found[0].q, found[1].q)
+
+
+@pytest.mark.parametrize("how", [{"step": 0.02}, {"rtol": 1e-4}], ids=["constant", "controlled"])
+def test_an_exception_in_any_call_of_steps_by_hand_leaves_nothing_behind(how):
+    count, raised_at = [0], [0]
+
+    def force(t, q, v):
+        count[0] += 1
+        if count[0] == raised_at[0]:
+            raise ZeroDivisionError
+        return np.array([0.0, -GRAVITY])
+
+    def steps(at):
+        count[0], raised_at[0] = 0, 0
+        hht = HHT(NumpySystem(force=force, constraint=lambda t, q: np.array([(q @ q - 1.0) / 2.0])), events=[event])
+        hht.init_step(0.0, np.array([1.0, 0.0]), np.zeros(2), **how)
+        raised_at[0], found = count[0] + at, []
+        while len(found) < 4 or found[-1] is not Status.event:
+            try:
+                found.append(hht.step(tstop=1.0))
+            except ZeroDivisionError:
+                continue
+            if found[-1] not in (Status.success, Status.event):
+                break
+        return found, hht.state, count[0] - raised_at[0] + at
+
+    event = Event(lambda t, q, v: q[0] - 0.9, terminal=True)
+    statuses, state, calls = steps(-1)
+    assert statuses[-1] is Status.event
+    for at in range(1, calls + 1, 3):
+        found, end, _ = steps(at)
+        assert found == statuses
+        assert (end.t, *end.q, *end.v) == (state.t, *state.q, *state.v), f"an exception in call {at}"

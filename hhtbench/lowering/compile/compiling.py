@@ -148,8 +148,8 @@ class _Compiled:
                 shapes = tuple(array.shape for array in arrays)
                 if shapes not in self._calls:
                     self._calls[shapes] = self._choose(shapes)
-                self._last = self._calls[shapes]
-                value = self._last(*arrays)
+                call = self._last = self._calls[shapes]  # another thread may set it for other shapes
+                value = call(*arrays)
             return self._by_xla(*arguments) if value is None else value
         except TRACED_AS_VALUE as error:
             raise explain_control_flow(error, getattr(self.dynamics, "system", self.dynamics)) from error

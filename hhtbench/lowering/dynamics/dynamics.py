@@ -66,9 +66,7 @@ class Dynamics:
     system: Any  #: the ``System`` or ``NumpySystem``, with what its user declared
     structure: Structure  #: sizes n, m, p and what depends on what
     xp: Any  #: the array namespace: ``numpy`` or ``jax.numpy``
-    constant_mass: (
-        Any  #: M (n, n) [kg, kg m^2] where it is constant, a large diagonal as ``Diagonal``; None: identity or variable
-    )
+    constant_mass: Any  #: M (n, n) [kg, kg m^2] where it is constant, or a ``Diagonal``; None: identity or variable
     inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
     gives: Callable[[str], bool]  #: whether the function of that name is called, not derived
     call: Callable[..., Any]  #: (name, *arguments): the value of a function that is given

@@ -177,6 +177,7 @@ class Engine:
             self.put_back(attempt)
             if not located:  # the same bits again, with their matrix
                 self.try_step(attempt[0][mem.H_TRIED], attempt[0][mem.T_END])
+        loops.held = None  # until it is stored: what a callback raises in here leaves neither state behind
         loops.call(take, control, row, located)
         self.work.add("steps_accepted")
         return loops.store(controlled=controlled), row[0]
@@ -245,7 +246,7 @@ class Engine:
         return None
 
     def raise_left_over(self) -> None:
-        """The same where no step follows that would tell; a budget that was spent has ended the steps already."""
+        """Raise what was noted in the last steps: no other follows that would; a spent budget has ended the steps already."""
         cause = self.loops.callbacks.take_cause()
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
