@@ -59,7 +59,9 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
-        return self._assembled(self.stepper, self._checked(end), started.note)
+        solution = self._assembled(self.stepper, self._checked(end), started.note)
+        self.solver.keep(engine, controlled=steps is None)
+        return solution
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
