@@ -28,7 +28,7 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, large
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
@@ -107,12 +107,15 @@ _of_dynamics = Cache(64)
 def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     """Remembered of a dynamics that :func:`derive` remembers."""
 
-    def make() -> OfDynamics:
-        compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
-        return OfDynamics(large(dynamics) is not None, compared, ConstraintLevels(dynamics), AccelerationLevel(dynamics))
-
-    found: OfDynamics = make() if route_of(dynamics) == "numpy" else _of_dynamics.find(ById(dynamics), make)
+    if type(dynamics) is not JaxDynamics:
+        return _of(dynamics)
+    found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: _of(dynamics))
     return found
+
+
+def _of(dynamics: Dynamics) -> OfDynamics:
+    compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
+    return OfDynamics(large(dynamics) is not None, compared, ConstraintLevels(dynamics), AccelerationLevel(dynamics))
 
 
 def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:

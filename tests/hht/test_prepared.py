@@ -1,6 +1,7 @@
 """What a solver prepares for a system serves its next solves, and no other system or parameter."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
@@ -79,3 +80,25 @@ def test_two_systems_of_one_class_and_one_solver_twice_do_not_mix(how):
     assert solver.state.q.tobytes() == stepped[1]
     solver.solve((0.5, 0.1), [0.0, -1.0], [1.0, 0.0], steps=7)
     assert swinging(solve) == first
+
+
+def test_the_adapter_checks_options_that_compare_equal_to_those_of_a_kept_solver():
+    problem = hb.Problem(name="x", system=Sprung(), t_span=(0.0, 0.1), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    assert hb.load_solver("hht").solve(problem, hb.Request(steps=5, options={"rescale_a": True})).success
+    with pytest.raises(TypeError, match="rescale_a must be True or False; got 1"):
+        hb.load_solver("hht").solve(problem, hb.Request(steps=5, options={"rescale_a": 1}))
+
+
+def test_a_kept_solver_serves_nested_solves_and_threads_too():
+    """While it is in use another one is made; all give the bits of one alone."""
+    system = Sprung()
+    problem = hb.Problem(name="x", system=system, t_span=(0.0, 0.2), q0=[1.0, 0.0], v0=[0.0, 0.0])
+
+    def alone(_=0):
+        return hb.solve(problem, "hht", steps=50).q.tobytes()
+
+    wanted, inner = alone(), []
+    outer = hb.NumpySystem(force=lambda t, q, v: inner.append(alone()) or -q)
+    assert HHT(outer).solve((0.0, 0.1), [1.0], [0.0], steps=2).success
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(alone, range(40))) == set(inner) == {wanted}

@@ -177,4 +177,5 @@ def check_accuracy(request: Request, n: int) -> None:
     if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
     for name, value in (("rtol", request.rtol), ("atol", request.atol)):
-        components(name, 0.0 if value is None else value, n)
+        if value is not None:
+            components(name, value, n)
