@@ -153,7 +153,7 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     if not dynamics.structure.constrained:
         return dynamics
     at = of_dynamics(dynamics).levels.at(place.t, place.q, place.v)
-    if not np.isfinite(at.rows).all() or not at.rows.any(axis=1).all():
+    if not (at.finite or np.isfinite(at.rows).all()) or not at.rows.any(axis=1).all():
         return dynamics  # the start's own check says what is wrong
     rank = at.rank
     reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
@@ -227,6 +227,8 @@ def violations(at: Levels, place: Place, bound: float) -> str:
 def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> Levels:
     """The constraint levels at one point; raises :class:`NonFiniteValue` naming the function that is not finite."""
     at = levels.at(t, q, v)
+    if at.finite:
+        return at
     expect_finite("constraint", at.position, t)
     expect_finite("constraint_jacobian", at.position_jacobian, t)
     expect_finite("velocity_constraint", at.velocity, t)

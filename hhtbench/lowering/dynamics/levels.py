@@ -37,6 +37,7 @@ class Levels:
     velocity: Vector  #: (p,) k
     velocity_jacobian: Any  #: (p, n) k_v, likewise
     velocity_drift: Vector  #: (m + p,) g_t + g_q v, then k
+    finite: bool = False  #: True: all of it is known to be
 
     @cached_property
     def rank(self) -> ConstraintRank:
@@ -62,9 +63,10 @@ class Levels:
         return _relative(self.velocity_drift, size)
 
     def hold(self, q: Vector, v: Vector, bound: float) -> bool:
-        """Whether no row is violated at the start (q, v) by more than ``bound`` of its size."""
-        found = self.scaled_position(size_of(q)), self.scaled_velocity(size_of(v))
-        return all(bool((relative <= bound).all()) for relative in found)
+        """Whether no row is violated at the start (q, v) by half of ``bound``, of its size; :meth:`misfits` tells more."""
+        sizes, m = 0.5 * bound * np.asarray(np.abs(self.rows).sum(axis=1)), self.position.size
+        close = np.abs(self.position) <= sizes[:m] * size_of(q)
+        return bool(close.all() and (np.abs(self.velocity_drift) <= sizes * size_of(v)).all())
 
     def misfits(self, q: Vector, v: Vector) -> tuple[list[Misfit], list[Misfit]]:
         """How far the start (q, v) of these levels is from consistent: at the position level, at the velocity level."""
@@ -117,7 +119,7 @@ class ConstraintLevels:
         x = np.asarray(self._terms(t, q, v)) if m + p else np.zeros(0)
         k, k_v, end = (2 + n) * m, (2 + n) * m + p, (2 + n) * m + p + n * p
         jacobians = x[2 * m : k].reshape(m, n), x[k_v:end].reshape(p, n)
-        return Levels(x[:m], x[m : 2 * m], jacobians[0], x[k:k_v], jacobians[1], x[end:])
+        return Levels(x[:m], x[m : 2 * m], jacobians[0], x[k:k_v], jacobians[1], x[end:], bool(np.isfinite(x).all()))
 
 
 def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:

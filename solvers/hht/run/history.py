@@ -106,7 +106,7 @@ class History:
         asked = times.size + sum(part.t.size for part in rows)
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
-        return OutputRows(*(np.concatenate(parts) for parts in zip(*rows, strict=True))), asked
+        return rows[0] if len(rows) == 1 else OutputRows(*(np.concatenate(x) for x in zip(*rows, strict=True))), asked
 
     def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""

@@ -86,11 +86,11 @@ class Integration:
         if stages is not None and engine.structure.constrained:
             both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        return replace(self._complete(solution), status=status, message=f"{message} {note}".strip(), carried=carried)
+        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
 
-    def _complete(self, solution: Solution) -> Solution:
-        """With stage values, dense output and events."""
-        return replace(solution, **self.history.kept(), **self.history.events())
+    def _complete(self, solution: Solution, **more: Any) -> Solution:
+        """With stage values, dense output and events, and what else is given."""
+        return replace(solution, **self.history.kept(), **self.history.events(), **more)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""

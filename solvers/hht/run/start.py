@@ -14,6 +14,7 @@ from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import ConstraintLevels, Dynamics, derive, size_of, unreduced
 from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.result import Status
 from solvers._finite import expect_finite
@@ -88,7 +89,7 @@ def begin(
     def begun() -> Started | Failure:
         engine, at = make_engine(system, options, place, work, controlled=controlled, ready=ready), place
         dynamics, notes = engine.dynamics, list[str]()
-        if hasattr(dynamics, "rho"):
+        if isinstance(dynamics, AugmentedDynamics):
             notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
         if options.calc_initcond and engine.structure.constrained:
             projected = project(dynamics, ConstraintLevels(dynamics), place, work)
