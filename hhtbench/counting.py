@@ -172,11 +172,13 @@ class Work:
         try:
             yield
         finally:
-            self.output += Counter({name: self.tally[name] - before[name] for name in OF_OUTPUT})
+            for name in OF_OUTPUT:
+                self.output[name] += self.tally[name] - before[name]
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
-        return dict(self.tally - self.output) | {"output_evaluations": self.output["residual_evaluations"]}
+        spent = {name: count - self.output[name] for name, count in self.tally.items() if count > self.output[name]}
+        return spent | {"output_evaluations": self.output["residual_evaluations"]}
 
     def counters(self) -> Counters:
         """The tally, frozen."""

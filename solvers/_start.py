@@ -6,7 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -21,22 +21,22 @@ from hhtbench.lowering import (
     Dynamics,
     Levels,
     augment,
-    constraint_rank,
     derive,
     reduce_redundant,
     route_of,
     singular_at,
     unreduced,
 )
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, large
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
-from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.protocol import NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
-from solvers._trust import as_arguments, check_sparsity, wrong_derivatives
+from solvers._trust import EQUATIONS, as_arguments, check_sparsity, wrong_derivatives
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,32 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
 
 
+class OfDynamics(NamedTuple):
+    """What depends on a dynamics only; looking it up takes as long as computing with it."""
+
+    large: bool
+    compared: tuple[str, ...]  #: declared derivatives that enter the equations
+    levels: ConstraintLevels
+    acceleration: AccelerationLevel
+
+
+_of_dynamics = Cache(64)
+
+
+def of_dynamics(dynamics: Dynamics) -> OfDynamics:
+    """Remembered of a dynamics that :func:`derive` remembers."""
+
+    if type(dynamics) is not JaxDynamics:
+        return _of(dynamics)
+    found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: _of(dynamics))
+    return found
+
+
+def _of(dynamics: Dynamics) -> OfDynamics:
+    compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
+    return OfDynamics(large(dynamics) is not None, compared, ConstraintLevels(dynamics), AccelerationLevel(dynamics))
+
+
 def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:
     """Derived functions with a regular mass, counted; declared derivatives that enter the equations are compared first.
 
@@ -99,10 +125,10 @@ def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dyna
     replaced, with a warning.
     """
     dynamics = derive(system, place.t, place.q, place.v)
-    if large(dynamics) is not None:  # its Jacobians are never full: none that is declared is called
+    if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
         return dynamics
     check_sparsity(dynamics, place.t, place.q, place.v)
-    wrong = wrong_derivatives(system, dynamics, place.t, place.q, place.v)
+    wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
     if wrong:
         warnings.warn(
             f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
@@ -126,11 +152,10 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
     if not dynamics.structure.constrained:
         return dynamics
-    at = ConstraintLevels(dynamics).at(place.t, place.q, place.v)
-    rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-    if not np.isfinite(rows).all() or not rows.any(axis=1).all():
+    at = of_dynamics(dynamics).levels.at(place.t, place.q, place.v)
+    if not (at.finite or np.isfinite(at.rows).all()) or not at.rows.any(axis=1).all():
         return dynamics  # the start's own check says what is wrong
-    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
+    rank = at.rank
     reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
     if reduced is None:
         return dynamics
@@ -185,14 +210,15 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
         at.position_jacobian, csr_array
     ):  # a pivoted QR would be dense; dependent rows make the KKT matrix singular
         return None
-    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
-    if rank.redundant and not reduced:
-        return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {rank.text}")
+    if at.rank.redundant and not reduced:
+        return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
     return None
 
 
 def violations(at: Levels, place: Place, bound: float) -> str:
     """Rows above ``bound`` in words, position level first; empty when there are none."""
+    if at.hold(place.q, place.v, bound):
+        return ""
     position, velocity = at.misfits(place.q, place.v)
     wrong = [row for row in position + velocity if not row.relative <= bound]
     return ", ".join(f"{row.name} = {row.value:.3g} ({row.relative:.1g} of its size)" for row in wrong)
@@ -201,6 +227,8 @@ def violations(at: Levels, place: Place, bound: float) -> str:
 def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> Levels:
     """The constraint levels at one point; raises :class:`NonFiniteValue` naming the function that is not finite."""
     at = levels.at(t, q, v)
+    if at.finite:
+        return at
     expect_finite("constraint", at.position, t)
     expect_finite("constraint_jacobian", at.position_jacobian, t)
     expect_finite("velocity_constraint", at.velocity, t)

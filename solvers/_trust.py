@@ -15,7 +15,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, derive, route_of
 from hhtbench.lowering.dynamics.differences import derivative_along
-from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
+from hhtbench.protocol import DERIVATIVES, SIGNATURES, declared
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
@@ -28,12 +28,11 @@ def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
     return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
 
 
-def wrong_derivatives(system: System | NumpySystem, dynamics: Dynamics, t: float, q: Vector, v: Vector) -> list[str]:
-    """Names of the declared derivatives that enter the equations and disagree with the derived ones."""
-    names = [name for name in EQUATIONS if declared(system, name) is not None]
+def wrong_derivatives(dynamics: Dynamics, names: tuple[str, ...], t: float, q: Vector, v: Vector) -> list[str]:
+    """Those of ``names``, declared derivatives that enter the equations, that disagree with the derived ones."""
     if not names:
         return []
-    derived = derive(system, t, q, v, ignored=tuple(names))
+    derived = derive(dynamics.system, t, q, v, ignored=names)
     return [name for name in names if not all(_agrees(name, dynamics, derived, *at) for at in _points(t, q, v))]
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +23,7 @@ from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
-_derived = Cache(64)  # a system is immutable; reading its structure costs a trace for each of its functions
+_derived = Cache(64)  # reading a structure costs a trace for each function of the system
 
 
 def derive(
@@ -45,21 +46,39 @@ def derive(
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
-    if not callable(declared(system, "force")):
-        raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
     if isinstance(system, System):
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
-            raise traced(f"a parameter of {type(system).__name__}")
-        found: JaxDynamics = _derived.find(
-            (ById(system), np.shape(q), ignored), lambda: _derive_jax(system, t, q, v, ignored)
-        )
+        key = ById(system), parameters_of(system), np.shape(q), ignored
+        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))
         return found
     if isinstance(system, NumpySystem):
+        _expect_force(system)
         return _derive_numpy(system, t, q, v, ignored)
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
 
+def parameters_of(value: Any) -> Hashable:
+    """What a system holds, to be compared: arrays that their owner may change by their bytes, all else by identity.
+
+    Of what a function or another object in a field refers to nothing can be seen.
+    """
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if isinstance(value, eqx.Module):
+        value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
+    if isinstance(value, dict):
+        return tuple(value), tuple(map(parameters_of, value.values()))
+    return tuple(map(parameters_of, value)) if isinstance(value, (tuple, list)) else ById(value)
+
+
+def _expect_force(system: System | NumpySystem) -> None:
+    if not callable(declared(system, "force")):
+        raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
+
+
 def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
+    _expect_force(system)
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
+        raise traced(f"a parameter of {type(system).__name__}")
     with preparing("starting JAX"):  # where this is its first use
         place = jnp.asarray(t, dtype=float), jnp.asarray(q), jnp.asarray(v)
     try:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import lapack, qr
+from scipy.linalg import lapack
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
@@ -25,6 +25,7 @@ from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, large
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
 STAGNATION = 1e-9  # increments that no longer shrink below this are roundoff
+EPS = float(np.finfo(float).eps)
 RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
 
 
@@ -119,13 +120,15 @@ class AccelerationLevel:
                 singular = True
                 break
             x = x - increment
+            if s.linear_reaction:
+                converged = True
+                break
             size = float(np.maximum(_relative(increment[: s.n], x[: s.n]), _relative(increment[s.n :], x[s.n :])))  # or NaN
-            if s.linear_reaction or size <= CONVERGED or (size <= STAGNATION and size >= last):
+            if size <= CONVERGED or (size <= STAGNATION and size >= last):
                 converged = True
                 break
             last = size
-        vdot, lam, mu = np.split(x, [s.n, s.n + s.m])
-        return Acceleration(vdot, lam, mu, converged, singular)
+        return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular)
 
 
 def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
@@ -133,31 +136,33 @@ def constraint_rank(position: Matrix, velocity: Matrix) -> ConstraintRank:
     stacked = np.concatenate([position, velocity], axis=0)
     if stacked.shape[0] == 0:
         return ConstraintRank(0, 0, ())
-    largest = np.max(np.abs(stacked), axis=1, keepdims=True)
+    largest = np.abs(stacked).max(axis=1, keepdims=True)
     unit = stacked / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
-    length = np.linalg.norm(unit, axis=1, keepdims=True)
+    length = np.sqrt((unit * unit).sum(axis=1, keepdims=True))
     unit = unit / np.where(length > 0, length, 1.0)
-    triangle, pivots = qr(unit.T, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    rank = int(np.sum(diagonal > RANK_TOLERANCE * np.sqrt(stacked.shape[0])))
-    return ConstraintRank(stacked.shape[0], rank, tuple(sorted(int(i) for i in pivots[rank:])))
+    if not np.isfinite(unit).all():
+        raise ValueError("the constraint Jacobian holds NaN or infinity")
+    triangle, pivots, *_ = lapack.dgeqp3(unit.T)
+    diagonal = np.abs(triangle.diagonal())
+    rank = int((diagonal > RANK_TOLERANCE * stacked.shape[0] ** 0.5).sum())
+    return ConstraintRank(stacked.shape[0], rank, tuple(sorted(int(i) - 1 for i in pivots[rank:])))
 
 
 def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:
     """Solve after scaling rows and columns to size one; None when the matrix is singular to working precision."""
-    row = np.max(np.abs(matrix), axis=1)
-    if np.any(row == 0):
+    row = np.abs(matrix).max(axis=1)
+    if not row.all():
         return None
     scaled = matrix / row[:, None]
-    column = np.max(np.abs(scaled), axis=0)
-    if np.any(column == 0):
+    column = np.abs(scaled).max(axis=0)
+    if not column.all():
         return None
     scaled = scaled / column
     factor, pivots, info = lapack.dgetrf(scaled)
     if info != 0:
         return None
     rcond, _ = lapack.dgecon(factor, float(np.abs(scaled).sum(axis=0).max()))
-    if rcond < np.finfo(float).eps:
+    if rcond < EPS:
         return None
     solution, _ = lapack.dgetrs(factor, pivots, right / row)
     return solution / column

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.sparse as sp
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering.compile.coloured import Coloured
-from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.lowering.compile.compiling import compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.kkt import ConstraintRank, constraint_rank
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 
@@ -35,8 +37,14 @@ class Levels:
     velocity: Vector  #: (p,) k
     velocity_jacobian: Any  #: (p, n) k_v, likewise
     velocity_drift: Vector  #: (m + p,) g_t + g_q v, then k
+    finite: bool = False  #: True: all of it is known to be
 
-    @property
+    @cached_property
+    def rank(self) -> ConstraintRank:
+        """Of dense [g_q; k_v]."""
+        return constraint_rank(self.position_jacobian, self.velocity_jacobian)
+
+    @cached_property
     def rows(self) -> Any:
         """[g_q; k_v] (m + p, n)."""
         blocks = [self.position_jacobian, self.velocity_jacobian]
@@ -44,16 +52,21 @@ class Levels:
 
     def scaled_position(self, s_q: Any) -> Vector:
         """|g_i| / sum_j |g_q,ij| s_q,j, (m,): the distance from the constraint in units of the typical size."""
-        return _relative(
-            self.position, np.abs(self.position_jacobian) @ np.broadcast_to(s_q, self.position_jacobian.shape[1])
-        )
+        jacobian = self.position_jacobian
+        return _relative(self.position, np.abs(jacobian) @ _spread(s_q, jacobian.shape[1]))
 
     def scaled_velocity(self, s_v: Any) -> Vector:
         """The velocity level, |g_t + g_q v| and |k|, each over its row's size; (m + p,)."""
         rows = self.rows
-        size = np.abs(rows) @ np.broadcast_to(s_v, rows.shape[1])
+        size = np.abs(rows) @ _spread(s_v, rows.shape[1])
         size[: self.time_derivative.size] += np.abs(self.time_derivative)
         return _relative(self.velocity_drift, size)
+
+    def hold(self, q: Vector, v: Vector, bound: float) -> bool:
+        """Whether no row is violated at the start (q, v) by half of ``bound``, of its size; :meth:`misfits` tells more."""
+        sizes, m = 0.5 * bound * np.asarray(np.abs(self.rows).sum(axis=1)), self.position.size
+        close = np.abs(self.position) <= sizes[:m] * size_of(q)
+        return bool(close.all() and (np.abs(self.velocity_drift) <= sizes * size_of(v)).all())
 
     def misfits(self, q: Vector, v: Vector) -> tuple[list[Misfit], list[Misfit]]:
         """How far the start (q, v) of these levels is from consistent: at the position level, at the velocity level."""
@@ -64,9 +77,12 @@ class Levels:
         return [Misfit(*row) for row in position], [Misfit(*row) for row in velocity]
 
 
+_Found = tuple[float, Vector, Vector, Levels]  # t, q, v and what was found there
+
+
 def size_of(x: Vector) -> float:
     """Largest entry; one where all are zero, at the origin or at rest, where roundoff has no size to be measured by."""
-    return float(np.max(np.abs(x), initial=0.0)) or 1.0
+    return (float(np.abs(x).max()) if x.size else 0.0) or 1.0
 
 
 class ConstraintLevels:
@@ -75,6 +91,7 @@ class ConstraintLevels:
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: Jacobians are arrays also for large systems."""
         s = self.structure = dynamics.structure
+        self._pure, self._last = route_of(dynamics) != "numpy", cast("_Found | None", None)
         products = large(dynamics) if s.constrained and not full else None
         if products is None:
             self._sparse, self._terms = None, compile_function(level_terms, dynamics)
@@ -84,15 +101,25 @@ class ConstraintLevels:
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
         """The levels at (t, q, v)."""
+        last = self._last
+        if last is not None and last[0] == t and last[1] is q and last[2] is v:
+            return last[3]
+        found = self._at(t, q, v)
+        if self._pure and not (q.flags.writeable or v.flags.writeable):  # a start is looked at several times
+            self._last = t, q, v, found
+        return found
+
+    def _at(self, t: float, q: Vector, v: Vector) -> Levels:
         n, m, p = self.structure.n, self.structure.m, self.structure.p
         if self._sparse is not None:
             values, matrix = self._sparse(np.concatenate([q, v]), t, q)
             rates = self._rates(t, q, v) if m else np.zeros(0)
             drift = np.concatenate([rates[m:], values[m:]])
             return Levels(values[:m], rates[:m], matrix[:m, :n], values[m:], matrix[m:, n:], drift)
-        packed = np.asarray(self._terms(t, q, v)) if m + p else np.zeros(0)
-        parts = np.split(packed, np.cumsum([m, m, m * n, p, p * n]))
-        return Levels(parts[0], parts[1], parts[2].reshape(m, n), parts[3], parts[4].reshape(p, n), parts[5])
+        x = np.asarray(self._terms(t, q, v)) if m + p else np.zeros(0)
+        k, k_v, end = (2 + n) * m, (2 + n) * m + p, (2 + n) * m + p + n * p
+        jacobians = x[2 * m : k].reshape(m, n), x[k_v:end].reshape(p, n)
+        return Levels(x[:m], x[m : 2 * m], jacobians[0], x[k:k_v], jacobians[1], x[end:], bool(np.isfinite(x).all()))
 
 
 def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
@@ -121,6 +148,11 @@ def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
 def level_rates(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """g_t and g_t + g_q v, packed into one vector (2 m,)."""
     return dynamics.xp.concatenate([dynamics.constraint_time_derivative(t, q), dynamics.constraint_velocity(t, q, v)])
+
+
+def _spread(size: Any, n: int) -> Vector:
+    """A number for every one of ``n`` coordinates, or (n,) as it is."""
+    return np.full(n, size) if type(size) is float else np.broadcast_to(size, n)
 
 
 def _relative(value: Vector, size: Vector) -> Vector:

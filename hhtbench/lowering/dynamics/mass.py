@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import compile_function
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
+
+_constant = Cache(64)  # verdicts on masses that are constant
 
 
 class Diagonal(eqx.Module):
@@ -58,14 +61,19 @@ def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     if isinstance(dynamics.constant_mass, Diagonal):
         return dynamics.inverse_mass is None
     mass = dynamics.constant_mass
-    mass = np.asarray(compile_function(mass_at, dynamics)(t, q) if mass is None else mass)
-    if not np.all(np.isfinite(mass)):
-        return False
-    entries = asymmetry(mass)[1]
+    if mass is None:
+        singular, entries = _judged(np.asarray(compile_function(mass_at, dynamics)(t, q)))
+    else:
+        singular, entries = _constant.find(ById(mass), lambda: _judged(np.asarray(mass)))
     if entries:  # the equations are solved as they stand
         text = f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one."
         warnings.warn(text, UserWarning, stacklevel=1)
-    return mass_is_singular(mass)
+    return singular
+
+
+def _judged(mass: Matrix) -> tuple[bool, str]:
+    """Whether ``mass`` is singular, and where it is not symmetric; nothing is said of what is not finite."""
+    return (mass_is_singular(mass), asymmetry(mass)[1]) if np.isfinite(mass).all() else (False, "")
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:

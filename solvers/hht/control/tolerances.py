@@ -86,6 +86,8 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
 
 def components(name: str, value: Any, n: int) -> Vector:
     """``value`` for every component of q and v, (2n,)."""
+    if type(value) is float:
+        return np.full(2 * n, value)
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (n,), (2 * n,)):
         raise ProblemError(f"{name} must be a number, ({n},) for q and v alike, or ({2 * n},); got shape {given.shape}.")

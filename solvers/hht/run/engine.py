@@ -12,12 +12,12 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, compile_function
+from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.mass import Diagonal
 from hhtbench.protocol import DERIVATIVES, declared
 from solvers._finite import explain_nonfinite, inverse_mass_at
-from solvers._start import points_of
+from solvers._start import of_dynamics, points_of
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.events.event import Event
@@ -58,14 +58,28 @@ class Engine:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions, self.layout = functions, functions.layout
-        self._force = work.counted(compile_function(force_and_inverse_mass, dynamics), residuals=self.points)
-        self.acceleration = AccelerationLevel(dynamics)
+        self._bare_force = compile_function(force_and_inverse_mass, dynamics)
+        self._force = work.counted(self._bare_force, residuals=self.points)
+        self.acceleration = of_dynamics(dynamics).acceleration
         self._fallback, self.plain = fallback, plain
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
+
+    @property
+    def reusable(self) -> bool:
+        """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
+        return self.runs_alone and not self.fallible and not self.distrusts
+
+    def again(self, work: Work) -> Engine:
+        """This engine for another run, as if it were new."""
+        self.work, self._stopped, self._not_suspect = work, None, None
+        self._force = work.counted(self._bare_force, residuals=self.points)
+        if self._loops is not None:
+            self._loops.again(work)
+        return self
 
     @property
     def loops(self) -> Loops:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +41,8 @@ class History:
 
     def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
         n, m = structure.n, structure.m
-        self._n, self._cuts = n, np.cumsum([1, 1, n, n, n, m, m])
+        ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
+        self._n, self._parts = n, tuple(map(slice, (0, *ends), ends))
         self._rows = np.empty((ROOM, columns(structure)))
         self._count = self._changes = self._dropped = 0
         self._elapsed, self._begin = 0.0, start.t
@@ -78,8 +80,9 @@ class History:
         for occurrence in occurrences:
             self._occurrences[occurrence.index].append(occurrence)
 
-    def _columns(self) -> list[Matrix]:
-        return np.split(self._rows[: self._count], self._cuts, axis=1)
+    def _columns(self, *which: int) -> list[Matrix]:
+        """Of t, h, q, v, a, lam at both ends, mu those that are asked for."""
+        return [self._rows[: self._count, self._parts[i]] for i in which]
 
     def _drop_steps(self, ahead: Vector) -> None:
         """Keep the output rows before the last step's end, which an event may change yet, and that end."""
@@ -96,18 +99,18 @@ class History:
     def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
         if self._ahead is None:
-            t, q, v, lam, mu = (column.copy() for i, column in enumerate(self._columns()) if i in (0, 2, 3, 6, 7))
+            t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
             return OutputRows(t[:, 0], q, v, lam, mu), self._count
         output, rows = self.dense_output(), [*self._output]
         times = self._ahead[(self._ahead >= output.t.min()) & (self._ahead <= output.t.max())]
         asked = times.size + sum(part.t.size for part in rows)
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
-        return OutputRows(*(np.concatenate(parts) for parts in zip(*rows, strict=True))), asked
+        return rows[0] if len(rows) == 1 else OutputRows(*(np.concatenate(x) for x in zip(*rows, strict=True))), asked
 
     def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
-        lam, mu = self._columns()[6:]
+        lam, mu = self._columns(6, 7)
         row = output.rows_before(times)
         index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
         return OutputRows(times, *output(times), lam[index], mu[index])
@@ -136,12 +139,12 @@ class History:
     def steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
         made = self._made()
-        t, h, _, _, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns())
+        t, h, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns(0, 1, 4, 5, 6, 7))
         return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
 
     def dense_output(self) -> HermiteOutput:
         """Interpolant through all rows; parts of them."""
-        t, _, q, v = self._columns()[:4]
+        t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
 
     def events(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.equations.formulas import HIGHEST
@@ -54,6 +55,15 @@ class Loops:
             codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
         self._put(codes)
         self.events.fill(z)
+        self._blank = z.w.copy()
+
+    def again(self, work: Work) -> None:
+        """For another run, as if they were new."""
+        self.work, self.callbacks.check = work, work.check_time
+        self.held = self.nonfinite = None
+        self.callbacks.take_cause()
+        self.callbacks.take_nonfinite()
+        np.copyto(self.z.w, self._blank)
 
     def section(self, name: int) -> Vector:
         """A section of the memory, for reading and writing."""

@@ -59,7 +59,9 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
-        return self._assembled(self.stepper, self._checked(end), started.note)
+        solution = self._assembled(self.stepper, self._checked(end), started.note)
+        self.solver.keep(engine, controlled=steps is None)
+        return solution
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -84,11 +86,11 @@ class Integration:
         if stages is not None and engine.structure.constrained:
             both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        return replace(self._complete(solution), status=status, message=f"{message} {note}".strip(), carried=carried)
+        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
 
-    def _complete(self, solution: Solution) -> Solution:
-        """With stage values, dense output and events."""
-        return replace(solution, **self.history.kept(), **self.history.events())
+    def _complete(self, solution: Solution, **more: Any) -> Solution:
+        """With stage values, dense output and events, and what else is given."""
+        return replace(solution, **self.history.kept(), **self.history.events(), **more)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
@@ -175,4 +177,5 @@ def check_accuracy(request: Request, n: int) -> None:
     if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
     for name, value in (("rtol", request.rtol), ("atol", request.atol)):
-        components(name, 0.0 if value is None else value, n)
+        if value is not None:
+            components(name, value, n)

@@ -14,6 +14,7 @@ from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import ConstraintLevels, Dynamics, derive, size_of, unreduced
 from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.result import Status
 from solvers._finite import expect_finite
@@ -25,6 +26,7 @@ from solvers._start import (
     check_start,
     dynamics_for,
     finite_levels,
+    of_dynamics,
     start_acceleration,
     tried_twice,
     usable,
@@ -76,16 +78,18 @@ def begin(
     work: Work,
     *,
     controlled: bool = False,
+    ready: Engine | None = None,
 ) -> Started | Failure:
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
 
-    ``h`` [s] is the first step, or the direction of time.
+    ``h`` [s] is the first step, or the direction of time.  ``ready`` is the engine of an earlier run with the same options,
+    which is used again for the same dynamics.
     """
 
     def begun() -> Started | Failure:
-        engine, at = make_engine(system, options, place, work, controlled=controlled), place
+        engine, at = make_engine(system, options, place, work, controlled=controlled, ready=ready), place
         dynamics, notes = engine.dynamics, list[str]()
-        if hasattr(dynamics, "rho"):
+        if isinstance(dynamics, AugmentedDynamics):
             notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
         if options.calc_initcond and engine.structure.constrained:
             projected = project(dynamics, ConstraintLevels(dynamics), place, work)
@@ -93,7 +97,7 @@ def begin(
                 return projected
             at, moved = projected
             notes.append(f"{moved}.")
-        failure = check_start(dynamics, ConstraintLevels(unreduced(dynamics)), at, guesses)
+        failure = check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses)
         state = failure or first_state(engine, at, *guesses, h)
         return state if isinstance(state, Failure) else Started(engine, state, " ".join(notes))
 
@@ -102,10 +106,19 @@ def begin(
 
 
 def make_engine(
-    system: System | NumpySystem, options: HHTOptions, place: Place, work: Work, *, controlled: bool = False
+    system: System | NumpySystem,
+    options: HHTOptions,
+    place: Place,
+    work: Work,
+    *,
+    controlled: bool = False,
+    ready: Engine | None = None,
 ) -> Engine:
     """The engine for runs that begin at ``place``, without a look at the start."""
-    method, dynamics = options.method(controlled=controlled), dynamics_for(system, place, work)
+    dynamics = dynamics_for(system, place, work)
+    if ready is not None and ready.dynamics is dynamics:
+        return ready.again(work)
+    method = options.method(controlled=controlled)
     functions = functions_for(dynamics, method, options.linsolver)
     names = tuple(name for name in DERIVATIVES if declared(system, name) is not None)
 

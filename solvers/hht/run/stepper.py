@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from solvers.hht.step.state import State
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
+DEFAULTS = ControlOptions()
 PILED_UP = "let the change end the motion there, or make the event terminal."
 
 
@@ -219,9 +221,13 @@ class Stepper:
 
 def control_of(plan: Plan, stop: float, events: Sequence[Event]) -> Control:
     """As the loops take it."""
-    options = ControlOptions() if plan.by_error is None else plan.by_error.options
-    constants = (getattr(options, name) for name in Control._fields[3:])
-    return Control(plan.by_error is not None, bool(events), float(stop), *constants)
+    options = DEFAULTS if plan.by_error is None else plan.by_error.options
+    return Control(plan.by_error is not None, bool(events), float(stop), *_constants(options))
+
+
+@lru_cache
+def _constants(options: ControlOptions) -> tuple[Any, ...]:
+    return tuple(getattr(options, name) for name in Control._fields[3:])
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
