@@ -260,7 +260,7 @@ class Engine:
         return None
 
     def raise_left_over(self) -> None:
-        """Raise what was noted in the last steps: no other follows that would; a spent budget has ended the steps already."""
+        """Raise what was noted in the last steps, since none follows; a spent budget has ended the steps already."""
         cause = self.loops.callbacks.take_cause()
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
