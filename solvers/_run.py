@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, unreduced
+from hhtbench.lowering import ConstraintLevels, unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
@@ -28,6 +28,7 @@ from solvers._start import (
     budget_failure,
     check_start,
     dynamics_for,
+    of_dynamics,
     start_acceleration,
     tried_twice,
 )
@@ -112,7 +113,7 @@ class Run:
         self.atol = absolute_tolerances(problem, self.request)
         self.dynamics = dynamics_for(problem.system, place, self.work)
         self.levels = ConstraintLevels(unreduced(self.dynamics), full=True)
-        self.acceleration = AccelerationLevel(self.dynamics)
+        self.acceleration = of_dynamics(self.dynamics).acceleration
         failure = check_start(self.dynamics, self.levels, place, guesses)
         if failure is not None:
             return failure

@@ -6,7 +6,8 @@ import dataclasses
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -92,13 +93,23 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
 
 
-class OfDynamics(NamedTuple):
+class OfDynamics:
     """What depends on a dynamics only; looking it up takes as long as computing with it."""
 
-    large: bool
-    compared: tuple[str, ...]  #: declared derivatives that enter the equations
-    levels: ConstraintLevels
-    acceleration: AccelerationLevel
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._dynamics, self.large = dynamics, large(dynamics) is not None
+        #: declared derivatives that enter the equations
+        self.compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
+
+    @cached_property
+    def levels(self) -> ConstraintLevels:
+        """Of the constraints, sparse for large systems."""
+        return ConstraintLevels(self._dynamics)
+
+    @cached_property
+    def acceleration(self) -> AccelerationLevel:
+        """Likewise."""
+        return AccelerationLevel(self._dynamics)
 
 
 _of_dynamics = Cache(64)
@@ -108,14 +119,9 @@ def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     """Remembered of a dynamics that :func:`derive` remembers."""
 
     if type(dynamics) is not JaxDynamics:
-        return _of(dynamics)
-    found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: _of(dynamics))
+        return OfDynamics(dynamics)
+    found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: OfDynamics(dynamics))
     return found
-
-
-def _of(dynamics: Dynamics) -> OfDynamics:
-    compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
-    return OfDynamics(large(dynamics) is not None, compared, ConstraintLevels(dynamics), AccelerationLevel(dynamics))
 
 
 def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:
