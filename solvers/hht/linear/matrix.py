@@ -21,6 +21,7 @@ from solvers.hht.loops.sections import (
     index_address,
     indices,
     invoke,
+    largest,
     part,
     put,
     view,
@@ -49,16 +50,16 @@ def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
 @compiled
 def inverse_at(z: Any, slot: Any) -> Any:
     """A small system's correction with the matrix at the iterate, and its inverse into ``slot``."""
-    fresh, size = part(z, mem.FRESH), z.i[mem.SIZE]
+    fresh = part(z, mem.FRESH)
     x, given = address(z, mem.X), address(z, mem.STEP)
     call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
     call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
     increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + slot), part(z, mem.MAPS + slot)
-    put(increment, 0, fresh[: size + 2])
-    put(inverse, 0, fresh[size + 2 : size + 2 + inverse.size])
-    put(maps, 0, fresh[size + 2 + inverse.size : size + 2 + inverse.size + maps.size])
+    put(increment, 0, fresh[: increment.size])
+    put(inverse, 0, fresh[increment.size : increment.size + inverse.size])
+    put(maps, 0, fresh[increment.size + inverse.size : increment.size + inverse.size + maps.size])
     return mem.CONVERGED
 
 
@@ -192,33 +193,28 @@ def invert(z: Any, slot: Any) -> None:
 @compiled
 def moved_by(z: Any, slot: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    starts, columns, maps, n = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot), z.i[mem.N]
-    in_q = in_v = 0.0
-    for i in range(2 * n):
-        total = 0.0
-        for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * increment[columns[e]]
-        size = abs(total)
-        if size != size:
-            return size, size
-        if i < n:
-            in_q = max(in_q, size)
-        else:
-            in_v = max(in_v, size)
-    return in_q, in_v
+    n, change = z.i[mem.N], part(z, mem.CHANGE)
+    changes(z, slot, increment)
+    return largest(change[:n]), largest(change[n:])
 
 
 @compiled
 def respond(z: Any, slot: Any) -> None:
     """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
-    solution, changes = part(z, mem.SOLUTION), part(z, mem.CHANGE)
-    solve(z, slot, part(z, mem.RIGHT), solution)
+    solve(z, slot, part(z, mem.RIGHT), part(z, mem.SOLUTION))
+    changes(z, slot, part(z, mem.SOLUTION))
+
+
+@compiled
+def changes(z: Any, slot: Any, increment: Any) -> None:
+    """What an increment of the unknowns makes of q1 and v1, into CHANGE."""
     starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
-    for i in range(changes.size):
+    moved = part(z, mem.CHANGE)
+    for i in range(moved.size):
         total = 0.0
         for e in range(starts[i], starts[i + 1]):
-            total += maps[e] * solution[columns[e]]
-        changes[i] = total
+            total += maps[e] * increment[columns[e]]
+        moved[i] = total
 
 
 @compiled

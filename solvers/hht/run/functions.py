@@ -158,7 +158,7 @@ class MachineCode(Functions):
             early_matrix, matrix = (
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
-            function, head = lagged_correction_and_end, layout.size + 2
+            function, head = lagged_correction_and_end, 2 * layout.size + 2
             options = {"shapes": (x, (layout.size**2,), (flat.size,), self.given)}
         end = head + state_size(layout)
         self._native = {
