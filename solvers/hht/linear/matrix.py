@@ -195,7 +195,8 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
     n, change = z.i[mem.N], part(z, mem.CHANGE)
     changes(z, slot, increment)
-    return largest(change[:n]), largest(change[n:])
+    in_q, in_v = largest(change[:n]), largest(change[n:])
+    return (in_q, in_v) if in_q + in_v == in_q + in_v else (math.nan, math.nan)
 
 
 @compiled
