@@ -5,39 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS, GAUSS, NOTHING, ROUNDOFF
+from solvers.hht.equations.formulas import EPS, GAUSS, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import allowed, compiled, cubic, relative_part, relative_tolerance
-from solvers.hht.loops.sections import address, call, largest, part, put
-
-
-@compiled
-def begin(z: Any, source: Any, scale: Any) -> None:
-    """A right-hand side of ``source`` (n,) over ``scale`` in the force rows, and else zero."""
-    right = part(z, mem.RIGHT)
-    for i in range(right.size):
-        right[i] = source[i] / scale if i < source.size else 0.0
-
-
-@compiled
-def put_levels(z: Any, slot: Any, sign: Any, position: Any) -> None:
-    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
-    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
-    for i in range(m):
-        if position:
-            right[z.i[mem.O_LAM0] + i] = sign * off[i] * (2 / (h * h))
-        right[z.i[mem.O_LAM1] + i] = sign * off[m + i] / h
-    for i in range(z.i[mem.P]):
-        right[z.i[mem.O_MU] + i] = sign * off[2 * m + i] / h
-
-
-@compiled
-def levels_at(z: Any, t: Any) -> None:
-    """The constraint levels at t and the q, v in PLACE."""
-    part(z, mem.PLACE)[0] = t
-    at = address(z, mem.PLACE)
-    call(z, mem.C_LEVELS, mem.LEVELS, (at, at + 8, at + 8 + 8 * z.i[mem.N]))
+from solvers.hht.loops.compiled import compiled, cubic
+from solvers.hht.loops.sections import address, call, part, put
+from solvers.hht.step.stopping import begin, levels_at, put_levels, weigh, weighted_rms
 
 
 @compiled
@@ -77,38 +50,12 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
 
 @compiled
-def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``, as ``formulas.rms``; infinity where it is not finite."""
-    total = 0.0
-    for i in range(x.size):
-        total += (x[i] / weights[i]) ** 2
-    return math.sqrt(total / x.size) if math.isfinite(total) else math.inf
-
-
-@compiled
 def levels_inside(z: Any, h: Any) -> None:
     """The constraint levels of dense output inside the step, where its v errs most."""
     n, end, q, v, place = z.i[mem.N], part(z, mem.END), part(z, mem.Q), part(z, mem.V), part(z, mem.PLACE)
     for i in range(n):
         place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i], v[i], end[n + i])
     levels_at(z, part(z, mem.NUMBER)[mem.T] + GAUSS * h)
-
-
-@compiled
-def weigh(z: Any, q1: Any, v1: Any) -> Any:
-    """Put what is allowed of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
-    n, q, v, number, weights = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.NUMBER), part(z, mem.WEIGHTS)
-    rtol, atol = part(z, mem.RTOL), part(z, mem.ATOL)
-    of_q = of_v = math.inf
-    size_q, size_v = max(number[mem.SIZE_Q], largest(q1)), max(number[mem.SIZE_V], largest(v1))
-    for i in range(n):
-        weights[i] = allowed(rtol[i], atol[i], q[i], q1[i])
-        weights[n + i] = allowed(rtol[n + i], atol[n + i], v[i], v1[i])
-        if size_q > NOTHING:
-            of_q = min(of_q, relative_part(size_q, rtol[i], atol[i]))
-        if size_v > NOTHING:
-            of_v = min(of_v, relative_part(size_v, rtol[n + i], atol[n + i]))
-    return math.sqrt(relative_tolerance(of_q, of_v)), size_q
 
 
 @compiled

@@ -53,7 +53,7 @@ def fresh_correction(
 
     Returns
     -------
-    array (size + 2 + size*size + entries + 1,)
+    array (2*size + 2 + size*size + entries + 1,)
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
@@ -61,7 +61,7 @@ def fresh_correction(
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
-    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), own, largest])
+    return xp.concatenate([_sized(dynamics, layout, inverted, residual, maps), inverted.T.ravel(), own, largest])
 
 
 def lagged_correction_and_end(
@@ -71,12 +71,12 @@ def lagged_correction_and_end(
     xp, size = dynamics.xp, layout.size
     residual = step_residual(dynamics, method, layout, x, given)
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(own)
-    sized = _sized(dynamics, layout, inverted.reshape(size, size).T @ residual, flat.reshape(-1, size))
+    sized = _sized(dynamics, layout, inverted.reshape(size, size).T, residual, flat.reshape(-1, size))
     return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])
 
 
-def _sized(dynamics: Dynamics, layout: Layout, correction: Any, maps: Any) -> Any:
-    """The correction (size,), and the largest changes of q1 and of v1 that it makes; NaN if there is one."""
-    xp, n = dynamics.xp, layout.structure.n
+def _sized(dynamics: Dynamics, layout: Layout, inverted: Any, residual: Any, maps: Any) -> Any:
+    """The correction (size,), the largest changes of q1 and of v1 that it makes, NaN if there is one, and the residual."""
+    xp, n, correction = dynamics.xp, layout.structure.n, inverted @ residual
     moved = xp.abs(maps @ correction)
-    return xp.concatenate([correction, moved[:n].max(keepdims=True), moved[n:].max(keepdims=True)])
+    return xp.concatenate([correction, moved[:n].max(keepdims=True), moved[n:].max(keepdims=True), residual])

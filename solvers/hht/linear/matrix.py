@@ -50,16 +50,16 @@ def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
 @compiled
 def inverse_at(z: Any, slot: Any) -> Any:
     """A small system's correction with the matrix at the iterate, and its inverse into ``slot``."""
-    fresh, size = part(z, mem.FRESH), z.i[mem.SIZE]
+    fresh = part(z, mem.FRESH)
     x, given = address(z, mem.X), address(z, mem.STEP)
     call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
     call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
     increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + slot), part(z, mem.MAPS + slot)
-    put(increment, 0, fresh[: size + 2])
-    put(inverse, 0, fresh[size + 2 : size + 2 + inverse.size])
-    put(maps, 0, fresh[size + 2 + inverse.size : size + 2 + inverse.size + maps.size])
+    put(increment, 0, fresh[: increment.size])
+    put(inverse, 0, fresh[increment.size : increment.size + inverse.size])
+    put(maps, 0, fresh[increment.size + inverse.size : increment.size + inverse.size + maps.size])
     return mem.CONVERGED
 
 

@@ -10,7 +10,7 @@ from solvers.hht.equations import formulas
 HERE = Path(__file__).parents[1]
 SOURCES = (
     HERE / "loops",
-    *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "step/newton", "step/attempt")),
+    *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "step/stopping", "step/newton", "step/attempt")),
     *(HERE / f"{name}.py" for name in ("control/estimate", "control/controller", "events/scan", "run/march", "run/recover")),
     Path(formulas.__file__),
 )

@@ -77,7 +77,7 @@ def given_integers(name: str) -> int:
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost",
+    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "controlled_cost",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -103,14 +103,14 @@ REACTION_K = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 8)
+ATTEMPT = floats(lambda s: 9)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
 VALUES = floats(lambda s: s.size + s.matrix + s.maps)
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
-INCREMENT = floats(lambda s: s.size + 2)
+INCREMENT = floats(lambda s: s.size + 2 + (s.size if s.fresh else 0))  # of small systems with the residual
 END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
 END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
@@ -119,9 +119,9 @@ FRESH = floats(lambda s: s.fresh)
 TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
 RECIPROCAL = floats(lambda s: 2)
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
-FULL = floats(lambda s: s.size + 2)
+FULL = floats(lambda s: s.size + 2 + (s.size if s.fresh else 0))
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)  # in ATTEMPT
+H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE = range(9)  # in ATTEMPT
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -157,7 +157,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST = range(11, 15)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONTROLLED_COST = range(11, 17)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
@@ -177,12 +177,12 @@ FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)  # O_: offsets of unknowns, -1: absent
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 9, FIRST + 16)
 EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 16, FIRST + 24)
-EVENTS_KNOWN, DGETRF, DGETRS = FIRST + 24, FIRST + 25, FIRST + 26
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY = range(FIRST + 24, FIRST + 28)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
     "factor", "solve",
 )  # fmt: skip
-CODE = FIRST + 27
+CODE = FIRST + 28
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE = range(CODE + 16, CODE + 24, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)

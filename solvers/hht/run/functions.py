@@ -143,7 +143,7 @@ class MachineCode(Functions):
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             self._sizes["fresh"] = matrix.size
-            function, head = lagged_correction_and_end, size + 2
+            function, head = lagged_correction_and_end, 2 * size + 2
             options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
         end = head + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)

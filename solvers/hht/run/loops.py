@@ -96,6 +96,7 @@ class Loops:
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
         z.i[mem.FALLBACK] = suspicious
+        z.i[mem.STOPS_EARLY] = controlled and self.functions.newton.remaining > 0.0
         z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values

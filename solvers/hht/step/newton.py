@@ -10,11 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from solvers.hht.equations.formulas import EPS, NOTHING
+from solvers.hht.equations.formulas import EPS
 from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, digits, has_digit
 from solvers.hht.loops.sections import part, put, view
+from solvers.hht.step.stopping import converged, enough_for, forces_end, levels_hold, over_allowed, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,19 +33,22 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
+    controlled_cost: float = 2.0  #: the same where the force rows stop early, at least
+    remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
     least_rate: float = 1e-3  #: a first increment far too long makes the next look like contraction: no ratio counts as less
     max_iterations: int = 15  #: with a kept matrix; a fresh one needs 2 to 4
     max_damped: int = 40  #: for the damped restart after a failure
     max_halvings: int = 12  #: of one damped increment: 2^-12 of a step that fails is no progress
 
 
-DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP = range(6)  # after an increment
+DONE, HELD, LAST_USE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP = range(8)  # after an increment
 
 
 class Increment(NamedTuple):
     """What the last increment tells."""
 
     size: float  #: largest change of q1 and v1 over typical sizes, (H15)
+    part: float  #: of what is allowed of the step, (H26); NaN where nothing is
     rate: float  #: that over the one before it by this matrix; 0: the first
     slowest: float  #: worst rate seen with this matrix: one lucky ratio is no rate
     first: float  #: size of the first increment by this matrix
@@ -52,6 +56,10 @@ class Increment(NamedTuple):
     fresh: bool  #: the matrix was made in this step
     stagnated: bool  #: one at the very iterate has not shrunk the increment already
 
+
+# Where force rows stop early: rates that say how the next steps begin, halved from step to step.
+# Down to OUTWORN with a matrix of their own, above MISLED at the plain guess with one at every iterate.
+OUTWORN, MISLED, FAILED = 1.0, 8.0, 128.0
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a drawing of lots that is the same everywhere
 
@@ -66,9 +74,11 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
     slot, spare = lagged, 1 - lagged if lagged >= 0 else 0
     if slot >= 0 and abs(part(z, mem.RECORD + slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
         slot = -1
+    if slot >= 0 and z.i[mem.STOPS_EARLY] and part(z, mem.RECORD + slot)[mem.RATE] >= OUTWORN:
+        slot = -1
     worst = part(z, mem.RECORD + slot)[mem.RATE] if slot >= 0 else 0.0
     fresh = stagnated = sized = False
-    last, before, first, taken, ended = math.inf, math.inf, 0.0, 0, mem.DIVERGED
+    last, before, first, taken, used_up, ended = math.inf, math.inf, 0.0, 0, 0.0, mem.DIVERGED
     for _ in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
         if not spend(z, counts):
@@ -93,12 +103,15 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         slowest = max(rate, worst, o[mem.LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
         taken = taken + 1 if last < math.inf else 0
         first = first if taken > 0 else moved
-        decision = judged(z, slot, Increment(moved, rate, slowest, first, taken, fresh, stagnated), counts)
+        allowed = over_allowed(z, slot)
+        decision = judged(z, slot, Increment(moved, allowed, rate, slowest, first, taken, fresh, stagnated), counts)
         if decision == GIVE_UP:
             return mem.DIVERGED, -1, 0.0
-        if decision != RENEW_HERE:
+        if decision not in (RENEW_HERE, HELD, LAST_USE):
             step_back(z)
-        if decision == DONE:
+        if decision in (DONE, HELD, LAST_USE):
+            if z.i[mem.STOPS_EARLY]:
+                slowest = max(min(slowest, OUTWORN), OUTWORN if decision == LAST_USE else used_up)
             return mem.CONVERGED, slot, slowest
         if decision == GO_ON:
             last = moved
@@ -106,6 +119,8 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         slot = -1
         if decision == STALL:
             stagnated, before = True, moved
+        else:
+            used_up = max(used_up, OUTWORN if decision == RENEW else MISLED)
     return mem.DIVERGED, -1, 0.0
 
 
@@ -115,20 +130,32 @@ def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
     o, enough = part(z, mem.CONSTANTS), enough_for(z, slot)
     if converged(z, slot, i.size, i.slowest if i.rate != 0.0 else 0.0):
         return DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, slot, i.size, counts):
+    ends = i.rate > 0.0 and forces_end(z, i.part, i.slowest)
+    if ends and levels_hold(z, slot, counts):
+        return LAST_USE if i.taken > 0 and outworn(z, i, i.size, enough, o[mem.MATRIX_COST]) else HELD
+    if i.fresh and i.rate >= o[mem.STALLED] and not i.part > 1.0 and is_roundoff(z, slot, i.size, counts):
         return DONE if i.stagnated else STALL  # with a matrix at the very iterate too: roundoff is left
     if i.taken == 0:
         return GO_ON
     if i.fresh:
         return GIVE_UP if i.rate > o[mem.WORST_RATE] else GO_ON
-    if o[mem.MATRIX_COST] > 0.0:  # told by the mean rate: single ratios alternate
-        mean = (i.size / i.first) ** (1.0 / i.taken)
-        outworn = i.rate >= 1.0 or math.log(enough / i.size) < o[mem.MATRIX_COST] * math.log(mean)
+    if o[mem.REMAINING] < i.part < math.inf:
+        renews = outworn(z, i, i.part, o[mem.REMAINING], max(o[mem.MATRIX_COST], o[mem.CONTROLLED_COST]))
     else:
-        outworn = i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
-    if not outworn:
+        renews = outworn(z, i, i.size, enough, o[mem.MATRIX_COST])
+    if not renews:
         return GO_ON
     return RENEW if i.rate < 1.0 else RENEW_HERE
+
+
+@compiled
+def outworn(z: Any, i: Any, size: Any, enough: Any, cost: Any) -> Any:
+    """Whether a new matrix costs less than shrinking the increment ``i``, of ``size``, to ``enough`` with this one."""
+    o = part(z, mem.CONSTANTS)
+    if cost > 0.0:  # told by the mean rate: single ratios alternate
+        mean = (i.size / i.first) ** (1.0 / i.taken)
+        return i.rate >= 1.0 or math.log(enough / size) < cost * math.log(mean)
+    return i.rate > o[mem.REFRESH_RATE] and size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
 
 
 @compiled
@@ -138,7 +165,7 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
     By whole increments, as long as every second is half as long, (H29); or ``damped``: halved while the next is not smaller.
     """
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
-    last, before, halvings = math.inf, math.inf, 0
+    last, before, halvings, allowed = math.inf, math.inf, 0, math.nan
     for k in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
@@ -149,11 +176,15 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         in_q, in_v = corrected(z, spare, True, counts)
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
-        moved = scaled(z, in_q, in_v, k == 0)
+        moved, last_allowed = scaled(z, in_q, in_v, k == 0), allowed
+        allowed = over_allowed(z, spare)
         rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
         ends = converged(z, spare, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
-        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
+        if ends or (rate >= o[mem.STALLED] and not allowed > 1.0 and is_roundoff(z, spare, moved, counts)):
             step_back(z)
+            return mem.CONVERGED, spare, 0.0
+        of_pair = 0.0 if damped else max(moved, last) / before  # the next may be as large as the last, (H29)
+        if forces_end(z, max(allowed, last_allowed), of_pair) and levels_hold(z, spare, counts):
             return mem.CONVERGED, spare, 0.0
         if damped:
             halvings = halved(z, spare, moved, counts)
@@ -210,25 +241,6 @@ def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
 
 
 @compiled
-def scaled(z: Any, in_q: Any, in_v: Any, first: Any) -> Any:
-    """Changes of q1 and v1 over typical sizes, (H15); of what is at rest in the origin the ``first`` change is typical."""
-    typical, own = part(z, mem.TYPICAL), part(z, mem.RECIPROCAL)
-    if first:
-        own[0] = 1.0 / (typical[0] if typical[0] > NOTHING else max(typical[0], in_q))
-        own[1] = 1.0 / (typical[1] if typical[1] > NOTHING else max(typical[1], in_v))
-    return max(in_q * own[0], in_v * own[1]) if math.isfinite(in_q + in_v) else math.nan
-
-
-@compiled
-def enough_for(z: Any, slot: Any) -> Any:
-    """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
-    o, record, own = part(z, mem.CONSTANTS), part(z, mem.RECORD + slot), part(z, mem.RECIPROCAL)
-    if not z.i[mem.NOISY]:
-        return o[mem.TOLERANCE]
-    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * own[0], record[mem.NOISE_V] * own[1]))
-
-
-@compiled
 def is_roundoff(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
     """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30)."""
     o, evaluations = part(z, mem.CONSTANTS), 2 * digits(z.i[mem.N])
@@ -275,10 +287,3 @@ def length(x: Any, count: Any) -> Any:
     for i in range(count):
         total += x[i] * x[i]
     return math.sqrt(total)
-
-
-@compiled
-def converged(z: Any, slot: Any, moved: Any, rate: Any) -> Any:
-    """Whether the last increment, or with a margin what the contraction ``rate`` leaves of it, needs not shrink further."""
-    enough, margin = enough_for(z, slot), part(z, mem.CONSTANTS)[mem.MARGIN]
-    return moved <= enough or (0.0 < rate < 1.0 and moved * rate <= margin * enough * (1.0 - rate))

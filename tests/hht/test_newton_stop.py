@@ -1,0 +1,80 @@
+"""Under error control force rows stop where the error allows, (H35); the constraint rows go on to roundoff."""
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.campaign.drift import measure_drift
+from hhtbench.lowering.caching import Cache
+from solvers.hht import HHT
+from solvers.hht.run import functions
+from solvers.hht.step.newton import NewtonOptions
+from tests.hht.scenes import Q0, SYSTEMS, V0
+
+LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
+HOSTILE = (
+    "bricard",
+    "andrews",
+    "knife_edge",
+    "jay_negrut_test1",
+    "redundant_pendulum",
+    "stiff_spring_pendulum(stiffness=1e8)",
+)
+
+
+def solve(name, **request):
+    return hb.solve(hb.load_problem(name), "hht", **request)
+
+
+def prescribed_steps(name):
+    problem = hb.load_problem(name)
+    return HHT(problem.system, alpha=0.0).solve(problem.t_span, problem.q0, problem.v0, steps=2000)
+
+
+def evaluations(solution):
+    return solution.counters.residual_evaluations / solution.counters.steps_accepted
+
+
+@pytest.fixture
+def all_to_roundoff(monkeypatch):
+    """A switch to the iteration of prescribed steps."""
+
+    def switch():
+        monkeypatch.setattr(functions, "NewtonOptions", lambda **given: NewtonOptions(**given, remaining=0.0))
+        monkeypatch.setattr(functions, "_known", Cache(16))
+
+    return switch
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_a_controlled_step_takes_at_most_three_evaluations(name):
+    assert evaluations(solve(name, rtol=1e-3)) < 3.0
+
+
+def test_force_rows_stop_early_under_error_control_and_go_to_roundoff_in_prescribed_steps(all_to_roundoff):
+    controlled, prescribed = solve("simple_pendulum", rtol=1e-3), prescribed_steps("simple_pendulum")
+    all_to_roundoff()
+    roundoff = solve("simple_pendulum", rtol=1e-3)
+    assert evaluations(controlled) < 0.6 * evaluations(roundoff)
+    assert controlled.counters.steps_accepted == pytest.approx(roundoff.counters.steps_accepted, rel=0.02)
+    assert np.array_equal(prescribed_steps("simple_pendulum").q, prescribed.q)
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
+@pytest.mark.parametrize("name", HOSTILE)
+def test_both_constraint_levels_are_at_roundoff_at_every_controlled_step(name, rtol):
+    problem = hb.load_problem(name)
+    drift = measure_drift(problem, solve(name, rtol=rtol))
+    assert drift is not None
+    assert drift.position is None or drift.position.max() < 1e-13
+    assert drift.velocity is not None
+    assert drift.velocity.max() < 1e-12
+
+
+@pytest.mark.parametrize("route", SYSTEMS)
+def test_both_engines_stop_at_the_same_bits(route):
+    solutions = [
+        HHT(SYSTEMS[route], engine=engine).solve((0.0, 1.0), Q0, V0, rtol=1e-3) for engine in ("compiled", "python")
+    ]
+    assert evaluations(solutions[0]) < 3.0
+    assert np.array_equal(solutions[0].q, solutions[1].q)
