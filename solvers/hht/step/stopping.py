@@ -11,6 +11,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, relative_part, relative_tolerance
 from solvers.hht.loops.sections import address, call, largest, part, put
 
+FINEST = 1e-3  # root of the relative tolerance, (H26): below it a step takes little more than one iteration anyway
 STIFF = 10.0  # of an increment: a larger imbalance is of stiff directions, or across constraints
 
 
@@ -42,11 +43,12 @@ def converged(z: Any, slot: Any, moved: Any, rate: Any) -> Any:
 
 @compiled
 def over_allowed(z: Any, slot: Any) -> Any:
-    """The increment in the norm of (H26); NaN with prescribed steps, whose rows all go to roundoff."""
-    if not z.i[mem.STOPS_EARLY]:
+    """The increment in the norm of (H26); NaN where all rows go to roundoff: with prescribed steps and fine tolerances."""
+    root = part(z, mem.ATTEMPT)[mem.ROOT_TOLERANCE]
+    if not z.i[mem.STOPS_EARLY] or root < FINEST:
         return math.nan
     move(z, slot, part(z, mem.INCREMENT))
-    return weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / part(z, mem.ATTEMPT)[mem.ROOT_TOLERANCE]
+    return weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / root
 
 
 @compiled
