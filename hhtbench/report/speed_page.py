@@ -20,14 +20,8 @@ from hhtbench.report import colours
 from hhtbench.report.elements import html_table
 from hhtbench.report.figures import axis
 from hhtbench.report.page import embedded
-from hhtbench.report.speed import (
-    SECTIONS,
-    contest_rows,
-    contest_table,
-    everyone_table,
-    shares_table,
-    summary,
-)
+from hhtbench.report.speed import SECTIONS
+from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, shares_table, summary
 from hhtbench.report.wording import anchor
 from hhtbench.store.rows import RunRow
 

@@ -105,3 +105,13 @@ def fall(**more):
         "scales": Scales(q=np.array([1.0, 2.0]), v=10.0),
     }
     return Problem(name="fall", t_span=(0.0, 1.0), q0=q0, v0=v0, **(said | more))
+
+
+def row(evidence, row_id):
+    found = {r.id: r for r in evidence.rows}
+    assert row_id in found, sorted(found)
+    return found[row_id]
+
+
+def failed(evidence):
+    return [r.id for r in evidence.rows if r.passed is False]

@@ -14,7 +14,7 @@ from hhtbench import load_problem, load_solver
 from hhtbench.analysis import race
 from hhtbench.campaign.accuracy import compare
 from hhtbench.campaign.run import run_cell
-from hhtbench.report.speed import contest_rows, contest_table, everyone_table, shares_table
+from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, shares_table
 from hhtbench.request import Request
 from tests.analysis.laws import failed, law
 from tests.performance.engine import baselines, callbacks, clock, duels, field, long_run, minimal, starts

@@ -8,7 +8,7 @@ import pytest
 
 from hhtbench.errors import ProblemError
 from hhtbench.report import write_comparison
-from hhtbench.report.speed import contest_rows, contest_table, everyone_table, summary
+from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, summary
 from hhtbench.report.speed_page import write_speed
 from hhtbench.report.words import times
 from tests.analysis.laws import failed, law

@@ -8,7 +8,8 @@ from typing import Any
 
 from tabulate import tabulate
 
-from hhtbench.report.speed import SECTIONS, VERDICTS, contest_rows, contest_table, shares_table, summary
+from hhtbench.report.speed import SECTIONS, VERDICTS
+from hhtbench.report.speed_contest import contest_rows, contest_table, shares_table, summary
 from hhtbench.report.tables import Table
 
 
