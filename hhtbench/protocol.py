@@ -115,12 +115,12 @@ PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of derivative
 
 
 def parameter(default: Any = ..., *, doc: str = "") -> Any:
-    """A physical parameter of a :class:`System`: stored as a float64 array.
+    """A physical parameter of a :class:`System`: stored as a float64 array of its own.
 
     Arrays, not Python floats: a new value then reuses the compiled code, a float would be traced again.
     ``doc`` states meaning and unit.
     """
-    options: dict[str, Any] = {"converter": lambda x: jnp.asarray(x, dtype=jnp.float64), "metadata": {"doc": doc}}
+    options: dict[str, Any] = {"converter": lambda x: jnp.array(x, dtype=jnp.float64), "metadata": {"doc": doc}}
     if default is not ...:
         options["default_factory"] = lambda: default  # a factory, so that a default may be an array or a list
     return eqx.field(**options)

@@ -102,3 +102,29 @@ def test_a_kept_solver_serves_nested_solves_and_threads_too():
     assert HHT(outer).solve((0.0, 0.1), [1.0], [0.0], steps=2).success
     with ThreadPoolExecutor(4) as pool:
         assert set(pool.map(alone, range(40))) == set(inner) == {wanted}
+
+
+def test_a_parameter_is_an_array_of_the_systems_own_wherever_the_given_one_lies():
+    """NumPy's memory that lies at a multiple of 64 bytes could be shared, and change with its owner."""
+    room = np.zeros(32)
+    at = next(i for i in range(8) if room[i:].ctypes.data % 64 == 0)
+    given = room[at : at + 1]
+    system = Sprung(length=given)
+    given[0] = 3.0
+    assert system.length == 0.0
+
+
+def test_an_event_that_reads_a_parameter_sees_the_value_of_each_solve():
+    system = Sprung()
+    solver = HHT(system, events=lambda t, q, v: q[0] * system.springs[1] - 2.0)
+
+    def located():
+        (times,) = solver.solve((0.0, 1.0), [1.0, 0.0], [0.0, 0.0], rtol=1e-6).t_events
+        return times
+
+    first = located()
+    system.springs[1] = 4.0
+    again = located()
+    own = solver.solve((0.0, float(again[0])), [1.0, 0.0], [0.0, 0.0], rtol=1e-6)
+    assert again[0] != first[0]
+    assert own.q[-1, 0] * 4.0 == pytest.approx(2.0, abs=1e-3)

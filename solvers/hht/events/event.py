@@ -17,6 +17,7 @@ from hhtbench.arguments import Vector, positive_integer, real_values
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, Native, native
+from hhtbench.lowering.dynamics.derive import parameters_of
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers._finite import expect_finite
 from solvers.hht.events.scan import EXTRA
@@ -247,7 +248,9 @@ def _seen(value: Any, depth: int) -> tuple[Any, ...] | None:
         return seen_by(value, depth + 1)
     owner = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None) or type(value).__module__
     fixed = (isinstance(value, ModuleType) or callable(value)) and _of_a_library(owner)
-    return ("fixed", id(value)) if fixed or isinstance(value, jax.Array | eqx.Module) else None
+    if isinstance(value, eqx.Module):  # its owner may write to an array that it holds
+        return "module", id(value), parameters_of(value)
+    return ("fixed", id(value)) if fixed or isinstance(value, jax.Array) else None
 
 
 def _of_a_library(module: str | None) -> bool:
