@@ -176,7 +176,9 @@ class _Compiled:
                 self.routes[()] = Route(self._flat.name, "xla", "it was asked for")
             use_disk_cache()
             parameters, compiled = jnp.asarray(self._flat.parameters), jitted(self._flat)
-            self._xla = lambda *given: np.asarray(compiled(parameters, *map(_strong, given)))
+            self._xla = lambda *given: np.asarray(  # a Python number is of a weak type, and would be traced again
+                compiled(parameters, *(np.float64(x) if type(x) is float else x for x in given))
+            )
         shapes = tuple(np.shape(argument) for argument in arguments)
         if shapes in self._xla_shapes:
             return self._xla(*arguments)
@@ -184,11 +186,6 @@ class _Compiled:
             value = self._xla(*arguments)
         self._xla_shapes.add(shapes)
         return value
-
-
-def _strong(argument: Any) -> Any:
-    """A Python number as float64: of a weak type it would be traced again."""
-    return np.float64(argument) if type(argument) is float else argument
 
 
 def _as_floats(arguments: tuple[Any, ...]) -> list[np.ndarray] | None:

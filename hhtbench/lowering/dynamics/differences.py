@@ -45,9 +45,7 @@ def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any 
 def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
     """Derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order."""
     e = _step_along(STEP[4], t, q, v)
-    near = np.asarray(function(e)) - np.asarray(function(-e))
-    far = np.asarray(function(2 * e)) - np.asarray(function(-2 * e))
-    return (8 * near - far) / (12 * e)
+    return _along(function, 0.0, e, 4) / e
 
 
 def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
@@ -66,7 +64,8 @@ def _step_along(relative: float, t: float, q: Any, v: Any) -> float:
     return (t + e) - t or e  # exactly representable, also at a late t
 
 
-def _along(function: Callable[[Any], Any], x: np.ndarray, step: np.ndarray, order: int, base: Any) -> np.ndarray:
+def _along(function: Callable[[Any], Any], x: Any, step: Any, order: int, base: Any = None) -> np.ndarray:
+    """Change of ``function`` from ``x`` over ``step``, if it were linear."""
     if order == 1:
         return np.asarray(function(x + step)) - base
     near = np.asarray(function(x + step)) - np.asarray(function(x - step))

@@ -82,15 +82,13 @@ def _convert(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     if wanted.kind == "b":
         return [x if x.kind == "bool" else Nodes(graph.elementwise("ne", x.ids, np.int64(ZERO)), "bool")]
     if wanted.kind in "iu":
-        return [Nodes(_truncated(graph, x.ids) if x.kind == "float" else ctx.as_numbers(x), "int")]
+        if x.kind != "float":
+            return [Nodes(ctx.as_numbers(x), "int")]
+        is_number = graph.elementwise("eq", x.ids, x.ids)  # NaN is 0, as XLA has it
+        return [Nodes(graph.elementwise("select", is_number, graph.elementwise("trunc", x.ids), np.int64(ZERO)), "int")]
     if wanted == np.float64:
         return [Nodes(ctx.as_numbers(x), "float")]
     raise NotNative(f"{wanted} values")
-
-
-def _truncated(graph: Graph, ids: Ids) -> Ids:
-    """Numbers without their fractions; NaN is 0, as XLA has it."""
-    return graph.elementwise("select", graph.elementwise("eq", ids, ids), graph.elementwise("trunc", ids), np.int64(ZERO))
 
 
 @rule_of_nodes("reduce_precision")

@@ -11,22 +11,20 @@ def helper(n: int, r: int) -> str:
     LU with the largest pivot of each column.  A NaN loses every comparison of sizes, so a NaN column keeps its own row; a
     zero pivot divides to infinity or NaN.  LLVM's passes move what is on the stack here into registers.
     """
-    width = n + r
+    return f"""
+define void @{HELPERS}_{n}_{r}(ptr noalias captures(none) %m) noinline nounwind {{
+  %largest = alloca double
+  %best = alloca i64
+  {_loop("k", 0, n, _eliminated(n, n + r))}
+  {_loop("d", 0, n, _substituted(n, n + r))}
+  ret void
+}}
+"""
 
-    def at(name: str, row: str, column: str) -> str:
-        return f"""
-  %{name}.row = mul i64 {row}, {width}
-  %{name}.at = add i64 %{name}.row, {column}
-  %{name}.ptr = getelementptr double, ptr %m, i64 %{name}.at
-  %{name} = load double, ptr %{name}.ptr"""
 
-    def subtract(name: str, factor: str, row: str, other: str, column: str) -> str:
-        return f"""{at(f"{name}.old", row, column)}{at(f"{name}.other", other, column)}
-  %{name}.product = fmul double {factor}, %{name}.other
-  %{name}.new = fsub double %{name}.old, %{name}.product
-  store double %{name}.new, ptr %{name}.old.ptr"""
-
-    search = f"""{at("s.value", "%s", "%k")}
+def _eliminated(n: int, width: int) -> str:
+    """Column ``k`` below the diagonal, after its largest entry has come to that."""
+    search = f"""{_load("s.value", "%s", "%k", width)}
   %s.size = call double @llvm.fabs.f64(double %s.value)
   %s.largest = load double, ptr %largest
   %s.best = load i64, ptr %best
@@ -35,39 +33,50 @@ def helper(n: int, r: int) -> str:
   %s.best.new = select i1 %s.larger, i64 %s, i64 %s.best
   store double %s.largest.new, ptr %largest
   store i64 %s.best.new, ptr %best"""
-    swap = f"""{at("w.one", "%k", "%w")}{at("w.other", "%swapped", "%w")}
+    swap = f"""{_load("w.one", "%k", "%w", width)}{_load("w.other", "%swapped", "%w", width)}
   store double %w.one, ptr %w.other.ptr
   store double %w.other, ptr %w.one.ptr"""
-    eliminate = f"""{at("i.value", "%i", "%k")}
+    eliminate = f"""{_load("i.value", "%i", "%k", width)}
   %i.factor = fdiv double %i.value, %pivot
-  {_loop("j", "%k.below", width, subtract("j", "%i.factor", "%i", "%k", "%j"))}"""
-    column = f"""
+  {_loop("j", "%k.below", width, _subtracted("j", "%i.factor", "%i", "%k", width))}"""
+    return f"""
   store double -1.0, ptr %largest
   store i64 %k, ptr %best
   {_loop("s", "%k", n, search)}
   %swapped = load i64, ptr %best
-  {_loop("w", "%k", width, swap)}{at("pivot", "%k", "%k")}
+  {_loop("w", "%k", width, swap)}{_load("pivot", "%k", "%k", width)}
   %k.below = add i64 %k, 1
   {_loop("i", "%k.below", n, eliminate)}"""
-    substitute = f"""{at("f.value", "%e", "%f")}
-  {_loop("g", n, width, subtract("g", "%f.value", "%e", "%f", "%g"))}"""
-    divide = f"""{at("o.value", "%e", "%o")}
+
+
+def _substituted(n: int, width: int) -> str:
+    """Row ``n - 1 - d`` of the solution."""
+    substitute = f"""{_load("f.value", "%e", "%f", width)}
+  {_loop("g", n, width, _subtracted("g", "%f.value", "%e", "%f", width))}"""
+    divide = f"""{_load("o.value", "%e", "%o", width)}
   %o.result = fdiv double %o.value, %diagonal
   store double %o.result, ptr %o.value.ptr"""
-    back = f"""
+    return f"""
   %e = sub i64 {n - 1}, %d
   %e.below = add i64 %e, 1
-  {_loop("f", "%e.below", n, substitute)}{at("diagonal", "%e", "%e")}
+  {_loop("f", "%e.below", n, substitute)}{_load("diagonal", "%e", "%e", width)}
   {_loop("o", n, width, divide)}"""
+
+
+def _load(name: str, row: str, column: str, width: int) -> str:
     return f"""
-define void @{HELPERS}_{n}_{r}(ptr noalias captures(none) %m) noinline nounwind {{
-  %largest = alloca double
-  %best = alloca i64
-  {_loop("k", 0, n, column)}
-  {_loop("d", 0, n, back)}
-  ret void
-}}
-"""
+  %{name}.row = mul i64 {row}, {width}
+  %{name}.at = add i64 %{name}.row, {column}
+  %{name}.ptr = getelementptr double, ptr %m, i64 %{name}.at
+  %{name} = load double, ptr %{name}.ptr"""
+
+
+def _subtracted(i: str, factor: str, row: str, other: str, width: int) -> str:
+    """An entry of ``row`` less ``factor`` times that of the ``other`` in the column ``i``."""
+    return f"""{_load(f"{i}.old", row, f"%{i}", width)}{_load(f"{i}.other", other, f"%{i}", width)}
+  %{i}.product = fmul double {factor}, %{i}.other
+  %{i}.new = fsub double %{i}.old, %{i}.product
+  store double %{i}.new, ptr %{i}.old.ptr"""
 
 
 def _loop(i: str, start: str | int, stop: int, body: str) -> str:

@@ -10,6 +10,8 @@ multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics
@@ -127,7 +129,8 @@ def _matrix_rows(
     if s.mass == "variable":
         mass_q = dynamics.mass_product_jacobian(t1, place.q1, unknown["a"] + alpha * known["f0"])
         by_q = mass_q if by_q is None else by_q + mass_q
-    row = _accelerate(dynamics, known, _chain(by_q, q_x, by_v, v_x))
+    parts = [by @ by_x for by, by_x in ((by_q, q_x), (by_v, v_x)) if by is not None]
+    row = _accelerate(dynamics, known, reduce(add, parts) if parts else None)
     rows = [_columns(dynamics, layout, row, a=_scaled_mass(dynamics, known, t1, place.q1))]
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
@@ -197,13 +200,6 @@ def _columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any
     direct = [blocks.get(name, zeros((height, size))) for name, size in layout.unknowns.items()]
     placed = dynamics.xp.concatenate(direct, axis=1)
     return placed if row is None else row + placed
-
-
-def _chain(by_q: Any, q_x: Any, by_v: Any, v_x: Any) -> Any:
-    """by_q @ q_x + by_v @ v_x where either may be absent."""
-    if by_q is None:
-        return None if by_v is None else by_v @ v_x
-    return by_q @ q_x if by_v is None else by_q @ q_x + by_v @ v_x
 
 
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:

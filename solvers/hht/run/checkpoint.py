@@ -1,7 +1,7 @@
-"""Checkpoints of stepping by hand: numbers as JSON and plain arrays.  Reading one runs no code and believes nothing.
+"""Checkpoints of stepping by hand: JSON, the bytes of arrays in it.  Reading one runs no code and believes nothing.
 
-After a line with the checksum comes one of JSON, then the bytes of the arrays it speaks of.  A record is an object with
-its type's name, of ``TYPES`` and of no others; fields, kinds and shapes are checked before anything is computed with them.
+A line with the checksum comes first.  A record is an object with its type's name, of ``TYPES`` and of no others; fields,
+kinds and shapes are checked before anything is computed with them.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from base64 import b64decode, b64encode
 from collections import Counter
 from dataclasses import fields, is_dataclass
 from types import UnionType
@@ -29,7 +30,7 @@ from solvers.hht.run.stepper import EventState
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 4
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 5
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # of arrays
@@ -40,10 +41,7 @@ SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, a
 
 def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
     """A checkpoint of ``integrator``, made by a solver with ``setup``: texts by name."""
-    arrays: list[np.ndarray] = []
-    tree = {"setup": setup, "integrator": _encoded(integrator, arrays)}
-    tree["arrays"] = [[array.dtype.str, array.shape] for array in arrays]
-    body = json.dumps(tree).encode() + b"\n" + b"".join(array.tobytes() for array in arrays)
+    body = json.dumps({"setup": setup, "integrator": _encoded(integrator)}).encode()
     return b"%s %d %s\n" % (MAGIC, VERSION, hashlib.sha256(body).hexdigest().encode()) + body
 
 
@@ -58,10 +56,9 @@ def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
         ``data`` is no checkpoint, one of another version, damaged, or made by a solver with other options.
     """
     body = _body(data)
-    line, _, rest = body.partition(b"\n")
     try:
-        tree = json.loads(line)
-        made_with, integrator = tree["setup"], _decoded(tree["integrator"], _arrays(tree["arrays"], rest))
+        tree = json.loads(body)
+        made_with, integrator = tree["setup"], _decoded(tree["integrator"])
     except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
     for name, value in setup.items():
@@ -91,39 +88,29 @@ def _body(data: Any) -> bytes:
     return body
 
 
-def _encoded(value: Any, arrays: list[np.ndarray]) -> Any:
-    """``value`` for JSON; its arrays go to ``arrays``."""
+def _encoded(value: Any) -> Any:
+    """``value`` for JSON."""
     if is_dataclass(value):
-        parts = {f.name: _encoded(getattr(value, f.name), arrays) for f in fields(value)}
-        return {"type": type(value).__name__, **parts}
+        return {"type": type(value).__name__, **{f.name: _encoded(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
-        arrays.append(np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<")))
-        return {"type": "array", "number": len(arrays) - 1}
+        return {"type": "array", "shape": value.shape, "content": b64encode(value.astype(NUMBERS).tobytes()).decode()}
     if isinstance(value, Counter):
         return {"type": "Counter", **value}
     if isinstance(value, tuple):
-        return [_encoded(part, arrays) for part in value]
+        return list(map(_encoded, value))
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _arrays(described: Any, rest: bytes) -> list[np.ndarray]:
-    found, at = [], 0
-    for number, shape in described:
-        if number != NUMBERS.str or not all(type(length) is int and length >= 0 for length in shape):
-            raise ValueError(f"an array of {number} and shape {shape}")
-        stop = at + NUMBERS.itemsize * math.prod(shape)
-        if stop > len(rest):
-            raise ValueError("arrays are longer than the checkpoint")
-        found.append(np.frombuffer(rest[at:stop], dtype=NUMBERS).reshape(shape).copy())
-        if not np.isfinite(found[-1]).all():
-            raise ValueError("an array holds values that are not finite")
-        at = stop
-    if at != len(rest):
-        raise ValueError("something follows the arrays")
+def _array(shape: Any, content: Any) -> np.ndarray:
+    found = np.frombuffer(b64decode(content, validate=True), dtype=NUMBERS).reshape(shape).copy()
+    if list(found.shape) != shape:
+        raise ValueError(f"an array of shape {shape}")
+    if not np.isfinite(found).all():
+        raise ValueError("an array holds values that are not finite")
     return found
 
 
-def _decoded(value: Any, arrays: list[np.ndarray]) -> Any:
+def _decoded(value: Any) -> Any:
     """The inverse of :func:`_encoded`; fields and their kinds are those of the types.
 
     Raises
@@ -132,7 +119,7 @@ def _decoded(value: Any, arrays: list[np.ndarray]) -> Any:
         They are not.
     """
     if isinstance(value, list):
-        return tuple(_decoded(part, arrays) for part in value)
+        return tuple(map(_decoded, value))
     if not isinstance(value, dict):
         if isinstance(value, int) and abs(value) >= 2**63:
             raise ValueError(f"{value} is no number of 64 bits")
@@ -141,8 +128,8 @@ def _decoded(value: Any, arrays: list[np.ndarray]) -> Any:
         return value
     name = value["type"]
     if name == "array":
-        return arrays[range(len(arrays)).index(value["number"])]
-    parts = {key: _decoded(part, arrays) for key, part in value.items() if key != "type"}
+        return _array(value["shape"], value["content"])
+    parts = {key: _decoded(part) for key, part in value.items() if key != "type"}
     if name == "Counter":
         return _tally(parts)
     kind = TYPES[name]

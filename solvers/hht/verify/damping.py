@@ -20,7 +20,6 @@ from solvers.hht.verify.vibration import (
     STEP,
     Scene,
     Spectrum,
-    Swing,
     invariants_error,
     make_scene,
     measured_matrix,
@@ -217,7 +216,11 @@ def curves() -> list[Plot]:
     found = [("measured", alpha, {x: _measured(free, {"alpha": alpha}, x) for x in MEASURED}) for alpha in DRAWN]
     found.append(("guided", -0.15, {x: _measured(guided, method, x) for x in MEASURED if x <= HELD_UP_TO}))
     found += [("closed form", alpha, {x: roots(alpha, x) for x in CLOSED}) for alpha in DRAWN]
-    slow = [(name, alpha, _swings(at)) for name, alpha, at in found if name != "guided"]
+    slow = [
+        (name, alpha, {x: swing_of(r, x) for x, r in at.items() if x <= SMOOTH})
+        for name, alpha, at in found
+        if name != "guided"
+    ]
     radii = [(name, alpha, {x: radius(r) for x, r in at.items()}) for name, alpha, at in found]
     damping = [(name, alpha, {x: s.damping for x, s in at.items()}) for name, alpha, at in slow if alpha != 0.0]
     longer = [(name, alpha, {x: s.elongation for x, s in at.items()}) for name, alpha, at in slow]
@@ -230,10 +233,6 @@ def curves() -> list[Plot]:
 
 def _measured(scene: Scene, method: Method, frequency: float) -> Spectrum:
     return spectrum(measured_matrix(scene, method, frequency))
-
-
-def _swings(eigenvalues: dict[float, Spectrum]) -> dict[float, Swing]:
-    return {x: swing_of(found, x) for x, found in eigenvalues.items() if x <= SMOOTH}
 
 
 def _plot(id: str, title: str, y_label: str, caption: str, found: list[tuple[str, float, dict[float, float]]]) -> Plot:

@@ -46,16 +46,10 @@ def test1_figures(case: Case) -> list[Row | Plot]:
     plots = []
     for number, pairs, title, method, guide in TEST1_FIGURES:
         run = refine(case, [alternating(case, n) for n in PAIRS] if pairs else CONSTANT, alpha=-0.15, b=0.3, **method)
+        seen = "2-norm errors at t = 1 for alpha = -0.15, b = 0.3; a against f(1 + alpha h)."
+        x_label, shown = "mean step [s]" if pairs else H_LABEL, {key: run.end[key] for key in ("q", "v", "a")}
         plots.append(
-            Plot(
-                id=number,
-                title=f"Figure {number}: test1, {title}",
-                caption=f"2-norm errors at t = 1 for alpha = -0.15, b = 0.3; a against f(1 + alpha h). {SEEN[number]}",
-                x_label="mean step [s]" if pairs else H_LABEL,
-                y_label="error",
-                curves=_curves(run.steps, {key: run.end[key] for key in ("q", "v", "a")}),
-                slope=guide,
-            )
+            _errors(number, f"test1, {title}", seen, run.steps, shown, x_label=x_label, y_label="error", slope=guide)
         )
     stored = INDEPENDENT["test1"]
     worst = disagreement(plots[0], [case.t_end / n for n in stored["steps"]], stored)
@@ -69,24 +63,20 @@ def pendulum_figures(case: Case) -> list[Row | Plot]:
     for (number, alpha), stored in zip(PENDULUM_FIGURES.items(), INDEPENDENT["pendulum"], strict=True):
         steps = [0.01 / 2**k for k in range(8)]
         errors = [np.abs(_last_angle(case, round(case.t_end / h), alpha) - [end.q[2], end.v[2]]) for h in steps]
-        plots.append(
-            Plot(
-                id=number,
-                title=f"Figure {number}: pendulum, alpha = {alpha:g}, b = 0",
-                caption=f"|error| of angle and angular velocity at t = 2. {SEEN[number]}",
-                x_label=H_LABEL,
-                y_label="error (components in their SI units)",
-                curves=_curves(steps, dict(zip(("y3", "z3"), np.transpose(errors).tolist(), strict=True))),
-                slope=2.0,
-            )
+        seen, shown = (
+            "|error| of angle and angular velocity at t = 2.",
+            dict(zip(("y3", "z3"), np.transpose(errors), strict=True)),
         )
+        labels = {"x_label": H_LABEL, "y_label": "error (components in their SI units)"}
+        plots.append(_errors(number, f"pendulum, alpha = {alpha:g}, b = 0", seen, steps, shown, **labels, slope=2.0))
         worst = max(worst, disagreement(plots[-1], stored["step"], stored))
     claim = "pendulum, b = 0, alpha in {0, -0.3}: errors of y3, z3 at t = 2 equal those of an independent implementation"
     return [below_row("figure/5.7-5.8", claim, worst, AGREEMENT), *plots, *map(_end_slopes, plots)]
 
 
-def _curves(steps: Iterable[float], errors: Mapping[str, Iterable[float]]) -> tuple[Curve, ...]:
-    return tuple(Curve(label=f"|{key}|", x=tuple(steps), y=tuple(values)) for key, values in errors.items())
+def _errors(number: str, title: str, seen: str, steps: Iterable[float], errors: Mapping[str, Any], **more: Any) -> Plot:
+    curves = tuple(Curve(label=f"|{key}|", x=tuple(steps), y=tuple(map(float, x))) for key, x in errors.items())
+    return Plot(id=number, title=f"Figure {number}: {title}", caption=f"{seen} {SEEN[number]}", curves=curves, **more)
 
 
 def _end_slopes(plot: Plot) -> Row:

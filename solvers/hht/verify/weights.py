@@ -11,7 +11,6 @@ import numpy as np
 
 from hhtbench import list_problems
 from hhtbench.evidence import Curve, Evidence, Plot, Row
-from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from solvers.hht.equations.coefficients import ALPHA
 from solvers.hht.solver import HHT
@@ -75,11 +74,12 @@ def verify_b(progress: Progress | None = None, jobs: int = 1) -> Evidence:
 
 def constrained() -> list[str]:
     """The problems of the library with position constraints and a known motion, as they are by default."""
-    return [name for name in list_problems() if hasattr(load(name).system, "constraint") and _is_known(load(name))]
-
-
-def _is_known(problem: Problem) -> bool:
-    return problem.exact is not None or problem.reference is not None
+    problems = {name: load(name) for name in list_problems()}
+    return [
+        name
+        for name, p in problems.items()
+        if hasattr(p.system, "constraint") and (p.exact is not None or p.reference is not None)
+    ]
 
 
 def saved(scene: Scene, kind: str) -> Saved:
