@@ -85,15 +85,26 @@ def made(ratio):
     return weights.Saved(dict.fromkeys(weights.MAPPED, ratio), ratio, {}, 100.0, "")
 
 
-def test_problems_that_take_more_steps_are_named_and_the_median_is_judged():
-    own = {"a": made(0.3), "c": made(0.4), "d": made(1.0), "e": made(2.0), "f": made(math.nan), (1, 1, 2, 0.0): made(9.0)}
-    rows = {row.id: row for row in weights.judged(CONTROLLED, own)}
-    assert rows[f"{CONTROLLED}/median"].measured == pytest.approx(0.7)
-    assert rows[f"{CONTROLLED}/median"].passed
+def test_problems_that_take_more_steps_are_named_and_those_that_fail_count_as_the_worst():
+    own = {"a": made(0.3), "c": made(0.4), "d": made(1.0), "e": made(math.inf), (1, 1, 2, 0.0): made(9.0)}
+    rows = {row.id: row for row in weights.judged(CONTROLLED, own | {"neither": made(math.nan)})}
+    assert rows[f"{CONTROLLED}/median"].measured == "0.70"
     assert rows[f"{CONTROLLED}/moved"].measured == "0.40"
-    assert rows[f"{CONTROLLED}/worse"].measured == "e 2.00"
+    assert rows[f"{CONTROLLED}/worse"].measured == "e inf"
     assert "0.2: 9.00" in rows[f"{CONTROLLED}/drawn"].measured
-    assert not weights.judged(CONSTANT, {"a": made(0.9), (1, 1, 2, 0.0): made(0.9)})[0].passed
+
+
+def test_an_error_that_only_one_weight_reaches_is_no_gap(monkeypatch):
+    """Runs with the weight fail; without it they do not."""
+    monkeypatch.setattr(weights, "refined", lambda scene, kind, method, error: [] if method["b"] else [Run(9, 1e-9, 1.0)])
+    monkeypatch.setattr(weights, "run", lambda scene, method, request: None if method["b"] else Run(9, 1e-9, 1.0))
+    found = weights.saved((1, 1, 2, 0.0), CONSTANT)
+    assert (found.over_b[0.0], found.over_b[0.1], found.over_b[0.2], found.fine) == (1.0, math.inf, math.inf, math.inf)
+
+
+def test_energy_that_cannot_be_followed_is_no_pass(monkeypatch):
+    monkeypatch.setattr(weights, "energy_change", lambda scene, method, h, steps: math.nan if method["b"] else 1e-9)
+    assert weights.energy((1, 1, 2, 0.0), 0.01, 5, (0.0,))[0].passed is False
 
 
 def test_the_map_shows_quartiles_and_extremes_over_b():
