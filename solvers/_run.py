@@ -59,7 +59,7 @@ class Run:
         self.steps = 0
         self.unseen: list[str] = []  #: Counters of work inside compiled code
         self.library_counters: dict[str, int] = {}  #: Counters that only the library knows
-        self.guard = Guard(self.work, problem.t_span[0])
+        self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
         self._rows: list[Vector] = []
         self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
@@ -71,7 +71,7 @@ class Run:
         failure = tried_twice(self._begin, self.work, self.now)
         if failure is not None:
             return self._nothing(failure)
-        end = self._end(drive)
+        end = self._end(self._raised(drive))  # held by no frame of its own traceback, so that the run is freed at once
         self.work.only_output_is_left()
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
@@ -97,7 +97,7 @@ class Run:
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock."""
-        return self.problem.t_span[1] if t == self.t1 else self.problem.t_span[0] + t
+        return self.guard.time(t)
 
     @property
     def now(self) -> float:
@@ -112,7 +112,9 @@ class Run:
         guesses = problem.lam_guess, problem.mu_guess
         self.atol = absolute_tolerances(problem, self.request)
         self.dynamics = dynamics_for(problem.system, place, self.work)
-        self.levels = ConstraintLevels(unreduced(self.dynamics), full=True)
+        whole = unreduced(self.dynamics)
+        known = of_dynamics(whole)
+        self.levels = ConstraintLevels(whole, full=True) if known.large else known.levels
         self.acceleration = of_dynamics(self.dynamics).acceleration
         failure = check_start(self.dynamics, self.levels, place, guesses)
         if failure is not None:
@@ -125,18 +127,13 @@ class Run:
         self.start = form.start(place.q, place.v, found.vdot, found.lam, found.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
         vector, matrix = (form.size,), (form.size, form.size)
-        self.residual = self._callback(form.residual, vector, residuals=form.points)
-        self.jacobian = self._callback(form.jacobian, matrix, jacobians=1)
-        self.rhs = self._callback(form.rhs, vector, residuals=form.points)
-        self.rhs_jacobian = self._callback(form.rhs_jacobian, matrix, jacobians=1)
+        self.residual = self.guard.wrap(form.residual, vector, residuals=form.points)
+        self.jacobian = self.guard.wrap(form.jacobian, matrix, jacobians=1)
+        self.rhs = self.guard.wrap(form.rhs, vector, residuals=form.points)
+        self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
         return None
-
-    def _callback(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
-        """``function`` guarded, in the library's time."""
-        guarded = self.guard.wrap(function, shape, **points)
-        return lambda t, *values: guarded(self.time(t), *values)
 
     def look_ahead(self, lost: float) -> None:
         """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).
@@ -208,14 +205,16 @@ class Run:
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
-    def _end(self, drive: Callable[[Run], None]) -> Failure:
-        """Drive the library and say how it ended; exceptions of callbacks are raised again as they are."""
-        error: BaseException | None
+    def _raised(self, drive: Callable[[Run], None]) -> BaseException | None:
+        """What ends the library's run, if not the end of the interval; where a callback has raised, that."""
         try:
             drive(self)
-            error = self.guard.cause
         except Exception as raised:  # noqa: BLE001 - a library may raise anything; it costs this solve only
-            error = raised if self.guard.cause is None else self.guard.cause
+            return raised if self.guard.cause is None else self.guard.cause
+        return self.guard.cause
+
+    def _end(self, error: BaseException | None) -> Failure:
+        """How the run ended; exceptions of callbacks are raised again as they are."""
         if error is None:
             return Failure(Status.success, Status.success.text)
         if isinstance(error, BudgetSpent):
