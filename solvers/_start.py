@@ -62,7 +62,10 @@ class Solving(Protocol):
 
     dynamics: Dynamics
     acceleration: AccelerationLevel
-    work: Work
+
+    @property
+    def work(self) -> Work:
+        """What is counted."""
 
 
 Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
