@@ -28,7 +28,7 @@ def real_array(name: str, value: Any) -> NDArray[np.float64]:
         An entry is NaN or infinite.
     """
     array = real_values(name, value)
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ProblemError(f"{name} must be finite; entry {list(where)} is {array[where]}.")
     array.setflags(write=False)
@@ -43,14 +43,14 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{expected}; got a masked array. Fill the masked entries first.")
     try:
-        array = np.asarray(value)
+        array = np.array(value, order="C")
     except TracerArrayConversionError:
         raise traced(name) from None
     except ValueError as error:
         raise TypeError(f"{expected}; got a ragged sequence ({error}).") from error
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{expected}; got dtype {array.dtype} ({type(value).__name__}).")
-    return np.array(array, dtype=np.float64, order="C")
+    return array.astype(np.float64, copy=False)
 
 
 def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
@@ -64,6 +64,8 @@ def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
 
 def real_number(name: str, value: Any, *, unit: str = "") -> float:
     """A finite float; booleans, strings and arrays (also of one entry) are refused."""
+    if type(value) is float and math.isfinite(value):
+        return value
     if isinstance(value, (bool, str)) or value is None:
         raise TypeError(f"{name} must be a real number{unit}; got {value!r}.")
     try:

@@ -168,12 +168,12 @@ class Work:
     @contextmanager
     def for_output(self) -> Iterator[None]:
         """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
-        before = self.tally.copy()
+        before = [self.tally[name] for name in OF_OUTPUT]
         try:
             yield
         finally:
-            for name in OF_OUTPUT:
-                self.output[name] += self.tally[name] - before[name]
+            for name, count in zip(OF_OUTPUT, before, strict=True):
+                self.output[name] += self.tally[name] - count
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""

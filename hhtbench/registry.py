@@ -99,12 +99,15 @@ def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
         return target
     if not callable(target):
         return target
-    _check_arguments(spec.target, target, arguments)
-    return target(**arguments)
+    try:
+        return target(**arguments)
+    except TypeError:
+        _check_arguments(spec.target, target, arguments)
+        raise
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
-    """Compare with the signature first: a TypeError from inside the factory is then not mistaken for this one."""
+    """Compare with the signature: a TypeError from inside the factory is not mistaken for one of its call."""
     try:
         signature = inspect.signature(factory)
     except (TypeError, ValueError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -41,8 +41,15 @@ class Recovered(NamedTuple):
     instead: Status | None = None  #: of a success, where rows are missing or not recovered
 
 
-def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Solution:
-    """The Solution with ``rows``, as far as the acceleration level is finite there."""
+def solution_of(
+    run: Solving,
+    end: Failure,
+    rows: Rows,
+    own: OwnMultipliers,
+    recover_many: RecoverMany = None,
+    carried: Mapping[str, Matrix] | None = None,
+) -> Solution:
+    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``."""
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
         t, q, v = (array[: len(found.lam)] for array in rows)
@@ -50,7 +57,9 @@ def solution_of(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, rec
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=run.work.counters())
+    counters = run.work.counters()
+    held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=counters, carried=held)
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -136,11 +145,13 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
         raise
 
 
-def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers) -> Solution:
+def unrecovered(
+    run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, carried: Mapping[str, Matrix] | None = None
+) -> Solution:
     """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called."""
-    (t, q, v), (lam, mu) = rows, padded(run.dynamics, own.lam, own.mu)
+    (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
     message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=run.work.counters())
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, carried=carried)
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

@@ -31,30 +31,35 @@ class Guard:
     their step then; the function that gave them is named if the library fails.
     """
 
-    def __init__(self, work: Work, t0: float) -> None:
-        self.work = work
-        self.t = t0  #: end of the last step [s]
+    def __init__(self, work: Work, t_span: tuple[float, float]) -> None:
+        self.work, self.t_span = work, t_span
+        self.t = t_span[0]  #: end of the last step [s]
         self.cause: BaseException | None = None  #: what a callback has raised
         self.nonfinite: Any = None  #: first value of this step that is not finite: the error, or (t, y)
         self._nonfinite_before: Any = None  # the same of the step before: Radau fails one step late
         self._count = 0
 
+    def time(self, t: float) -> float:
+        """The problem's time [s] at ``t`` of the library's clock, which starts at 0."""
+        t0, t1 = self.t_span
+        return t1 if t == t1 - t0 else t0 + t
+
     def wrap(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
-        """``function(t, y, ...)`` counted, on private copies: libraries reuse and free what they pass."""
+        """``function`` of the library's time, counted, on private copies: libraries reuse and free what they pass."""
         counted = self.work.counted(function, **points)
 
         def call(t: float, y: Any, *more: Any) -> Any:
             self.raise_cause()
-            y = np.array(y)
+            t, y = self.time(float(t)), np.array(y)
             try:
                 try:
-                    value = np.array(counted(float(t), y, *(np.array(x) for x in more)))
+                    value = np.array(counted(t, y, *(np.array(x) for x in more)))
                 except NonFiniteValue as error:
                     value = np.full(shape, np.nan)
                     self._note_nonfinite(y, error)
                 else:
                     if not np.isfinite(value).all():
-                        self._note_nonfinite(y, (float(t), y))
+                        self._note_nonfinite(y, (t, y))
             except BaseException as error:
                 self.cause = error
                 raise

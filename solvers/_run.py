@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,25 @@ from solvers._start import (
 
 __all__ = ["Halt", "Run"]
 
+OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
 Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y' (size,)
+
+
+@dataclass
+class LibraryWork(Work):
+    """The tally of one solve by a library."""
+
+    library: dict[str, int] = field(default_factory=dict)  #: Counters that only the library knows
+    unseen: list[str] = field(default_factory=list)  #: Counters of work inside compiled code
+
+    def counters(self) -> Counters:
+        """The work done so far; what nobody reports is None."""
+        jacobians = self.output["jacobian_evaluations"]
+        values: dict[str, Any] = dict.fromkeys(OF_LIBRARY) | self.counted_for_steps() | self.library
+        values |= dict.fromkeys(self.unseen)
+        more = f"; library: {', '.join(self.library)}" if self.library else ""
+        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
+        return Counters(**values, provenance=f"counted{more}; None: not reported")
 
 
 class Run:
@@ -52,14 +70,12 @@ class Run:
         #: output times [s]; None: every step
         self.wanted = None if request.t_eval is None else request.t_eval - problem.t_span[0]
         self.direction = -1.0 if self.t1 < self.t0 else 1.0
-        self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
+        self.work = LibraryWork(max_evaluations=request.max_evaluations, clock=clock)
         self.form_name = form
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
         self.steps = 0
-        self.unseen: list[str] = []  #: Counters of work inside compiled code
-        self.library_counters: dict[str, int] = {}  #: Counters that only the library knows
-        self.guard = Guard(self.work, problem.t_span[0])
+        self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
         self._rows: list[Vector] = []
         self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
@@ -71,12 +87,12 @@ class Run:
         failure = tried_twice(self._begin, self.work, self.now)
         if failure is not None:
             return self._nothing(failure)
-        end = self._end(drive)
+        end = self._end(self._raised(drive))  # held by no frame of its own traceback, so that the run is freed at once
         self.work.only_output_is_left()
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        solution = solution_of(self, self._judged(rows, end), rows.motion, own)
-        return self._complete(solution, rows)
+        held = carried(self.form, rows, self.dynamics)
+        return solution_of(self, self._judged(rows, end), rows.motion, own, carried=held)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -84,20 +100,14 @@ class Run:
             return self._nothing(end)
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        return self._complete(unrecovered(self, end, rows.motion, own), rows)
-
-    def _complete(self, solution: Solution, rows: Rows) -> Solution:
-        """With the multipliers that the library holds itself, and all counters."""
-        own = carried(self.form, rows, self.dynamics)
-        own = None if own is None else {name: values[: solution.t.size] for name, values in own.items()}
-        return replace(solution, carried=own, counters=self.counters())
+        return unrecovered(self, end, rows.motion, own, carried(self.form, rows, self.dynamics))
 
     def _nothing(self, failure: Failure) -> Solution:
-        return empty_solution(self.problem.q0.size, failure, self.counters())
+        return empty_solution(self.problem.q0.size, failure, self.work.counters())
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock."""
-        return self.problem.t_span[1] if t == self.t1 else self.problem.t_span[0] + t
+        return self.guard.time(t)
 
     @property
     def now(self) -> float:
@@ -112,7 +122,9 @@ class Run:
         guesses = problem.lam_guess, problem.mu_guess
         self.atol = absolute_tolerances(problem, self.request)
         self.dynamics = dynamics_for(problem.system, place, self.work)
-        self.levels = ConstraintLevels(unreduced(self.dynamics), full=True)
+        whole = unreduced(self.dynamics)
+        known = of_dynamics(whole)
+        self.levels = ConstraintLevels(whole, full=True) if known.large else known.levels
         self.acceleration = of_dynamics(self.dynamics).acceleration
         failure = check_start(self.dynamics, self.levels, place, guesses)
         if failure is not None:
@@ -125,18 +137,13 @@ class Run:
         self.start = form.start(place.q, place.v, found.vdot, found.lam, found.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
         vector, matrix = (form.size,), (form.size, form.size)
-        self.residual = self._callback(form.residual, vector, residuals=form.points)
-        self.jacobian = self._callback(form.jacobian, matrix, jacobians=1)
-        self.rhs = self._callback(form.rhs, vector, residuals=form.points)
-        self.rhs_jacobian = self._callback(form.rhs_jacobian, matrix, jacobians=1)
+        self.residual = self.guard.wrap(form.residual, vector, residuals=form.points)
+        self.jacobian = self.guard.wrap(form.jacobian, matrix, jacobians=1)
+        self.rhs = self.guard.wrap(form.rhs, vector, residuals=form.points)
+        self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
         return None
-
-    def _callback(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
-        """``function`` guarded, in the library's time."""
-        guarded = self.guard.wrap(function, shape, **points)
-        return lambda t, *values: guarded(self.time(t), *values)
 
     def look_ahead(self, lost: float) -> None:
         """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).
@@ -208,14 +215,16 @@ class Run:
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
-    def _end(self, drive: Callable[[Run], None]) -> Failure:
-        """Drive the library and say how it ended; exceptions of callbacks are raised again as they are."""
-        error: BaseException | None
+    def _raised(self, drive: Callable[[Run], None]) -> BaseException | None:
+        """What ends the library's run, if not the end of the interval; where a callback has raised, that."""
         try:
             drive(self)
-            error = self.guard.cause
         except Exception as raised:  # noqa: BLE001 - a library may raise anything; it costs this solve only
-            error = raised if self.guard.cause is None else self.guard.cause
+            return raised if self.guard.cause is None else self.guard.cause
+        return self.guard.cause
+
+    def _end(self, error: BaseException | None) -> Failure:
+        """How the run ended; exceptions of callbacks are raised again as they are."""
         if error is None:
             return Failure(Status.success, Status.success.text)
         if isinstance(error, BudgetSpent):
@@ -257,15 +266,3 @@ class Run:
     def rows(self) -> Rows:
         """The rows so far."""
         return make_rows(self.form, self._times, self._rows, self._rates)
-
-    def counters(self) -> Counters:
-        """The work done so far; what nobody reports is None."""
-        names = ("steps_accepted", "residual_evaluations", "jacobian_evaluations", "event_evaluations")
-        counted = dict.fromkeys((*names, "nonfinite_evaluations"), 0) | self.work.counted_for_steps()
-        jacobians = self.work.output["jacobian_evaluations"]
-        unknown = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
-        values: dict[str, Any] = dict.fromkeys(unknown) | counted | self.library_counters
-        values |= dict.fromkeys(self.unseen)
-        more = f"; library: {', '.join(self.library_counters)}" if self.library_counters else ""
-        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
-        return Counters(**values, provenance=f"counted{more}; None: not reported")

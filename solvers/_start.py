@@ -62,7 +62,10 @@ class Solving(Protocol):
 
     dynamics: Dynamics
     acceleration: AccelerationLevel
-    work: Work
+
+    @property
+    def work(self) -> Work:
+        """What is counted."""
 
 
 Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
@@ -86,8 +89,9 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
     """Of q and v, (2n,): those of the request, or ``rtol`` times the problem's scales where it gives none."""
     n, scales, atol = problem.q0.size, problem.scales, request.atol
     if atol is None:
-        typical = np.concatenate([np.broadcast_to(scale, n) for scale in (scales.q, scales.v)])
-        return np.asarray(np.resize(0.0 if request.rtol is None else request.rtol, 2 * n) * typical)
+        typical, rtol = np.empty(2 * n), 0.0 if request.rtol is None else request.rtol
+        typical[:n], typical[n:] = scales.q, scales.v
+        return typical * (rtol if np.ndim(rtol) == 0 else np.resize(rtol, 2 * n))
     if np.shape(atol) not in ((), (n,), (2 * n,)):
         raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)

@@ -54,7 +54,7 @@ class CollocationSolver(Adapter):
                 continue
             method.advance(z, h)
             run.accept(end, run.y + z[-1], _no_interior)
-            run.library_counters = method.counters
+            run.work.library = method.counters
             patience = max(patience - 1, 0)
             if factor > KEEP and not patience:
                 length = max(length, abs(h) * factor)

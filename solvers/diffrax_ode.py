@@ -65,7 +65,7 @@ class DiffraxSolver(Adapter):
         implicit = loop.evaluations_per_step(self.method) is None
         counted = implicit and run.request.max_evaluations is not None
         evaluations = ["residual_evaluations", "output_evaluations"]
-        run.unseen = evaluations * (implicit and not counted) + ["jacobian_evaluations"] * implicit
+        run.work.unseen = evaluations * (implicit and not counted) + ["jacobian_evaluations"] * implicit
         ticket = next(_tickets)
         try:
             self._segments(run, counted, ticket)
@@ -91,7 +91,7 @@ class DiffraxSolver(Adapter):
                 each = (time.perf_counter() - began) / max(attempted, 1)
                 room = int(min(8 * room, loop.SEGMENT, max(SLOW / each, 1.0)))
             lost = numbers[2] if accepted or np.isnan(lost) else lost
-            run.library_counters = {"steps_rejected_error": rejected}
+            run.work.library = {"steps_rejected_error": rejected}
             _book(run, _ticked(ticket) if counted else per_step * attempted)
             for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
                 t = run.t1 if row[1] == s1 else run.direction * row[1]

@@ -32,7 +32,7 @@ class SciPySolver(Adapter):
             solver = self._stepper(run, run.t0, run.start.y, run.t1)
             while run.unfinished():
                 _step(run, solver)
-                run.library_counters["factorisations"] = int(solver.nlu)
+                run.work.library["factorisations"] = int(solver.nlu)
                 run.accept(solver.t, solver.y, partial(self._between, run, solver))
 
     def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:

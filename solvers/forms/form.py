@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
+from hhtbench.lowering.caching import ById, Cache
 from solvers.forms.layout import RECIPES, SOURCES, Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 
 FORMS = tuple(RECIPES)
 MASKED = 1e8  # atol that takes an entry out of an error test: far above a multiplier times any rtol in use
 MULTIPLIERS = ("lam", "mu", "eta")
+_made = Cache(64)  # finding the functions again takes as long as ten calls of them
 
 
 @dataclass(frozen=True)
@@ -121,13 +123,20 @@ def refusal(name: str, structure: Structure) -> str | None:
 
 
 def make_form(name: str, dynamics: Dynamics) -> Form:
-    """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use.
+    """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use; remembered where that is never counted.
 
     Raises
     ------
     ProblemError
         There is no form of that name, or the system does not have it: see :func:`refusal`.
     """
+    if route_of(dynamics) == "numpy":
+        return _make_form(name, dynamics)
+    made: Form = _made.find((name, ById(dynamics)), lambda: _make_form(name, dynamics))
+    return made
+
+
+def _make_form(name: str, dynamics: Dynamics) -> Form:
     layout = Layout(name, dynamics.structure)
     reason = refusal(name, dynamics.structure) or _undetermined(name, dynamics)
     if reason is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ class HHTSolver:
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem`` over its interval."""
         options = {**self.options, **request.options}
-        asked: dict[str, Any] = {f.name: getattr(request, f.name) for f in fields(Request) if f.name != "options"}
+        asked: dict[str, Any] = {name: value for name, value in vars(request).items() if name != "options"}
         if not request.fixed and request.atol is None:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}

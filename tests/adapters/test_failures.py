@@ -212,6 +212,25 @@ def test_an_inconsistent_start_is_told_with_its_rows():
     assert "g[0]" in solution.message
 
 
+@pytest.mark.parametrize("solver", [*HOST, hb.load_solver("hht")], ids=lambda solver: solver.name)
+def test_of_a_success_that_has_lost_its_rows_the_message_says_the_loss_alone(solver):
+    """The force is not finite once the steps are made: no row has multipliers."""
+    calls, steps = [], np.inf
+
+    def force(t, q, v):
+        calls.append(t)
+        return np.full(2, np.nan if len(calls) > steps else 0.0)
+
+    whole = solver.solve(numpy_ring(force=force), LOOSE)
+    assert whole.success, whole.message
+    steps = whole.counters.residual_evaluations
+    calls.clear()
+    lost = solver.solve(numpy_ring(force=force), LOOSE)
+    assert (lost.status, lost.t.size) == (Status.nonfinite_callback, 0)
+    assert lost.message.startswith("force")
+    assert lost.message.endswith("when the multipliers were recovered.")
+
+
 # --- exceptions -------------------------------------------------------------------------------------------------------
 
 

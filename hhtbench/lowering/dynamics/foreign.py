@@ -70,9 +70,10 @@ class Callbacks:
         return 0
 
     def __enter__(self) -> None:
+        if self._before is not None or threading.current_thread() is not threading.main_thread():
+            return
         handler = signal.getsignal(signal.SIGINT)
-        known = handler is signal.default_int_handler or isinstance(getattr(handler, "__self__", None), Callbacks)
-        if threading.current_thread() is threading.main_thread() and known and self._before is None:
+        if handler is signal.default_int_handler or isinstance(getattr(handler, "__self__", None), Callbacks):
             self._before = signal.signal(signal.SIGINT, self._interrupted)
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:

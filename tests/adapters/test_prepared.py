@@ -1,0 +1,64 @@
+"""What is prepared for a system serves the next solves of it, and no other system or parameter."""
+
+import dataclasses
+import gc
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+
+SOLVERS = ("ida(form=ggl)", "ida(form=index1)", "cvode", "scipy(method=DOP853)", "projected", "collocation(stages=3)")
+
+
+class Sprung(hb.System):
+    """A pendulum on springs; they and its mass are arrays that their owner may write to."""
+
+    length: object = hb.parameter(1.0)
+    springs: object = dataclasses.field(default_factory=lambda: np.array([3.0, 5.0]))
+    mass_matrix: object = dataclasses.field(default_factory=lambda: np.array([1.0, 2.0]))
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81]) - self.springs * q
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - self.length**2) / 2])
+
+
+def swinging(system, solver):
+    """Bits and counters of a solve from rest to the right."""
+    start = {"t_span": (0.0, 0.1), "q0": [float(system.length), 0.0], "v0": [0.0, 0.0]}
+    found = hb.solve(hb.Problem(name="x", system=system, **start), solver, rtol=1e-5)
+    assert found.success, found.message
+    return found.q.tobytes(), found.lam.tobytes(), found.counters
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_changed_parameter_of_a_prepared_system_is_a_new_preparation(solver):
+    """Written to by its owner, swapped past the frozen class, and back again; another system of the class beside it."""
+    system = Sprung()
+    first = swinging(system, solver)
+    assert first == swinging(system, solver) == swinging(Sprung(), solver)
+    system.springs[0] = 30.0
+    assert swinging(system, solver) == swinging(Sprung(springs=np.array([30.0, 5.0])), solver) != first
+    system.springs[0] = 3.0
+    system.mass_matrix[:] = 1.0
+    assert swinging(system, solver) == swinging(Sprung(mass_matrix=np.ones(2)), solver) != first
+    system.mass_matrix[1] = 2.0
+    object.__setattr__(system, "length", jnp.asarray(2.0))
+    assert swinging(system, solver) == swinging(Sprung(length=2.0), solver) != first
+    object.__setattr__(system, "length", jnp.asarray(1.0))
+    assert swinging(system, solver) == first
+
+
+@pytest.mark.parametrize("solver", ["ida", "cvode"])
+@pytest.mark.parametrize("limit", [{}, {"max_num_steps": 1}], ids=str)
+def test_a_solve_leaves_nothing_to_the_garbage_collector(solver, limit):
+    """Rows, library and callbacks are freed when the solve is over, however it ended."""
+    problem = hb.Problem(name="x", system=Sprung(), t_span=(0.0, 0.1), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    for _ in range(2):
+        hb.solve(problem, solver, rtol=1e-5, **limit)
+    gc.collect()
+    hb.solve(problem, solver, rtol=1e-5, **limit)
+    assert gc.collect() == 0
