@@ -9,7 +9,7 @@ from typing import Any
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
-from solvers.hht.control.plan import ControlOptions
+from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.hht.linear.analysis import KINDS
 

@@ -67,7 +67,6 @@ class HHT:
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._integrator: IntegratorState | None = None  # of stepping by hand
         self._engine: Engine | None = None
-        self._ready: dict[bool, Engine] = {}  # of earlier solves, by whether they controlled the error
         self._onward: Onward | None = None  # steps by hand that were made since
         self._message = ""
         self._alone = _Alone()
@@ -99,15 +98,10 @@ class HHT:
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
-        ready = self._ready.pop(controlled, None)
-        started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled, ready=ready)
+        asked = self.system, self.options, place, guesses, h, work
+        started = begin(*asked, controlled=controlled, events=self.events)
         self.engine_used = "" if isinstance(started, Failure) else started.engine.why
         return started
-
-    def keep(self, engine: Engine, *, controlled: bool) -> None:
-        """``engine`` for the next run, this one is over."""
-        if engine.reusable:
-            self._ready[controlled] = engine
 
     def init_step(
         self,
@@ -302,10 +296,10 @@ class HHT:
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
-        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward", "_ready")}
+        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None, _ready={})
+        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None)
 
 
 class _Alone:

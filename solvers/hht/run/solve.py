@@ -20,6 +20,7 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
+from solvers.hht.run import idle
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
@@ -60,7 +61,7 @@ class Integration:
         end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
         solution = self._assembled(self.stepper, self._checked(end), started.note)
-        self.solver.keep(engine, controlled=steps is None)
+        idle.put_back(started.purpose, engine)
         return solution
 
     def left_over(self, end: Failure) -> Solution:

@@ -23,7 +23,7 @@ from solvers.hht.loops.memory import Memory, view
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import columns
 from solvers.hht.run.march import march
-from solvers.hht.run.stepper import EventState, Stepper, control_of
+from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
@@ -164,8 +164,8 @@ class Onward:
         self._length, self._end = np.zeros(1), np.zeros(1)
         self._counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
         self._made, self._pending = 0, False
-        control = control_of(plan, math.copysign(math.inf, direction), ())
-        self._call = march.bound(z, control, self._length, self._end, self._row, self._counts)
+        stop = math.copysign(math.inf, direction)
+        self._call = march.bound(z, plan.options, stop, self._length, self._end, self._row, self._counts)
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i, self._counts)
         self._now, self._before = (tuple(array.copy() for array in self._all) for _ in range(2))  # two steps' starts
         engine.loops.ready(suspicious=engine.fallible)
