@@ -31,7 +31,7 @@ class HermiteOutput:
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
         if not np.all((times >= low) & (times <= high)):
             raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
-        q, v = self._evaluate(times)
+        q, v = self.at(times, self.rows_before(times))
         return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
 
     def rows_before(self, times: Vector) -> Vector:
@@ -39,8 +39,8 @@ class HermiteOutput:
         direction = -1.0 if self.t[-1] < self.t[0] else 1.0
         return np.maximum(np.searchsorted(direction * self.t, direction * times, side="right") - 1, 0)
 
-    def _evaluate(self, times: Vector) -> tuple[Matrix, Matrix]:
-        row = self.rows_before(times)
+    def at(self, times: Vector, row: Vector) -> tuple[Matrix, Matrix]:
+        """q and v (j, n) at ``times`` (j,) within the steps, each in the step from its ``row``."""
         q, v = self.q[row], self.v[row]
         between = self.t[row] != times  # step ends are returned as they are, not as the polynomial rounds them
         if between.any():

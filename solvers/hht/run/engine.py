@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,8 +13,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import asymmetry
 from hhtbench.protocol import DERIVATIVES, declared
@@ -24,19 +22,14 @@ from solvers._start import of_dynamics, points_of
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.functions import Functions, MachineCode, force_and_inverse_mass
 from solvers.hht.run.history import columns
-from solvers.hht.run.loops import Codes, Loops
+from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
-from solvers.hht.step.acceleration import recover
 from solvers.hht.step.state import State
 
-FEW = 20  # rows below which their multipliers are found one by one, where no code is there for them
-FIRST = 512  # rows of the first call, and FEW of a NumPy system
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
 
 
@@ -66,8 +59,8 @@ class Engine:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions, self.layout = functions, functions.layout
-        self._bare_force = compile_function(force_and_inverse_mass, dynamics)
-        self._force = work.counted(self._bare_force, residuals=self.points)
+        self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
+        self._force = work.counted(self.bare_force, residuals=self.points)
         self.acceleration = of_dynamics(dynamics).acceleration
         self._fallback, self.plain = fallback, plain
         self._starts_alone = bool(functions.level_codes()) and method.start != "shifted" and plain_mass(dynamics)
@@ -85,7 +78,7 @@ class Engine:
     def again(self, work: Work) -> Engine:
         """This engine for another run, as if it were new."""
         self.work, self._stopped, self._not_suspect = work, None, None
-        self._force = work.counted(self._bare_force, residuals=self.points)
+        self._force = work.counted(self.bare_force, residuals=self.points)
         if self._loops is not None:
             self._loops.again(work)
         return self
@@ -265,28 +258,6 @@ class Engine:
         system = self.functions.dynamics.system
         return ", ".join(name for name in DERIVATIVES if declared(system, name) is not None)
 
-    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-        """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
-        done = np.zeros(times.size, dtype=bool)
-        if self.plain or not isinstance(self.functions, MachineCode):
-            return done
-        z, clock, packed = self.loops.z, self.work.clock, np.concatenate([times[:, None], q, v, lam, mu], axis=1)
-        for_rows_only = not z.i[mem.C_KKT]
-        if for_rows_only and times.size < FEW:
-            return done
-        if for_rows_only:
-            z.i[mem.C_KKT : mem.C_KKT + 2] = self.functions.kkt.pair
-        first, block = 0, FIRST if self.points else FEW
-        while first < times.size and clock.left() >= 0.0 and self.loops.callbacks.cause is None:
-            block_of, began = slice(first, first + block), time.perf_counter()
-            self.loops.call_noting(recover, packed[block_of], done[block_of])
-            first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
-        if for_rows_only:
-            z.i[mem.C_KKT] = 0  # the loops go on as before
-        lam[done], mu[done] = np.split(packed[done, 1 + 2 * self.structure.n :], [self.structure.m], axis=1)
-        self.loops.raise_noted()
-        return done
-
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
         """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""
         if self.loops.nonfinite is not None:
@@ -307,51 +278,8 @@ class Engine:
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
 
-    def python_codes(self, callbacks: Callbacks) -> Codes:
-        """What the loops ask Python for where no machine code serves: forces, acceleration level, steps below roundoff."""
-        s = self.structure
-        n, m, p = s.n, s.m, s.p
-        inverse = n * n if s.mass == "variable" else 0
-        level = callbacks.entry(self._acceleration_level, 1 + n + m + p, ((), (n,), (n,), (m,), (p,)))
-        shortest = callbacks.entry(self._shortest, 1 + 5 * n + m + p + inverse, ((6 + 5 * n + m + p,), (2,)))
-        force = callbacks.entry(self._bare_force, n + inverse, ((), (n,), (n,)))
-        return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0)}
-
-    def _acceleration_level(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-        """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
-        found = self.acceleration.solve(t, q, v, lam, mu)
-        return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
-
-    def _shortest(self, state: Vector, step: Vector) -> Any:
-        """(H21): [1; q, v, a, f, lam, mu, v', M^-1] at the end of a ``step`` [h, t1] from ``state``; zero without one.
-
-        q and v move along v and the acceleration, if both levels hold as before: a drive may start from rest.
-        """
-        s, h, t1 = self.structure, *step
-        t, _, size_q, size_v = state[:4]
-        _, q, v, _, _, lam, mu, _ = np.split(state, [6, *(6 + np.cumsum([s.n, s.n, s.n, s.n, s.m, s.p]))])
-        found = self.acceleration.solve(t, q, v, lam, mu)
-        q1, v1 = q + h * v, v + h * found.vdot
-        if not found.converged or not _levels_hold(self.dynamics, (t, q, v), (t1, q1, v1), size_q, size_v):
-            return 0.0
-        f1, inverse = self.force(t1, q1, v1)
-        end = [[1.0], q1, v1, f1, f1, found.lam, found.mu, found.vdot]
-        return np.concatenate([*end, np.zeros(0) if inverse is None else inverse.ravel()])
-
 
 def plain_mass(dynamics: Dynamics) -> bool:
     """Whether nothing is said of a start for its mass but where that varies: it is that of the system, and symmetric."""
     mass = dynamics.constant_mass
     return type(dynamics) is JaxDynamics and (mass is None or not asymmetry(np.asarray(mass))[1])
-
-
-def _levels_hold(dynamics: Dynamics, start: tuple[Any, ...], end: tuple[Any, ...], size_q: float, size_v: float) -> bool:
-    """Whether neither constraint level is further from zero at the ``end`` (t, q, v) than at the ``start``."""
-    levels = ConstraintLevels(dynamics)
-    before, after = levels.at(*start), levels.at(*end)
-    room = 8 * EPS * np.abs(after.position_jacobian).sum(axis=1) * size_q
-    velocity_room = 8 * EPS * np.abs(after.rows).sum(axis=1) * max(size_v, float(np.abs(end[2]).max()))
-    return bool(
-        np.all(np.abs(after.position) <= np.abs(before.position) + room)
-        and np.all(np.abs(after.velocity_drift) <= np.abs(before.velocity_drift) + velocity_room)
-    )

@@ -176,12 +176,15 @@ class MachineCode(Functions):
         """Of systems so small that their start is machine code too, if no function in Python belongs to them."""
         if self.callbacks is not None or too_large(self.dynamics) is not None:
             return {}
-        place = (), (self.layout.structure.n,), (self.layout.structure.n,)
+        s = self.layout.structure
+        place = (), (s.n,), (s.n,)
         with _lock:
             if not self._of_level:
-                self._of_level = {"kkt": self.kkt, "force": self.made(force_and_inverse_mass, 0, place)}
-                if self.layout.structure.constrained:
+                self._of_level = {"force": self.made(force_and_inverse_mass, 0, place)}
+                if s.constrained:
                     self._of_level["start_levels"] = self.made(level_terms, 0, place)
+                if s.constrained or s.mass == "variable":
+                    self._of_level["kkt"] = self.kkt
         return {name: code.pair for name, code in self._of_level.items()}
 
     @cached_property

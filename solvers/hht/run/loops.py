@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
-from solvers.hht.run.march import remake
+from solvers.hht.run.in_python import Codes, python_codes
+from solvers.hht.run.march import march, remake
 from solvers.hht.step.acceleration import start
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
+NOTHING = nullcontext()
 # Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
 GOOD_START = np.array([CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10])
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
@@ -35,7 +38,6 @@ OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections
     "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
 }  # fmt: skip
 OF_CONTROL = {"earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K}
-Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
 
 
 class Loops:
@@ -56,13 +58,15 @@ class Loops:
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
         z.i[mem.WATCHING] = bool(self.events.events)
-        codes = functions.codes(self.callbacks) | engine.python_codes(self.callbacks) | functions.level_codes()
+        codes = functions.codes(self.callbacks) | python_codes(engine, self.callbacks) | functions.level_codes()
         if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
             codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
         self._put(codes)
         self.events.fill(z)
         self._blank = z.w.copy()
         self._kept, self._parts = state_sections(z)
+        self._entries: dict[Any, Callable[..., Any]] = {}
+        self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON])
         self._start_checks = self.section(mem.START_CHECKS)
 
     def again(self, work: Work) -> None:
@@ -114,7 +118,7 @@ class Loops:
     def start(self, row: Vector) -> State | None:
         """The state before the first step at ``row``, [t, q, v, guesses of lam and mu]; None: not plainly a good start."""
         self.held, checks = None, self._start_checks
-        if not (start.function if self._plain else start)(self.z, row) or not (checks <= GOOD_START).all():
+        if not self._entry(start)(row) or not (checks <= GOOD_START).all():
             return None
         return self.store(controlled=False)
 
@@ -151,14 +155,21 @@ class Loops:
         tally, limit, spent = np.zeros(len(mem.COUNTS), dtype=np.int64), self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
-        with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
-            result = int((entry.function if self._plain else entry)(self.z, *arguments, tally) or 0)
+        noting = self.callbacks if entry is march or self.call_python else NOTHING
+        with noting, np.errstate(all="ignore") if self._plain else NOTHING:
+            result = int(self._entry(entry)(*arguments, tally) or 0)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
             tally[mem.RESIDUALS], tally[mem.NONFINITES] = 0, len(nonfinite)
         self.count(tally)
         return result
+
+    def _entry(self, entry: Any) -> Callable[..., Any]:
+        """``entry`` without its first argument, the memory."""
+        if entry not in self._entries:
+            self._entries[entry] = partial(entry.function, self.z) if self._plain else entry.following(self.z)
+        return self._entries[entry]
 
     def count(self, tally: Any) -> None:
         """Count work of the loops, (COUNTS,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -22,6 +23,7 @@ from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.rows import recovered
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
@@ -79,7 +81,7 @@ class Integration:
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
         own = own_multipliers(rows)
         stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
-        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, engine.recovered)
+        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine))
         status, message, carried = solution.status, solution.message, None
         if rows.t.size < asked:
             message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
