@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.errors import BudgetSpent
+from hhtbench.lowering.caching import Cache
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.run import start
+from solvers.hht.run import functions, start
 
 
 class Sprung(hb.System):
@@ -197,3 +199,22 @@ def test_a_start_by_machine_code_is_that_of_python_and_counts_as_much(how):
     for name in ("a", "f", "vdot", "lam", "inverse_mass"):
         assert np.allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-13, atol=1e-13), name
     assert by_code.counters == by_python.counters
+
+
+@pytest.mark.parametrize("last", range(1, 6))
+def test_a_time_budget_that_ends_while_code_is_made_leaves_no_half_of_it(last, monkeypatch):
+    """Of force, constraint levels and KKT system for the start; of error and levels for step control."""
+    make, calls = functions.MachineCode.made, []
+
+    def made(self, *given):
+        calls.append(given)
+        if len(calls) == last:
+            raise BudgetSpent("seconds", 1.0)
+        return make(self, *given)
+
+    monkeypatch.setattr(functions.MachineCode, "made", made)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    system = Sprung()
+    ended, again = (HHT(system).solve((0.0, 0.2), [1.0, 0.0], [0.0, 0.0], rtol=1e-4) for _ in range(2))
+    assert ended.status is Status.deadline
+    assert again.success, again.message

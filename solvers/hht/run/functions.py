@@ -91,9 +91,10 @@ class Functions:
             if not self._of_error:
                 s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
                 raw = (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
-                self._of_error["raw"] = self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)
+                codes = {"raw": self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)}
                 if s.constrained:
-                    self._of_error["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+                    codes["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+                self._of_error = codes  # all of them, or none where the time budget ends in between
         return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
 
     def level_codes(self) -> dict[str, Pair]:
@@ -130,7 +131,6 @@ class MachineCode(Functions):
     """
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
-        self._of_level: dict[str, Native] = {}
         place, more = ((), (layout.structure.n,)), tuple[Any, ...]()
         variable = layout.structure.mass == "variable"
         inverse_mass = {"inverse_mass": native(inverse_mass_at, dynamics, shapes=place)} if variable else {}
@@ -174,18 +174,24 @@ class MachineCode(Functions):
 
     def level_codes(self) -> dict[str, Pair]:
         """Of systems so small that their start is machine code too, if no function in Python belongs to them."""
+        with _lock:
+            return {name: code.pair for name, code in self._of_level.items()}
+
+    @cached_property
+    def _of_level(self) -> dict[str, Native]:
         if self.callbacks is not None or too_large(self.dynamics) is not None:
             return {}
         s = self.layout.structure
         place = (), (s.n,), (s.n,)
-        with _lock:
-            if not self._of_level:
-                self._of_level = {"force": self.made(force_and_inverse_mass, 0, place)}
-                if s.constrained:
-                    self._of_level["start_levels"] = self.made(level_terms, 0, place)
-                if s.constrained or s.mass == "variable":
-                    self._of_level["kkt"] = self.kkt
-        return {name: code.pair for name, code in self._of_level.items()}
+        try:
+            codes = {"force": self.made(force_and_inverse_mass, 0, place)}
+            if s.constrained:
+                codes["start_levels"] = self.made(level_terms, 0, place)
+            if s.constrained or s.mass == "variable":
+                codes["kkt"] = self.kkt
+        except NotNative:
+            return {}
+        return codes
 
     @cached_property
     def kkt(self) -> Native:
