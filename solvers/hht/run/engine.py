@@ -104,7 +104,7 @@ class Engine:
     @property
     def runs_alone(self) -> bool:
         """Whether steps are machine code that calls no function of the system in Python."""
-        return isinstance(self.functions, MachineCode) and self.functions.callbacks is None and not self.plain
+        return self.functions.alone and not self.plain
 
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
         """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).

@@ -55,6 +55,7 @@ class Functions:
     analysis: Analysis
     newton: NewtonOptions
     in_python = False  #: whether all of them are functions in Python
+    alone = False  #: whether none of them is, nor calls one
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         s = layout.structure
@@ -142,6 +143,7 @@ class MachineCode(Functions):
         options: dict[str, Any] = {"shapes": ((size,), self.given)}
         early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
         matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
+        self.alone = self.callbacks is None
         self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
         function: Any = residual_and_end
         head = size
@@ -179,7 +181,7 @@ class MachineCode(Functions):
 
     @cached_property
     def _of_level(self) -> dict[str, Native]:
-        if self.callbacks is not None or too_large(self.dynamics) is not None:
+        if not self.alone or too_large(self.dynamics) is not None:
             return {}
         s = self.layout.structure
         place = (), (s.n,), (s.n,)
