@@ -72,9 +72,11 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
-    none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     with suppress(BudgetSpent):  # nothing more can be compiled
         done = done if recover_many is None else recover_many(times, q, v, lam, mu)
+    if done.all():
+        return Recovered(lam, mu)
+    none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     for i in np.flatnonzero(~done).tolist():
         guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
         try:

@@ -9,7 +9,7 @@ from typing import Any
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
-from solvers.hht.control.plan import ControlOptions
+from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.hht.linear.analysis import KINDS
 
@@ -68,7 +68,7 @@ class HHTOptions:
     calc_initcond: bool = False
 
     def __post_init__(self) -> None:
-        b, _ = self.method().coefficients.b, self.control  # numbers are checked where they are used
+        b, _ = self.coefficients.b, self.control  # numbers are checked where they are used
         choices = {"reaction": REACTIONS, "start": (None, *STARTS), "linsolver": KINDS, "engine": ENGINES}
         for name, known in choices.items():
             if getattr(self, name) not in known:
@@ -84,15 +84,19 @@ class HHTOptions:
 
     def method(self, *, controlled: bool = False) -> Method:
         """The member of the family; under error control the default auxiliary acceleration of the first step differs."""
+        start = ("trapezoidal" if controlled else "f0") if self.start is None else self.start
+        return Method(coefficients=self.coefficients, reaction=self.reaction, rescale_a=self.rescale_a, start=start)
+
+    @cached_property
+    def coefficients(self) -> Coefficients:
+        """The weights of the method."""
         b = real_number("b", self.b)
         if b == 0.5:
             raise ProblemError(
                 "b must not be 1/2: there the position and the velocity constraint act on the same combination of the two "
                 "stage reactions and the step's equations are singular (Theorem 4.1). Take b = 0."
             )
-        coefficients = Coefficients(alpha=alpha_of(self.alpha, self.rho_inf), b=b)
-        start = ("trapezoidal" if controlled else "f0") if self.start is None else self.start
-        return Method(coefficients=coefficients, reaction=self.reaction, rescale_a=self.rescale_a, start=start)
+        return Coefficients(alpha=alpha_of(self.alpha, self.rho_inf), b=b)
 
     @cached_property
     def control(self) -> ControlOptions:
@@ -110,6 +114,7 @@ class HHTOptions:
 
 
 KNOWN = tuple(f.name for f in fields(HHTOptions))
+DEFAULTS = HHTOptions()
 
 
 def make_options(**given: Any) -> HHTOptions:
@@ -117,4 +122,4 @@ def make_options(**given: Any) -> HHTOptions:
     unknown = sorted(set(given) - set(KNOWN))
     if unknown:
         raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
-    return HHTOptions(**given)
+    return HHTOptions(**given) if given else DEFAULTS

@@ -12,22 +12,19 @@ from typing import Any
 from hhtbench.arguments import real_number
 from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.request import make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, Place
-from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import make_options
-from solvers.hht.run.checkpoint import check, pack, unpack
+from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
 from solvers.hht.run.start import Started, begin, make_engine, start_values
-from solvers.hht.run.stepper import Stepper
-from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, take
+from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
 
 
@@ -67,7 +64,6 @@ class HHT:
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._integrator: IntegratorState | None = None  # of stepping by hand
         self._engine: Engine | None = None
-        self._ready: dict[bool, Engine] = {}  # of earlier solves, by whether they controlled the error
         self._onward: Onward | None = None  # steps by hand that were made since
         self._message = ""
         self._alone = _Alone()
@@ -99,15 +95,9 @@ class HHT:
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
-        ready = self._ready.pop(controlled, None)
-        started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled, ready=ready)
+        started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled, events=self.events)
         self.engine_used = "" if isinstance(started, Failure) else started.engine.why
         return started
-
-    def keep(self, engine: Engine, *, controlled: bool) -> None:
-        """``engine`` for the next run, this one is over."""
-        if engine.reusable:
-            self._ready[controlled] = engine
 
     def init_step(
         self,
@@ -172,7 +162,7 @@ class HHT:
         if integrator is None or self._engine is None:
             return False
         if self._onward is None or not self._onward.goes_on(integrator):
-            self._onward = onward(self._stepper(self._engine, integrator), integrator)
+            self._onward = onward(stepper_of(self._engine, integrator, self.options.control, self.events), integrator)
         return self._onward is not None and self._onward.step()
 
     def _step(self, t: float | None, method: str, tstop: float | None) -> Status:
@@ -181,7 +171,9 @@ class HHT:
             self._onward = None
             goal = make_goal(t, method, tstop, integrator)
             self._engine = self._engine or self._rebuild(integrator)
-            self._integrator, status = take(self._stepper(self._engine, integrator), integrator, goal)
+            self._integrator, status = take(
+                stepper_of(self._engine, integrator, self.options.control, self.events), integrator, goal
+            )
             self._message = self._integrator.message
             self._engine.loops.raise_noted()  # an interrupt in a step that was made
         return status
@@ -221,7 +213,7 @@ class HHT:
         text.  A NumpySystem has none, as its functions hide their numbers, nor has a System with a function in a field:
         that it is the same is up to you.
         """
-        return pack(self._saved(), self._setup())
+        return pack(self._saved(), setup_of(self.system, self.options, self.events))
 
     def resume(self, data: bytes) -> None:
         """Step on from a :meth:`checkpoint` of a solver with the same system, options and events, to the same bits.
@@ -231,11 +223,11 @@ class HHT:
         ProblemError, TypeError
             The bytes are no checkpoint, damaged, of another version, of another system or solver, or no legal state.
         """
-        setup = self._setup()
+        setup = setup_of(self.system, self.options, self.events)
         integrator = unpack(data, setup)
         if setup["fingerprint"] is None:
-            text = f"the system {self._named()[1]}, which has no fingerprint: that it is the checkpoint's system, with the"
-            warnings.warn(f"{text} same numbers, is not checked.", UserWarning, stacklevel=2)
+            text = "which has no fingerprint: that it is the checkpoint's system, with the same numbers, is not checked."
+            warnings.warn(f"the system {named(self.system)[1]}, {text}", UserWarning, stacklevel=2)
         with self._alone, timed(None):
             try:
                 engine = self._rebuild(integrator)
@@ -268,26 +260,6 @@ class HHT:
             engine.distrust()
         return engine
 
-    def _stepper(self, engine: Engine, integrator: IntegratorState) -> Stepper:
-        plan: Plan = Constant(integrator.step or 0.0)
-        if integrator.tolerances is not None:
-            plan = ByError(integrator.tolerances, self.options.control)
-        return Stepper(engine=engine, plan=plan, events=self.events)
-
-    def _setup(self) -> dict[str, Any]:
-        """What a checkpoint and the solver that resumes it must share, as texts."""
-        o, events = self.options, ", ".join(event.name for event in self.events)
-        system = {"system": type(self.system).__name__, "fingerprint": self._named()[0]}
-        chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
-        return {**system, **chosen, "events": events}
-
-    def _named(self) -> tuple[str | None, str]:
-        """The system's fingerprint; None where it has none, and then why."""
-        try:
-            return fingerprint(self.system), ""
-        except NoFingerprint as error:
-            return None, str(error)
-
     def _current(self) -> IntegratorState:
         if self._integrator is None:
             raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
@@ -302,10 +274,10 @@ class HHT:
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
-        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward", "_ready")}
+        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward")}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None, _ready={})
+        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None)
 
 
 class _Alone:

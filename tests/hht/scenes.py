@@ -11,7 +11,7 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
 from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.protocol import NumpySystem, System, parameter
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 
 GRAVITY = 9.81
 ANGLE, SPEED = 1.0, 0.5  # of the pendulum at the start [rad, rad/s], counted from the lowest point
@@ -130,3 +130,4 @@ def forget_code(monkeypatch):
     )
     for module, name in kept:
         monkeypatch.setattr(module, name, Cache(100))
+    monkeypatch.setattr(idle, "_idle", {})

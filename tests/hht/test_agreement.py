@@ -12,7 +12,7 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.scalar_compiler import compiler
 from problems.stiff_spring_pendulum import problem as stiff_spring
 from solvers.hht import HHT, Event
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 from solvers.hht.run.stepper import Stepper
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
@@ -183,6 +183,7 @@ def called_back(monkeypatch):
     """From here on no system is small enough for machine code of its steps."""
     monkeypatch.setattr(functions, "LARGEST", 0)
     monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", {})
 
 
 @pytest.mark.parametrize("name", [*MIXED, "planar_chain"])

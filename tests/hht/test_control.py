@@ -12,7 +12,7 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT
-from solvers.hht.control.plan import ControlOptions
+from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.formulas import fit, growth
 from solvers.hht.equations.local_error import parabola
 from solvers.hht.verify.control import ratios

@@ -33,7 +33,7 @@ from solvers.hht.loops.memory import (
     VALUES,
     view,
 )
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 
 SAME = 1e-11
 PROBLEMS = {
@@ -298,6 +298,7 @@ def test_a_long_sequence_of_blocks_stays_one():
 def test_small_systems_without_machine_code_stay_dense(monkeypatch):
     monkeypatch.setattr(functions, "LARGEST", 0)
     monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", {})
     analysis = begun(planar_chain.problem(n_links=6), "auto", 1e-3)._engine.functions.analysis
     assert analysis.kind == "dense" and "below" in analysis.reason
 

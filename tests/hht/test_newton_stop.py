@@ -7,7 +7,7 @@ import hhtbench as hb
 from hhtbench.campaign.drift import measure_drift
 from hhtbench.lowering.caching import Cache
 from solvers.hht import HHT
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 from solvers.hht.step.newton import NewtonOptions
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
@@ -42,6 +42,7 @@ def all_to_roundoff(monkeypatch):
     def switch():
         monkeypatch.setattr(functions, "NewtonOptions", lambda **given: NewtonOptions(**given, remaining=0.0))
         monkeypatch.setattr(functions, "_known", Cache(16))
+        monkeypatch.setattr(idle, "_idle", {})
 
     return switch
 

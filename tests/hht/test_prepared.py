@@ -1,6 +1,7 @@
 """What a solver prepares for a system serves its next solves, and no other system or parameter."""
 
 import dataclasses
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
@@ -8,8 +9,11 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.errors import BudgetSpent
+from hhtbench.lowering.caching import Cache
 from hhtbench.result import Status
 from solvers.hht import HHT
+from solvers.hht.run import functions, start
 
 
 class Sprung(hb.System):
@@ -128,3 +132,115 @@ def test_an_event_that_reads_a_parameter_sees_the_value_of_each_solve():
     own = solver.solve((0.0, float(again[0])), [1.0, 0.0], [0.0, 0.0], rtol=1e-6)
     assert again[0] != first[0]
     assert own.q[-1, 0] * 4.0 == pytest.approx(2.0, abs=1e-3)
+
+
+class Linkage(hb.System):
+    """Two points on rods of ``lengths`` about two pivots, the second ``apart`` from the first; masses vary with q."""
+
+    apart: object = hb.parameter(2.0)
+    uneven: object = hb.parameter(0.0)
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81, 0.0, -9.81]) / (q[0] + 1.0)
+
+    def mass_matrix(self, t, q):
+        return jnp.diag(jnp.array([1.0, 1.0, q[2] - 1.5, 2.0])).at[0, 1].set(self.uneven)
+
+    def constraint(self, t, q):
+        return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2, ((q[2] - self.apart) ** 2 + q[3] ** 2 - 1.0) / 2])
+
+
+GOOD = [1.0, 0.0, 3.0, 0.0], [0.0, 1.0, 0.0, -1.0]
+STARTS = {  # with a part of what is said of them
+    "off the position level": ([1.0 + 1e-6, 0.0, 3.0, 0.0], GOOD[1], {}, "the start violates g[0] = 1e-06"),
+    "off the velocity level": (GOOD[0], [1e-6, 1.0, 0.0, -1.0], {}, "the start violates (g_t + g_q v)[0] = 1e-06"),
+    "within the bound of both": ([1.0 + 4e-9, 0.0, 3.0, 0.0], [2e-9, 1.0, 0.0, -1.0], {}, "The end of the interval"),
+    "no mass there": ([1.0, 0.0, 1.5, np.sqrt(0.75)], [0.0, 1.0, 0.0, 0.0], {}, "The mass matrix is singular at the start"),
+    "a force that is not a number": ([-1.0, 0.0, 3.0, 0.0], GOOD[1], {}, "force[0] = nan at t = 0"),
+    "a guess of the wrong size": (*GOOD, {"lam_guess": [1.0]}, "lam_guess must have shape (2,)"),
+    "too few evaluations": (*GOOD, {"max_evaluations": 1}, "max_evaluations"),
+}
+
+
+def outcome(system, q0, v0, **request):
+    """How a solve ends and what it says; or what it raises."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            found = HHT(system).solve((0.0, 0.01), q0, v0, steps=2, **request)
+        except hb.ProblemError as error:
+            return str(error)
+    return found.status, found.message, found.counters, found.q.tobytes(), [str(warning.message) for warning in said]
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_a_prepared_system_says_of_a_start_what_a_new_one_says(name):
+    q0, v0, request, said = STARTS[name]
+    prepared = Linkage()
+    assert outcome(prepared, *GOOD)[0] is Status.success
+    found = outcome(prepared, q0, v0, **request)
+    assert said in (found if isinstance(found, str) else found[1])
+    assert found == outcome(Linkage(), q0, v0, **request)
+
+
+def test_an_uneven_mass_is_told_of_at_every_start():
+    system = Linkage(uneven=0.1)
+    for _ in range(2):
+        assert any("mass_matrix is not symmetric" in text for text in outcome(system, *GOOD)[-1])
+
+
+class Crossing(hb.System):
+    """A plane and a surface that touches it along the line q[0] = 0."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, 0.0, 0.0])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1], q[1] + q[0] ** 2 * q[2]])
+
+
+def test_rows_that_are_dependent_at_a_start_are_left_out_of_a_prepared_system_too():
+    prepared = Crossing()
+    assert outcome(prepared, [1.0, 0.0, 0.0], [0.0] * 3)[-1] == []
+    found = outcome(prepared, [0.0] * 3, [0.0] * 3)
+    assert "redundant constraints: rank 1 of 2 rows" in found[-1][0]
+    assert found == outcome(Crossing(), [0.0] * 3, [0.0] * 3)
+
+
+def test_a_new_solver_takes_the_engine_that_an_earlier_one_has_left(monkeypatch):
+    system = Sprung()
+    solve = lambda q0: HHT(system).solve((0.0, 0.2), q0, [0.0, 0.0], step=0.01)  # noqa: E731
+    first = swinging(solve)
+    monkeypatch.setattr(start, "make_engine", lambda *given, **more: pytest.fail("an engine is made again"))
+    assert swinging(solve) == first
+
+
+@pytest.mark.parametrize("how", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
+def test_a_start_by_machine_code_is_that_of_python_and_counts_as_much(how):
+    """Of the general path, which a projection takes; a consistent start is not moved."""
+    by_code, by_python = (HHT(Linkage(), calc_initcond=projects) for projects in (False, True))
+    for solver in (by_code, by_python):
+        assert solver.init_step(0.0, *GOOD, **how) is Status.success
+    ours, theirs = by_code.state, by_python.state
+    for name in ("a", "f", "vdot", "lam", "inverse_mass"):
+        assert np.allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-13, atol=1e-13), name
+    assert by_code.counters == by_python.counters
+
+
+@pytest.mark.parametrize("last", range(1, 6))
+def test_a_time_budget_that_ends_while_code_is_made_leaves_no_half_of_it(last, monkeypatch):
+    """Of force, constraint levels and KKT system for the start; of error and levels for step control."""
+    make, calls = functions.MachineCode.made, []
+
+    def made(self, *given):
+        calls.append(given)
+        if len(calls) == last:
+            raise BudgetSpent("seconds", 1.0)
+        return make(self, *given)
+
+    monkeypatch.setattr(functions.MachineCode, "made", made)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    system = Sprung()
+    ended, again = (HHT(system).solve((0.0, 0.2), [1.0, 0.0], [0.0, 0.0], rtol=1e-4) for _ in range(2))
+    assert ended.status is Status.deadline
+    assert again.success, again.message

@@ -28,7 +28,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import state_after
 from solvers.hht.equations.discretise import step_residual, step_residual_and_matrix
 from solvers.hht.equations.known import Layout
-from solvers.hht.run.engine import force_and_inverse_mass
+from solvers.hht.run.functions import force_and_inverse_mass
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order

@@ -26,7 +26,6 @@ from solvers.hht.control.plan import Constant
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.history import columns
 from solvers.hht.run.start import begin
-from solvers.hht.run.stepper import control_of
 
 try:
     import exudyn
@@ -75,15 +74,15 @@ class Ours:
         started = begin(problem.system, HHTOptions(rho_inf=RHO), place, (None, None), h, Work())
         self.engine, self.state, self.h = started.engine, started.state, h
         self.times: list[np.ndarray] = []
-        self.control = control_of(Constant(h), math.inf, ())
+        self.plan = Constant(h)
         self.rows = np.zeros((1, columns(self.engine.structure)))
-        self.engine.march(self.state, self.control, np.array([h]), np.array([h]), self.rows, None)  # compiles
+        self.engine.march(self.state, self.plan, math.inf, np.array([h]), np.array([h]), self.rows, None)  # compiles
 
     def step(self) -> None:
         """One step, timed."""
         lengths, ends = np.array([self.h]), np.array([self.state.t + self.h])
         started = clocks()
-        state, made, _ = self.engine.march(self.state, self.control, lengths, ends, self.rows, None)
+        state, made, _ = self.engine.march(self.state, self.plan, math.inf, lengths, ends, self.rows, None)
         self.times.append(clocks() - started)
         if not made:
             raise SystemExit(f"a step of {self.h} s from t = {self.state.t} failed")

@@ -21,7 +21,7 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.request import Request
 from solvers.hht.adapter import solver
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 from solvers.hht.step.newton import NewtonOptions
 from solvers.hht.verify.control import known_motion, weighted_error
 
@@ -53,6 +53,7 @@ def run(spec: str, tolerance: float, remaining: float) -> Run:
     """``spec`` at rtol = ``tolerance``, with ``remaining`` of what is allowed left in the force rows."""
     functions.NewtonOptions = partial(NewtonOptions, remaining=remaining)  # type: ignore[assignment, misc]
     functions._known = Cache(16)
+    idle._idle.clear()
     problem = load_problem(spec)
     times, known = known_motion(problem)
     request, least = Request(rtol=tolerance, t_eval=times), np.inf

@@ -108,14 +108,28 @@ class Entry(Inner):
     def bound(self, *arguments: Any) -> Callable[[], int]:
         """A call with these arguments, to be made again and again: of arrays their memory, whatever it holds by then."""
         words: list[Any] = []
-        layout = in_words(arguments, words)
+        return self._call(in_words(arguments, words), words, arguments)
+
+    def following(self, *first: Any) -> Callable[..., int]:
+        """What takes the arguments after ``first``, which stay the same: of arrays their memory."""
+        known: list[Any] = []
+        begins = in_words(first, known)[:-1]
+
+        def call(*rest: Any) -> int:
+            words = known.copy()
+            return self._call(begins + in_words(rest, words)[1:], words, (first, rest))()
+
+        return call
+
+    def _call(self, layout: str, words: list[Any], kept: Any) -> Callable[[], int]:
+        """A call with ``words``, which are addresses in what is ``kept``."""
         wanted, function, pack = self._ready or self._prepare(words)
         if layout != wanted:
             raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
         result, error, packed = ctypes.c_int64(), ctypes.c_void_p(), pack(*words)
         at, error_at, name = _address(result), _address(error), self.__name__
 
-        def call(_kept: Any = (arguments, error)) -> int:
+        def call(_kept: Any = (kept, error)) -> int:
             if function(at, error_at, packed):
                 raise RuntimeError(f"{name} failed in compiled code")
             return result.value

@@ -3,30 +3,49 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, NOISE, REMAINDER
 from solvers.hht.events.scan import keep_values, scan
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, fit, growth, representable, spacing
-from solvers.hht.loops.sections import address, part, put, view
-from solvers.hht.step.attempt import acceleration_level, accept, attempt
+from solvers.hht.loops.sections import part, put, view
+from solvers.hht.step.acceleration import acceleration_level
+from solvers.hht.step.attempt import accept, attempt
 
 NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
 
 
+class ControlOptions(NamedTuple):
+    """The user's bounds on the step, and heuristic constants of its control."""
+
+    first_step: float = 0.0  #: [s], of |h|; 0: chosen from the motion at the start
+    min_step: float = 0.0  #: [s]; only the step to the end may be shorter
+    max_step: float = math.inf  #: [s]
+    target: float = 0.6  #: error aimed at, of 1: a rejection costs more than a step that is a tenth shorter
+    integral: float = 0.7 / 3  #: exponent of this step's error; 3 since the local error is O(h^3)
+    proportional: float = 0.4 / 3  #: exponent of the last step's error: damps the alternation of long and short steps
+    growth: float = 1.5  #: most per step: what is stable in the stiff limit for every alpha (THEORY.md 10)
+    shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
+    keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
+    least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
+    after_failure: float = 0.25  #: factor after Newton has failed
+    spacings: float = 16.0  #: of floating-point times: what is shorter is no step
+    grown: float = 100.0  #: times an error must exceed what a jump of the force leaves of it in a shorter step
+
+
 @compiled
-def advance(z: Any, c: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
+def advance(z: Any, o: Any, stop: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
     """CONVERGED for one more accepted step, or why there is none; what was tried last is in ATTEMPT."""
-    ended = controlled(z, c, counts) if c.controlled else prescribed(z, length, end, counts)
+    ended = controlled(z, o, stop, counts) if z.i[mem.CONTROLLED] else prescribed(z, length, end, counts)
     if ended != mem.CONVERGED:
         return ended
-    if c.watching:
+    if z.i[mem.WATCHING]:
         ended = scan(z, counts)
         if ended != mem.CONVERGED:
             return ended
-    conclude(z, c, row, counts)
+    conclude(z, row, counts)
     return mem.CONVERGED
 
 
@@ -48,22 +67,22 @@ def is_suspect(z: Any, ended: Any) -> Any:
 
 
 @compiled
-def controlled(z: Any, c: Any, counts: Any) -> Any:
+def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     """Steps from the one proposed to shorter ones until the error of one is at most 1."""
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
-    h, rejected, failed = max(min(control[mem.H_NEXT], c.max_step), c.min_step), 0, mem.NO_ADVANCE
-    least = max(c.min_step, c.spacings * spacing(abs(t)))
-    smallest = abs(representable(t, math.copysign(least, c.stop - t)))
+    h, rejected, failed = max(min(control[mem.H_NEXT], o.max_step), o.min_step), 0, mem.NO_ADVANCE
+    least = max(o.min_step, o.spacings * spacing(abs(t)))
+    smallest = abs(representable(t, math.copysign(least, stop - t)))
     tried[mem.FIRST_H] = 0.0
     while True:
-        h = representable(t, math.copysign(h, c.stop - t))
+        h = representable(t, math.copysign(h, stop - t))
         asked = abs(h)
-        h, t1 = fit(t, h, c.stop, c.min_step)
+        h, t1 = fit(t, h, stop, o.min_step)
         if t + h == t or t1 == t:
             if failed == mem.NO_ADVANCE:
                 tried[mem.H_TRIED] = h
             return failed
-        ended, factor = attempt(z, h, t1, counts), c.after_failure
+        ended, factor = attempt(z, h, t1, counts), o.after_failure
         if ended == mem.SPENT:
             return mem.SPENT
         if is_suspect(z, ended):
@@ -77,22 +96,22 @@ def controlled(z: Any, c: Any, counts: Any) -> Any:
             size = estimate(z)
             tried[mem.ERROR_SIZE] = size
             if size <= 1.0:
-                h_next = abs(h) * growth(c, size, control[mem.LAST_ERROR], rejected > 0)
+                h_next = abs(h) * growth(o, size, control[mem.LAST_ERROR], rejected > 0)
                 tried[mem.NEXT_H] = max(h_next, asked) if abs(h) < asked else h_next
                 return mem.CONVERGED
             counts[mem.REJECTED] += 1
-            if hopeless(z, c, h, size):
+            if hopeless(z, o, h, size):
                 return mem.ROUNDOFF_REACHED
-            failed, factor = mem.TOO_LARGE, c.shrink
+            failed, factor = mem.TOO_LARGE, o.shrink
             if rejected == 0:
-                factor = max(c.shrink, (c.target / size) ** (1 / 3))
+                factor = max(o.shrink, (o.target / size) ** (1 / 3))
         if abs(h) <= smallest:
             return failed
         h, rejected = max(abs(h) * factor, smallest), rejected + 1
 
 
 @compiled
-def hopeless(z: Any, c: Any, h: Any, size: Any) -> Any:
+def hopeless(z: Any, o: Any, h: Any, size: Any) -> Any:
     """Whether roundoff makes the error, so that no step shorter than h [s] helps, by the first step and error tried.
 
     What a jump of the force leaves in v goes with h; roundoff stays or grows, and is no more than q and v make.
@@ -101,18 +120,18 @@ def hopeless(z: Any, c: Any, h: Any, size: Any) -> Any:
     if tried[mem.FIRST_H] == 0.0:
         tried[mem.FIRST_H], tried[mem.FIRST_ERROR] = h, size
     left = tried[mem.FIRST_ERROR] * h / tried[mem.FIRST_H]
-    return (c.grown * left < size and size < NOISE * roundoff(z, h)) or roundoff(z, math.inf) > CERTAIN
+    return (o.grown * left < size and size < NOISE * roundoff(z, h)) or roundoff(z, math.inf) > CERTAIN
 
 
 @compiled
-def conclude(z: Any, c: Any, row: Any, counts: Any) -> None:
+def conclude(z: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
     accept(z, row)
-    if c.controlled and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE:
+    if z.i[mem.CONTROLLED] and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE:
         remember_remainder(z, counts)
-    elif c.controlled:
+    elif z.i[mem.CONTROLLED]:
         remember(z)
-    if c.watching:
+    if z.i[mem.WATCHING]:
         keep_values(z)
 
 
@@ -136,7 +155,7 @@ def remember_remainder(z: Any, counts: Any) -> None:
     if constraints > 0:
         place[0] = part(z, mem.NUMBER)[mem.T]
         put(place, 1, part(z, mem.END)[: 2 * n])
-        if acceleration_level(z, address(z, mem.LAM), counts):
+        if acceleration_level(z, z.i[2 * mem.LAM], counts):
             put(view(z.w, z.i[2 * mem.LAM], constraints + n), 0, part(z, mem.ACCELERATION_LEVEL)[1:])
     control[mem.H_NEXT], control[mem.LAST_ERROR] = part(z, mem.ATTEMPT)[mem.NEXT_H], -1.0
     control[mem.LAST] += part(z, mem.ATTEMPT)[mem.H_TRIED]

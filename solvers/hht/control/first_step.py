@@ -3,103 +3,126 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
-import numpy as np
-
-from hhtbench.arguments import Vector
-from hhtbench.errors import NonFiniteValue
-from solvers.hht.control.plan import STILL, ControlOptions
-from solvers.hht.control.tolerances import Tolerances
-from solvers.hht.step.state import ControlMemory, State
-
-if TYPE_CHECKING:
-    from solvers.hht.run.engine import Engine
+from hhtbench.lowering.compile.loops import IntArray
+from solvers.hht.control.controller import ControlOptions
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import called, compiled
+from solvers.hht.loops.memory import Memory
+from solvers.hht.loops.sections import address, call_python, finite, largest, part, put
+from solvers.hht.step.acceleration import acceleration_level
+from solvers.hht.step.newton import spend
+from solvers.hht.step.stopping import weigh, weighted_rms
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
 UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
+STILL = 1e-10  # relative change of v' that is roundoff
 
 
-def prepared(engine: Engine, state: State, tolerances: Tolerances, options: ControlOptions, stop: float) -> State:
-    """``state`` with what step control needs to begin or to begin again there, (H27).
+@called
+def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool, counts: IntArray) -> None:
+    """Put what step control needs to begin, or to begin again, at the state towards ``stop`` [s] into the memory, (H27).
 
-    A probe along v and v' shows how fast v' changes, and so stands for the point before the first step.
+    ``plain``: the first step's a0 is f there, ``start="f0"``.  A probe along v and v' shows how fast v' changes, and so
+    stands for the point before the first step.
     """
-    if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
-        state = engine.with_multipliers(state) if engine.structure.constrained else replace(state, vdot=state.f)
-    longest = min(abs(stop - state.t), options.max_step)
-    probe = PROBE * min(longest, _time_scale(state, tolerances))
-    jerk = _jerk(engine, state, math.copysign(probe, stop - state.t))
-    suggested = _suggested(engine, state, tolerances, jerk, probe)
-    h = options.first_step or max(min(longest, suggested or UNKNOWN * abs(stop - state.t)), options.min_step)
-    signed = math.copysign(probe, stop - state.t)
-    before = state.vdot if jerk is None else state.vdot - signed * jerk
-    if engine.method.start == "shifted":
-        shift = engine.method.coefficients.alpha * math.copysign(h, signed)
-        a = engine.force(state.t + shift, state.q + shift * state.v, state.v + shift * state.vdot)[0]  # (H12)
-        state = replace(state, a=a)
-    return replace(state, memory=ControlMemory(h_next=h, last=signed, earlier=before, acceleration=state.vdot))
+    n, control, vdot, left = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.VDOT), stop - part(z, mem.NUMBER)[mem.T]
+    longest = min(abs(left), o.max_step)
+    probe = PROBE * min(longest, time_scale(z))
+    signed = math.copysign(probe, left)
+    known = jerk(z, signed, counts)
+    suggested = suggestion(z, probe, plain) if known else probe
+    if suggested == 0.0:
+        suggested = UNKNOWN * abs(left)
+    control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else max(min(longest, suggested), o.min_step)
+    control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
+    before = part(z, mem.BEFORE)
+    for i in range(n):
+        before[i] = vdot[i] - signed * before[i] if known else vdot[i]
+    put(part(z, mem.ACCELERATION), 0, vdot)
 
 
-def _suggested(engine: Engine, state: State, tolerances: Tolerances, jerk: Vector | None, probe: float) -> float:
-    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v; 0: nothing is known.
+@compiled
+def suggestion(z: Any, probe: Any, plain: Any) -> Any:
+    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v; 0.0: nothing is known.
 
-    With ``start="f0"`` also |alpha| h^2 |v''| / 2 in v.
+    Where the first step's a0 is ``plain`` f also |alpha| h^2 |v''| / 2 in v.
     """
-    if jerk is None:
-        return probe
-    n = state.q.size
-    weights = tolerances.weights(state, state) * math.sqrt(tolerances.relative(state))
-    in_q, in_v, alpha = _norm(jerk / weights[:n]), _norm(jerk / weights[n:]), abs(engine.method.coefficients.alpha)
-    if float(np.abs(jerk).max()) * probe <= STILL * float(np.abs(state.vdot).max(initial=0.0)):
+    n, change, vdot, weights = z.i[mem.N], part(z, mem.BEFORE), part(z, mem.VDOT), part(z, mem.WEIGHTS)
+    if largest(change) * probe <= STILL * largest(vdot):
         return 0.0
-    candidates = [math.inf]
-    if in_q > 0:
-        candidates.append(CAUTION * (12 / in_q) ** (1 / 3))
-    if in_v > 0:
-        candidates.append(CAUTION * (12 / (in_v * _rate(state, jerk, probe))) ** (1 / 3))
-    if in_v > 0 and alpha > 0 and engine.method.start == "f0":
-        candidates.append(CAUTION * math.sqrt(2 / (alpha * in_v)))
-    return min(candidates) if min(candidates) < math.inf else 0.0
+    root, _ = weigh(z, part(z, mem.Q), part(z, mem.V))
+    in_q, in_v = weighted_rms(change, weights[:n]) / root, weighted_rms(change, weights[n:]) / root
+    alpha, least = abs(part(z, mem.CONSTANTS)[mem.ALPHA]), math.inf
+    if in_q > 0.0:
+        least = min(least, CAUTION * (12 / in_q) ** (1 / 3))
+    if in_v > 0.0:
+        least = min(least, CAUTION * (12 / (in_v * rate_of(z, probe))) ** (1 / 3))
+    if in_v > 0.0 and alpha > 0.0 and plain:
+        least = min(least, CAUTION * math.sqrt(2 / (alpha * in_v)))
+    return least if least < math.inf else 0.0
 
 
-def _rate(state: State, jerk: Vector, probe: float) -> float:
+@compiled
+def rate_of(z: Any, probe: Any) -> Any:
     """[1/s] at which v'' changes: as v' does by v'', or v by it and v'; at rest as little as can be."""
-    change, speed, acceleration = _norm(jerk), _norm(state.v), _norm(state.vdot)
-    rates = [change / acceleration] if acceleration > change * probe else []
-    rates += [math.sqrt(change / speed)] if speed > change * probe**2 else []
-    return max(min(rates, default=0.0), PROBE / probe)
+    change, speed, acceleration = mean(part(z, mem.BEFORE)), mean(part(z, mem.V)), mean(part(z, mem.VDOT))
+    rate = math.inf
+    if acceleration > change * probe:
+        rate = change / acceleration
+    if speed > change * probe * probe:
+        rate = min(rate, math.sqrt(change / speed))
+    return max(rate if rate < math.inf else 0.0, PROBE / probe)
 
 
-def _time_scale(state: State, tolerances: Tolerances) -> float:
+@compiled
+def mean(x: Any) -> Any:
+    """Root mean square of ``x``."""
+    total = 0.0
+    for i in range(x.size):
+        total += x[i] * x[i]
+    return math.sqrt(total / x.size)
+
+
+@compiled
+def time_scale(z: Any) -> Any:
     """[s] in which q changes by its size along v, or along v' from rest; a q near zero is sized by its tolerances."""
-    speed, acceleration, n = state.size_v, float(np.max(np.abs(state.vdot))), state.q.size
-    relative, absolute = float(tolerances.rtol[:n].max()), float(tolerances.atol[:n].max())
-    size = max(state.size_q, absolute / relative if relative > 0 else 0.0) or 1.0
-    times = [size / speed] if speed > 0 else []
-    times += [math.sqrt(size / acceleration)] if acceleration > 0 else []
-    times += [speed / acceleration] if acceleration > 0 and speed > 0 else []
-    return min(times, default=math.inf)
+    n, number = z.i[mem.N], part(z, mem.NUMBER)
+    speed, acceleration, scale = number[mem.SIZE_V], largest(part(z, mem.VDOT)), math.inf
+    relative, absolute = largest(part(z, mem.RTOL)[:n]), largest(part(z, mem.ATOL)[:n])
+    size = max(number[mem.SIZE_Q], absolute / relative if relative > 0.0 else 0.0)
+    if size == 0.0:
+        size = 1.0
+    if speed > 0.0:
+        scale = size / speed
+    if acceleration > 0.0:
+        scale = min(scale, math.sqrt(size / acceleration))
+    if acceleration > 0.0 and speed > 0.0:
+        scale = min(scale, speed / acceleration)
+    return scale
 
 
-def _jerk(engine: Engine, state: State, h: float) -> Vector | None:
-    """v'' (n,) from v' at the end of a step along v and v'; None where it cannot be had there."""
-    if not math.isfinite(h) or state.t + h == state.t:
-        return None
-    t, q, v = state.t + h, state.q + h * state.v, state.v + h * state.vdot
-    try:
-        if engine.structure.constrained:
-            found = engine.acceleration.solve(t, q, v, state.lam, state.mu)
-            engine.work.add("residual_evaluations", engine.points)
-            change = found.vdot - state.vdot
-        else:
-            change = engine.force(t, q, v)[0] - state.vdot
-    except NonFiniteValue:
-        return None
-    return change / h if np.isfinite(change).all() else None
-
-
-def _norm(x: Vector) -> float:
-    return math.sqrt(float(x @ x) / x.size)
+@compiled
+def jerk(z: Any, h: Any, counts: Any) -> Any:
+    """Put v'' (n,) from v' at the end of a step of h [s] along v and v' into BEFORE; False where it cannot be had there."""
+    n, t, place, change = z.i[mem.N], part(z, mem.NUMBER)[mem.T], part(z, mem.PLACE), part(z, mem.BEFORE)
+    q, v, vdot, at = part(z, mem.Q), part(z, mem.V), part(z, mem.VDOT), address(z, mem.PLACE)
+    if not math.isfinite(h) or t + h == t:
+        return False
+    place[0] = t + h
+    for i in range(n):
+        place[1 + i], place[1 + n + i] = q[i] + h * v[i], v[i] + h * vdot[i]
+    there = part(z, mem.FORCE)
+    if z.i[mem.M] + z.i[mem.P] > 0:
+        if not acceleration_level(z, z.i[2 * mem.LAM], counts):
+            return False
+        there = part(z, mem.ACCELERATION_LEVEL)[1 + z.i[mem.M] + z.i[mem.P] :]
+    elif spend(z, counts):
+        call_python(z, mem.C_FORCE, mem.FORCE, (at, at + 8, at + 8 + 8 * n))
+    else:
+        return False
+    for i in range(n):
+        change[i] = (there[i] - vdot[i]) / h
+    return finite(change)

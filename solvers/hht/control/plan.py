@@ -11,38 +11,21 @@ from hhtbench.arguments import Vector
 from hhtbench.request import StepPlan
 from hhtbench.result import Status
 from solvers._start import Failure
+from solvers.hht.control.controller import ControlOptions
+from solvers.hht.control.first_step import STILL
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import CERTAIN, representable
 from solvers.hht.step.state import State
 
 CRAWL = 1e-6  # of what is left of the interval: steps as short as that do not get there
-STILL = 1e-10  # relative change of v' that is roundoff
 LEFT_OVER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
-
-
-@dataclass(frozen=True, kw_only=True)
-class ControlOptions:
-    """The user's bounds on the step, and heuristic constants of its control."""
-
-    first_step: float = 0.0  #: [s], of |h|; 0: chosen from the motion at the start
-    min_step: float = 0.0  #: [s]; only the step to the end may be shorter
-    max_step: float = math.inf  #: [s]
-    target: float = 0.6  #: error aimed at, of 1: a rejection costs more than a step that is a tenth shorter
-    integral: float = 0.7 / 3  #: exponent of this step's error; 3 since the local error is O(h^3)
-    proportional: float = 0.4 / 3  #: exponent of the last step's error: damps the alternation of long and short steps
-    growth: float = 1.5  #: most per step: what is stable in the stiff limit for every alpha (THEORY.md 10)
-    shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
-    keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
-    least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
-    after_failure: float = 0.25  #: factor after Newton has failed
-    spacings: float = 16.0  #: of floating-point times: what is shorter is no step
-    grown: float = 100.0  #: times an error must exceed what a jump of the force leaves of it in a shorter step
 
 
 class Plan:
     """Says how long the next steps are."""
 
     by_error: ByError | None = None  #: itself, where the local error decides
+    options: ControlOptions = ControlOptions()
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
         """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros by error."""
@@ -117,8 +100,10 @@ class ByError(Plan):
         None where it is less, and in a motion whose v'' has no error that a single step towards ``stop`` [s] would show.
         """
         tolerances, memory = self.tolerances, state.memory
+        if memory is None or tolerances.above_roundoff:
+            return None
         roundoff = tolerances.roundoff(state)
-        if memory is None or roundoff <= CERTAIN:
+        if roundoff <= CERTAIN:
             return None
         left = abs(stop - state.t)
         change, h = memory.acceleration - memory.earlier, min(left, self.options.max_step)

@@ -140,6 +140,7 @@ class Analysis:
         z.i[mem.KIND], z.i[mem.OWN] = CODES[self.kind], self.own
         z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
         integer_view(z, mem.LAPACK)[:] = self.size, 1, ord("N"), 0
+        integer_view(z, mem.LEVEL_LAPACK)[:] = view(z, mem.LEVEL_X).size, 1, ord("T"), 0
         return z
 
     def outside(self) -> SuperLU | None:

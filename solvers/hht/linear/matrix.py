@@ -144,7 +144,7 @@ def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
         put(work, 0, right)
         order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + slot)
         matrix = address(z, mem.STORAGE + slot)
-        one, no, info = order + 8 * mem.ONE, order + 8 * mem.NOT_TRANSPOSED, order + 8 * mem.INFO
+        one, no, info = order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
         invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
         put(out, 0, work)
     else:

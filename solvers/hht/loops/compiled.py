@@ -10,8 +10,10 @@ from solvers.hht.equations import formulas
 HERE = Path(__file__).parents[1]
 SOURCES = (
     HERE / "loops",
-    *(HERE / f"{name}.py" for name in ("linear/band", "linear/matrix", "step/stopping", "step/newton", "step/attempt")),
-    *(HERE / f"{name}.py" for name in ("control/estimate", "control/controller", "events/scan", "run/march", "run/recover")),
+    *(HERE / "linear" / f"{name}.py" for name in ("band", "matrix")),
+    *(HERE / "step" / f"{name}.py" for name in ("stopping", "newton", "acceleration", "attempt")),
+    *(HERE / "control" / f"{name}.py" for name in ("estimate", "controller", "first_step")),
+    *(HERE / f"{name}.py" for name in ("events/scan", "run/march")),
     Path(formulas.__file__),
 )
 called = entries(HERE / "compiled", *SOURCES)  #: what Python calls

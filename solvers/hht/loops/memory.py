@@ -40,6 +40,7 @@ class Sizes:
     sections: dict[str, Any] = field(default_factory=dict)  #: contents of the integer sections of the linear algebra
     events: int = 0
     samples: int = 0  #: of all event functions in a step
+    level: int = 0  #: unknowns of the acceleration level, where that is machine code
 
     @property
     def given(self) -> int:
@@ -151,8 +152,16 @@ SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
 FACTOR_RESULT = floats(lambda s: 3)
 SOLVED = floats(lambda s: s.size)
-# What Python computes where it is rarely needed: [whether, lam, mu, v'] of the acceleration level, [whether, END, M^-1].
+# The acceleration level: [whether, lam, mu, v']; by machine code from [v', lam, mu], residual and matrix, scales of columns.
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
+LEVEL_X = floats(lambda s: s.level)
+LEVEL_TERMS = floats(lambda s: s.level * (1 + s.level))
+LEVEL_SCALE = floats(lambda s: s.level)
+FORCE = floats(lambda s: s.n + s.inverse_mass)  # f, M^-1
+START_LEVELS = floats(lambda s: (s.m * (3 + s.n) + s.p * (2 + s.n)) * (s.level > 0))  # constraint levels with Jacobians
+START_CHECKS = floats(lambda s: 4)
+VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: of pivots, largest over least
+# What Python computes of a step that is shorter than roundoff: [whether, END, M^-1].
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
@@ -167,7 +176,9 @@ SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STAR
 PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
 integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
-ONE, NOT_TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size
+ONE, TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size; whether: "N" or "T"
+LEVEL_PIVOTS = integers(lambda s: s.level)
+LEVEL_LAPACK = integers(lambda s: 4)
 EVENT_CODE = integers(lambda s: 2 * s.events)
 DIRECTIONS = integers(lambda s: s.events)
 SAMPLES = integers(lambda s: s.events)
@@ -177,14 +188,14 @@ FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)  # O_: offsets of unknowns, -1: absent
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 9, FIRST + 16)
 EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 16, FIRST + 24)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY = range(FIRST + 24, FIRST + 28)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 24, FIRST + 31)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve",
+    "factor", "solve", "force", "kkt", "start_levels",
 )  # fmt: skip
-CODE = FIRST + 28
+CODE = FIRST + 31
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
-C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE = range(CODE + 16, CODE + 24, 2)
+C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS = range(CODE + 16, CODE + 30, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

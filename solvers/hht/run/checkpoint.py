@@ -18,12 +18,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from hhtbench.errors import ProblemError
+from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
+from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Counters
 from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.equations.known import GIVEN, HEAD
-from solvers.hht.events.event import Occurrence
+from solvers.hht.events.event import Event, Occurrence
+from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.loops import misfits, misshapen
 from solvers.hht.run.stepper import EventState
@@ -37,6 +40,22 @@ NUMBERS = np.dtype("<f8")  # of arrays
 COUNTERS = {f.name for f in fields(Counters)} - {"provenance"}
 BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state, which stand before its q and v
 SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
+
+
+def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Event, ...]) -> dict[str, Any]:
+    """What a checkpoint and the solver that resumes it must share, as texts."""
+    o = options
+    chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
+    named_events = ", ".join(event.name for event in events)
+    return {"system": type(system).__name__, "fingerprint": named(system)[0], **chosen, "events": named_events}
+
+
+def named(system: System | NumpySystem) -> tuple[str | None, str]:
+    """The system's fingerprint; None where it has none, and then why."""
+    try:
+        return fingerprint(system), ""
+    except NoFingerprint as error:
+        return None, str(error)
 
 
 def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,21 +13,21 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function
-from hhtbench.lowering.dynamics.foreign import Callbacks
-from hhtbench.lowering.dynamics.mass import Diagonal
+from hhtbench.lowering import Dynamics, compile_function
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
+from hhtbench.lowering.dynamics.mass import asymmetry
 from hhtbench.protocol import DERIVATIVES, declared
-from solvers._finite import explain_nonfinite, inverse_mass_at
+from solvers._finite import explain_nonfinite
 from solvers._start import of_dynamics, points_of
+from solvers.hht.control.first_step import plan_first_step
+from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.functions import Functions, MachineCode
+from solvers.hht.run.functions import Functions, MachineCode, force_and_inverse_mass
 from solvers.hht.run.history import columns
-from solvers.hht.run.loops import Codes, Loops
-from solvers.hht.run.march import Control, march, take, try_step
-from solvers.hht.run.recover import recovered
+from solvers.hht.run.loops import Loops
+from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
@@ -58,10 +59,11 @@ class Engine:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions, self.layout = functions, functions.layout
-        self._bare_force = compile_function(force_and_inverse_mass, dynamics)
-        self._force = work.counted(self._bare_force, residuals=self.points)
+        self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
+        self._force = work.counted(self.bare_force, residuals=self.points)
         self.acceleration = of_dynamics(dynamics).acceleration
         self._fallback, self.plain = fallback, plain
+        self._starts_alone = bool(functions.level_codes()) and method.start != "shifted" and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
@@ -76,7 +78,7 @@ class Engine:
     def again(self, work: Work) -> Engine:
         """This engine for another run, as if it were new."""
         self.work, self._stopped, self._not_suspect = work, None, None
-        self._force = work.counted(self._bare_force, residuals=self.points)
+        self._force = work.counted(self.bare_force, residuals=self.points)
         if self._loops is not None:
             self._loops.again(work)
         return self
@@ -102,7 +104,7 @@ class Engine:
     @property
     def runs_alone(self) -> bool:
         """Whether steps are machine code that calls no function of the system in Python."""
-        return isinstance(self.functions, MachineCode) and self.functions.callbacks is None and not self.plain
+        return self.functions.alone and not self.plain
 
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
         """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
@@ -116,13 +118,7 @@ class Engine:
         packed = self._force(t, q, v)
         if not np.isfinite(packed).all():
             explain_nonfinite(self.dynamics, t, q, v)
-        if self.structure.mass == "variable":
-            inverse = packed[n:].reshape(n, n)
-            return inverse @ packed[:n], inverse
-        inverse = self.dynamics.inverse_mass
-        if isinstance(inverse, Diagonal):
-            return np.asarray(inverse.values) * packed, None
-        return (packed if inverse is None else np.asarray(inverse) @ packed), None
+        return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
 
     def with_multipliers(self, state: State) -> State:
         """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
@@ -138,7 +134,7 @@ class Engine:
             self._events, self._loops = events, None
 
     def march(
-        self, state: State, control: Control, lengths: Vector, ends: Vector, rows: Matrix, values: Vector | None
+        self, state: State, plan: Plan, stop: float, lengths: Vector, ends: Vector, rows: Matrix, values: Vector | None
     ) -> tuple[State, int, int]:
         """(the state after, how many steps were made, how it ended) of at most ``len(rows)`` steps.
 
@@ -149,8 +145,8 @@ class Engine:
         if self._stopped is not None and self._stopped[0] is state:  # after the steps of the last call
             made, ended = 0, self._stopped[1]
         else:
-            self._load(state, values, controlled=control.controlled)
-            made = loops.call_noting(march, control, lengths, ends, rows)
+            self._load(state, values, controlled=plan.by_error is not None)
+            made = loops.call_noting(march, plan.options, stop, lengths, ends, rows)
             if not made:
                 loops.raise_noted()
             ended = int(loops.z.i[mem.ENDED])
@@ -163,6 +159,32 @@ class Engine:
         if ended not in (mem.CONVERGED, mem.EVENT_FOUND):
             loops.held = None  # what a failed step leaves behind is not the state
         return state, made, self._unless_spent(ended)
+
+    def started(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> State | None:
+        """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
+        work, count = self.work, self.points * (1 + self.structure.constrained)
+        work.check_time()
+        if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
+            return None
+        state = self.loops.start(np.concatenate([[t], q, v, lam, mu]))
+        if state is not None:
+            work.add("residual_evaluations", count)
+        return state
+
+    def prepared(self, state: State, plan: ByError, stop: float) -> State:
+        """``state`` with what step control needs to begin or to begin again there, (H27)."""
+        if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
+            state = self.with_multipliers(state) if self.structure.constrained else replace(state, vdot=state.f)
+        loops, start = self.loops, self.method.start
+        loops.load(state, None, controlled=True, suspicious=False)
+        loops.held = None  # until it is stored
+        loops.call(plan_first_step, plan.options, stop, start == "f0")
+        state = loops.store(controlled=True)
+        if start != "shifted" or state.memory is None:
+            return state
+        shift = self.method.coefficients.alpha * math.copysign(state.memory.h_next, stop - state.t)
+        a = self.force(state.t + shift, state.q + shift * state.v, state.v + shift * state.vdot)[0]  # (H12)
+        return replace(state, a=a)
 
     def _load(self, state: State, values: Vector | None, *, controlled: bool) -> None:
         suspicious = self.fallible and self._not_suspect is not state
@@ -179,7 +201,7 @@ class Engine:
             raise BudgetSpent("evaluations", self.work.max_evaluations or 0)
         return ended
 
-    def take(self, before: State, control: Control, values: Vector | None, *, located: bool) -> tuple[State, Vector]:
+    def take(self, before: State, values: Vector | None, *, located: bool) -> tuple[State, Vector]:
         """Accept the attempt from ``before`` with ``values`` of event functions: the state after it and its row.
 
         Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
@@ -192,7 +214,7 @@ class Engine:
             if not located:  # the same bits again, with their matrix
                 self.try_step(attempt[0][mem.H_TRIED], attempt[0][mem.T_END])
         loops.held = None  # until it is stored: what a callback raises in here leaves neither state behind
-        loops.call(take, control, row, located)
+        loops.call(take, row, located)
         self.work.add("steps_accepted")
         return loops.store(controlled=controlled), row[0]
 
@@ -236,15 +258,6 @@ class Engine:
         system = self.functions.dynamics.system
         return ", ".join(name for name in DERIVATIVES if declared(system, name) is not None)
 
-    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-        """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
-        if not isinstance(self.functions, MachineCode) or self.plain:
-            return np.zeros(times.size, dtype=bool)
-        functions, callbacks = self.functions, self.loops.callbacks
-        done = recovered(functions.dynamics, callbacks, self.work, self.points, (times, q, v, lam, mu))
-        self.loops.raise_noted()
-        return done
-
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
         """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""
         if self.loops.nonfinite is not None:
@@ -265,52 +278,8 @@ class Engine:
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
 
-    def rare(self, callbacks: Callbacks) -> Codes:
-        """What the loops ask Python for, seldom: the acceleration level, and steps shorter than roundoff."""
-        s = self.structure
-        n, m, p = s.n, s.m, s.p
-        inverse = n * n if s.mass == "variable" else 0
-        level = callbacks.entry(self._acceleration_level, 1 + n + m + p, ((), (n,), (n,), (m,), (p,)))
-        shortest = callbacks.entry(self._shortest, 1 + 5 * n + m + p + inverse, ((6 + 5 * n + m + p,), (2,)))
-        return {"acceleration": (level, 0), "shortest": (shortest, 0)}
 
-    def _acceleration_level(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-        """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
-        found = self.acceleration.solve(t, q, v, lam, mu)
-        return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
-
-    def _shortest(self, state: Vector, step: Vector) -> Any:
-        """(H21): [1; q, v, a, f, lam, mu, v', M^-1] at the end of a ``step`` [h, t1] from ``state``; zero without one.
-
-        q and v move along v and the acceleration, if both levels hold as before: a drive may start from rest.
-        """
-        s, h, t1 = self.structure, *step
-        t, _, size_q, size_v = state[:4]
-        _, q, v, _, _, lam, mu, _ = np.split(state, [6, *(6 + np.cumsum([s.n, s.n, s.n, s.n, s.m, s.p]))])
-        found = self.acceleration.solve(t, q, v, lam, mu)
-        q1, v1 = q + h * v, v + h * found.vdot
-        if not found.converged or not _levels_hold(self.dynamics, (t, q, v), (t1, q1, v1), size_q, size_v):
-            return 0.0
-        f1, inverse = self.force(t1, q1, v1)
-        end = [[1.0], q1, v1, f1, f1, found.lam, found.mu, found.vdot]
-        return np.concatenate([*end, np.zeros(0) if inverse is None else inverse.ravel()])
-
-
-def _levels_hold(dynamics: Dynamics, start: tuple[Any, ...], end: tuple[Any, ...], size_q: float, size_v: float) -> bool:
-    """Whether neither constraint level is further from zero at the ``end`` (t, q, v) than at the ``start``."""
-    levels = ConstraintLevels(dynamics)
-    before, after = levels.at(*start), levels.at(*end)
-    room = 8 * EPS * np.abs(after.position_jacobian).sum(axis=1) * size_q
-    velocity_room = 8 * EPS * np.abs(after.rows).sum(axis=1) * max(size_v, float(np.abs(end[2]).max()))
-    return bool(
-        np.all(np.abs(after.position) <= np.abs(before.position) + room)
-        and np.all(np.abs(after.velocity_drift) <= np.abs(before.velocity_drift) + velocity_room)
-    )
-
-
-def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """F (n,) and, where the mass varies, M^-1 (n*n,), packed into one vector."""
-    force = dynamics.force(t, q, v)
-    if dynamics.structure.mass != "variable":
-        return force
-    return dynamics.xp.concatenate([force, inverse_mass_at(dynamics, t, q).ravel()])
+def plain_mass(dynamics: Dynamics) -> bool:
+    """Whether nothing is said of a start for its mass but where that varies: it is that of the system, and symmetric."""
+    mass = dynamics.constant_mass
+    return type(dynamics) is JaxDynamics and (mass is None or not asymmetry(np.asarray(mass))[1])

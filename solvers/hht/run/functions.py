@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -13,8 +14,11 @@ import numpy as np
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
+from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.levels import level_terms
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
@@ -51,6 +55,7 @@ class Functions:
     analysis: Analysis
     newton: NewtonOptions
     in_python = False  #: whether all of them are functions in Python
+    alone = False  #: whether none of them is, nor calls one
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         s = layout.structure
@@ -87,10 +92,15 @@ class Functions:
             if not self._of_error:
                 s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
                 raw = (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
-                self._of_error["raw"] = self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)
+                codes = {"raw": self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)}
                 if s.constrained:
-                    self._of_error["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+                    codes["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+                self._of_error = codes  # all of them, or none where the time budget ends in between
         return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
+
+    def level_codes(self) -> dict[str, Pair]:
+        """Addresses of what start and acceleration level need, where they are machine code; compiled here."""
+        return {}
 
     def memory(self, events: int, samples: int) -> Memory:
         """Room for the loops of one engine; no state is in it yet."""
@@ -108,6 +118,7 @@ class Functions:
         z.i[mem.O_R1 : mem.O_R1 + 5] = [starts.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
         z.i[mem.CALLS_PYTHON] = self.in_python or self.callbacks is not None
         z.i[mem.NOISY] = self.newton.matrix_cost > 0.0
+        z.i[mem.LINEAR] = self.layout.structure.linear_reaction
         return z
 
 
@@ -132,6 +143,7 @@ class MachineCode(Functions):
         options: dict[str, Any] = {"shapes": ((size,), self.given)}
         early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
         matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
+        self.alone = self.callbacks is None
         self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
         function: Any = residual_and_end
         head = size
@@ -147,7 +159,8 @@ class MachineCode(Functions):
             options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
         end = head + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)
-        self._sizes |= {"early": early.size, "early_matrix": early_matrix.size}
+        s = layout.structure
+        self._sizes |= {"early": early.size, "early_matrix": early_matrix.size, "level": s.n + s.m + s.p}
         self._codes = {
             "residual": native(function, dynamics, *static, *more, stage="late", rows=(0, head), **options),
             "matrix": matrix,
@@ -157,9 +170,36 @@ class MachineCode(Functions):
             **inverse_mass,
         }
 
-    def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
+    def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Native:
         """Machine code."""
         return native(function, self.dynamics, *static, shapes=shapes)
+
+    def level_codes(self) -> dict[str, Pair]:
+        """Of systems so small that their start is machine code too, if no function in Python belongs to them."""
+        with _lock:
+            return {name: code.pair for name, code in self._of_level.items()}
+
+    @cached_property
+    def _of_level(self) -> dict[str, Native]:
+        if not self.alone or too_large(self.dynamics) is not None:
+            return {}
+        s = self.layout.structure
+        place = (), (s.n,), (s.n,)
+        try:
+            codes = {"force": self.made(force_and_inverse_mass, 0, place)}
+            if s.constrained:
+                codes["start_levels"] = self.made(level_terms, 0, place)
+            if s.constrained or s.mass == "variable":
+                codes["kkt"] = self.kkt
+        except NotNative:
+            return {}
+        return codes
+
+    @cached_property
+    def kkt(self) -> Native:
+        """Residual and matrix of the acceleration level."""
+        s = self.layout.structure
+        return self.made(kkt_terms, 0, ((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
 
 
 class PythonFunctions(Functions):
@@ -226,6 +266,15 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
         except NotNative:
             pass
     return PythonFunctions(dynamics, method, layout, linsolver)
+
+
+def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
+    force = dynamics.force(t, q, v)
+    if dynamics.structure.mass != "variable":
+        return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
+    inverse = inverse_mass_at(dynamics, t, q)
+    return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:

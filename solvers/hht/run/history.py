@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -40,9 +41,7 @@ class History:
     """
 
     def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
-        n, m = structure.n, structure.m
-        ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
-        self._n, self._parts = n, tuple(map(slice, (0, *ends), ends))
+        self._n, self._parts = structure.n, parts_of(structure)
         self._rows = np.empty((ROOM, columns(structure)))
         self._count = self._changes = self._dropped = 0
         self._elapsed, self._begin = 0.0, start.t
@@ -102,7 +101,8 @@ class History:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
             return OutputRows(t[:, 0], q, v, lam, mu), self._count
         output, rows = self.dense_output(), [*self._output]
-        times = self._ahead[(self._ahead >= output.t.min()) & (self._ahead <= output.t.max())]
+        low, high = sorted((output.t[0], output.t[-1]))
+        times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]
         asked = times.size + sum(part.t.size for part in rows)
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
@@ -113,7 +113,7 @@ class History:
         lam, mu = self._columns(6, 7)
         row = output.rows_before(times)
         index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
-        return OutputRows(times, *output(times), lam[index], mu[index])
+        return OutputRows(times, *output.at(times, row), lam[index], mu[index])
 
     @property
     def span(self) -> tuple[float, float]:
@@ -124,7 +124,7 @@ class History:
     def steps(self) -> tuple[int, float]:
         """How many were accepted, and the sum of their signed lengths [s]."""
         h = self._rows[: self._count, 1][self._made()]
-        return self._dropped + h.size, self._elapsed + float(np.sum(h))
+        return self._dropped + h.size, self._elapsed + float(h.sum())
 
     def _made(self) -> Any:
         """Which rows are ends of steps."""
@@ -157,6 +157,14 @@ class History:
         }
 
 
+@lru_cache
+def parts_of(structure: Structure) -> tuple[slice, ...]:
+    """Where in a row t, h, q, v, a, lam at both ends and mu stand."""
+    n, m = structure.n, structure.m
+    ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
+    return tuple(map(slice, (0, *ends), ends))
+
+
 def columns(structure: Structure) -> int:
-    """Of a row: t, h, q, v, a, lam at both ends, mu."""
-    return 2 + 3 * structure.n + 2 * structure.m + structure.p
+    """Of a row."""
+    return int(parts_of(structure)[-1].stop)

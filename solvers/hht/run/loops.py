@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,25 +13,31 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering import CONSISTENT
 from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import integer_view, view
-from solvers.hht.run.march import remake
+from solvers.hht.loops.memory import Memory, integer_view, view
+from solvers.hht.run.in_python import Codes, python_codes
+from solvers.hht.run.march import march, remake
+from solvers.hht.step.acceleration import start
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
+NOTHING = nullcontext()
+# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
+GOOD_START = np.array([CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10])
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
     "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
     "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
 }  # fmt: skip
 OF_CONTROL = {"earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K}
-Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
 
 
 class Loops:
@@ -50,12 +57,17 @@ class Loops:
         view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
-        codes = functions.codes(self.callbacks) | engine.rare(self.callbacks)
+        z.i[mem.WATCHING] = bool(self.events.events)
+        codes = functions.codes(self.callbacks) | python_codes(engine, self.callbacks) | functions.level_codes()
         if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
             codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
         self._put(codes)
         self.events.fill(z)
         self._blank = z.w.copy()
+        self._kept, self._parts = state_sections(z)
+        self._entries: dict[Any, Callable[..., Any]] = {}
+        self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON])
+        self._start_checks = self.section(mem.START_CHECKS)
 
     def again(self, work: Work) -> None:
         """For another run, as if they were new."""
@@ -95,29 +107,40 @@ class Loops:
                 self.work.tally.update(before)
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
-        z.i[mem.FALLBACK] = suspicious
+        z.i[mem.FALLBACK], z.i[mem.CONTROLLED] = suspicious, controlled
         z.i[mem.STOPS_EARLY] = controlled and self.functions.newton.remaining > 0.0
         z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values
-        integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
+        if self.events.events:
+            integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
+
+    def start(self, row: Vector) -> State | None:
+        """The state before the first step at ``row``, [t, q, v, guesses of lam and mu]; None: not plainly a good start."""
+        self.held, checks = None, self._start_checks
+        if not self._entry(start)(row) or not (checks <= GOOD_START).all():
+            return None
+        return self.store(controlled=False)
 
     def store(self, *, controlled: bool) -> State:
         """The state that the loops left in their memory."""
-        t, h, size_q, size_v, known, slot = self.section(mem.NUMBER).tolist()
-        arrays: dict[str, Any] = {name: self.section(section).copy() for name, section in OF_STATE.items()}
+        kept, parts = self.z.w[self._kept].copy(), self._parts
+        t, h, size_q, size_v, known, slot = kept[parts[mem.NUMBER]].tolist()
+        arrays: dict[str, Any] = {name: kept[parts[section]] for name, section in OF_STATE.items()}
         n = arrays["q"].size
         arrays["inverse_mass"] = arrays["inverse_mass"].reshape(n, n) if self.z.i[mem.VARIABLE] else None
         if known > 1.0:
-            arrays["earlier"] = self.section(mem.X_EARLIER).copy().reshape(HIGHEST, -1)[: int(known) - 1]
+            arrays["earlier"] = kept[parts[mem.X_EARLIER]].reshape(HIGHEST, -1)[: int(known) - 1]
+        if known == 0.0:
+            arrays["unknowns"] = None
         self.held = State(
             t=t,
-            h=h,
+            h=h or None,
             **arrays,
             factorised=None if slot < 0 else self._factorised(int(slot)),
             size_q=size_q,
             size_v=size_v,
-            memory=self._control_memory() if controlled else None,
+            memory=self._control_memory(kept) if controlled else None,
         )
         return self.held
 
@@ -132,14 +155,21 @@ class Loops:
         tally, limit, spent = np.zeros(len(mem.COUNTS), dtype=np.int64), self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
-        with self.callbacks, np.errstate(all="ignore") if self._plain else nullcontext():
-            result = int((entry.function if self._plain else entry)(self.z, *arguments, tally) or 0)
+        noting = self.callbacks if entry is march or self.call_python else NOTHING
+        with noting, np.errstate(all="ignore") if self._plain else NOTHING:
+            result = int(self._entry(entry)(*arguments, tally) or 0)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
             tally[mem.RESIDUALS], tally[mem.NONFINITES] = 0, len(nonfinite)
         self.count(tally)
         return result
+
+    def _entry(self, entry: Any) -> Callable[..., Any]:
+        """``entry`` without its first argument, the memory."""
+        if entry not in self._entries:
+            self._entries[entry] = partial(entry.function, self.z) if self._plain else entry.following(self.z)
+        return self._entries[entry]
 
     def count(self, tally: Any) -> None:
         """Count work of the loops, (COUNTS,)."""
@@ -182,9 +212,9 @@ class Loops:
         if earlier is not None:
             self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
 
-    def _control_memory(self) -> ControlMemory:
-        h_next, last, error, has_reaction = self.section(mem.CONTROL).tolist()
-        arrays: dict[str, Any] = {name: self.section(section).copy() for name, section in OF_CONTROL.items()}
+    def _control_memory(self, kept: Vector) -> ControlMemory:
+        h_next, last, error, has_reaction = kept[self._parts[mem.CONTROL]].tolist()
+        arrays: dict[str, Any] = {name: kept[self._parts[section]] for name, section in OF_CONTROL.items()}
         if not has_reaction:
             del arrays["velocity_reaction"]
         return ControlMemory(h_next=h_next, last=last, **arrays, error=None if error < 0.0 else error)
@@ -192,6 +222,15 @@ class Loops:
     def _factorised(self, slot: int) -> Factorised:
         record, at = self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot).copy()
         return Factorised(at=at, rate=float(record[mem.RATE]), uses=int(record[mem.USES]))
+
+
+def state_sections(z: Memory) -> tuple[slice, dict[int, slice]]:
+    """Where in the floats of the memory all of the state stands, and in that its sections by name."""
+    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values())
+    bounds = {section: z.i[2 * section : 2 * section + 2].tolist() for section in sections}
+    first = min(start for start, _ in bounds.values())
+    parts = {section: slice(start - first, start - first + size) for section, (start, size) in bounds.items()}
+    return slice(first, first + max(part.stop for part in parts.values())), parts
 
 
 def misfits(state: State, layout: Layout, given: int) -> list[str]:

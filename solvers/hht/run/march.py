@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray
-from solvers.hht.control.controller import advance, conclude
+from solvers.hht.control.controller import ControlOptions, advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan
 from solvers.hht.linear.matrix import early, renew
@@ -17,38 +17,20 @@ from solvers.hht.step.attempt import attempt
 from solvers.hht.step.newton import corrected
 
 
-class Control(NamedTuple):
-    """Constants of step control, named as in :class:`~solvers.hht.control.plan.ControlOptions`."""
-
-    controlled: bool
-    watching: bool  #: whether there are event functions to look at
-    stop: float  #: [s]
-    min_step: float
-    max_step: float
-    target: float
-    integral: float
-    proportional: float
-    growth: float
-    shrink: float
-    keep: tuple[float, float]
-    least: float
-    spacings: float
-    after_failure: float
-    grown: float
-
-
 @called
-def march(z: Memory, c: Control, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray) -> Any:
+def march(
+    z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray
+) -> Any:
     """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
 
-    Of ``lengths`` (k,) [s] to ``ends`` (k,), or towards ``c.stop`` with an error (H26) of at most 1 where ``c.controlled``.
+    Of ``lengths`` (k,) [s] to ``ends`` (k,), or under error control towards ``stop`` [s] with an error (H26) of at most 1.
     """
     z.i[mem.ENDED] = mem.CONVERGED
     for i in range(rows.shape[0]):
-        if c.controlled and part(z, mem.NUMBER)[mem.T] == c.stop:
+        if z.i[mem.CONTROLLED] and part(z, mem.NUMBER)[mem.T] == stop:
             return i
-        k = 0 if c.controlled else i
-        z.i[mem.ENDED] = advance(z, c, lengths[k], ends[k], rows[i], counts)
+        k = 0 if z.i[mem.CONTROLLED] else i
+        z.i[mem.ENDED] = advance(z, o, stop, lengths[k], ends[k], rows[i], counts)
         if z.i[mem.ENDED] != mem.CONVERGED:
             return i
     return rows.shape[0]
@@ -70,16 +52,16 @@ def look(z: Memory, counts: IntArray) -> Any:
 
 
 @called
-def take(z: Memory, c: Control, row: FloatMatrix, located: bool, counts: IntArray) -> None:
+def take(z: Memory, row: FloatMatrix, located: bool, counts: IntArray) -> None:
     """Accept the attempt; where root location ``located`` its end, with a matrix made there and its error."""
     tried, spare = part(z, mem.ATTEMPT), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
     if located and tried[mem.SLOT] >= 0.0:
         early(z)
         made = renew(z, spare, tried[mem.H_TRIED], counts) == mem.CONVERGED
         tried[mem.SLOT], tried[mem.CONTRACTION] = spare if made else part(z, mem.NUMBER)[mem.FACTOR], 0.0
-    if located and c.controlled:
+    if located and z.i[mem.CONTROLLED]:
         tried[mem.ERROR_SIZE] = estimate(z)
-    conclude(z, c, row[0], counts)
+    conclude(z, row[0], counts)
 
 
 @called

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -20,7 +21,9 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
+from solvers.hht.run import idle
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.rows import recovered
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
@@ -60,7 +63,7 @@ class Integration:
         end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
         solution = self._assembled(self.stepper, self._checked(end), started.note)
-        self.solver.keep(engine, controlled=steps is None)
+        idle.put_back(started.purpose, engine)
         return solution
 
     def left_over(self, end: Failure) -> Solution:
@@ -78,7 +81,7 @@ class Integration:
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
         own = own_multipliers(rows)
         stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
-        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, engine.recovered)
+        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine))
         status, message, carried = solution.status, solution.message, None
         if rows.t.size < asked:
             message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +33,9 @@ from solvers._start import (
     violations,
 )
 from solvers._trust import as_arguments
+from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
+from solvers.hht.run import idle
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import functions_for
 from solvers.hht.step.state import State
@@ -47,6 +49,7 @@ NOTHING = np.zeros(0)
 class Started:
     """The engine with its first state; ``note`` says what was done to the start."""
 
+    purpose: Hashable  #: what the engine was made for
     engine: Engine
     state: State
     note: str
@@ -78,17 +81,27 @@ def begin(
     work: Work,
     *,
     controlled: bool = False,
-    ready: Engine | None = None,
+    events: tuple[Event, ...] = (),
 ) -> Started | Failure:
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
 
-    ``h`` [s] is the first step, or the direction of time.  ``ready`` is the engine of an earlier run with the same options,
-    which is used again for the same dynamics.
+    ``h`` [s] is the first step, or the direction of time.  An engine that an earlier run for the same system has left is
+    used again.
     """
 
+    purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
+    ready = idle.take(purpose)
+
     def begun() -> Started | Failure:
-        engine, at = make_engine(system, options, place, work, controlled=controlled, ready=ready), place
-        dynamics, notes = engine.dynamics, list[str]()
+        engine = make_engine(system, options, place, work, controlled=controlled) if ready is None else ready.again(work)
+        engine.watch(events)
+        plain = None if options.calc_initcond else plain_start(engine, place, guesses)
+        if plain is not None:
+            return Started(purpose, engine, plain, "")
+        if ready is not None:
+            engine = make_engine(system, options, place, work, controlled=controlled, ready=ready)
+            engine.watch(events)
+        at, dynamics, notes = place, engine.dynamics, list[str]()
         if isinstance(dynamics, AugmentedDynamics):
             notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
         if options.calc_initcond and engine.structure.constrained:
@@ -99,10 +112,18 @@ def begin(
             notes.append(f"{moved}.")
         failure = check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses)
         state = failure or first_state(engine, at, *guesses, h)
-        return state if isinstance(state, Failure) else Started(engine, state, " ".join(notes))
+        return state if isinstance(state, Failure) else Started(purpose, engine, state, " ".join(notes))
 
     started: Started | Failure = tried_twice(begun, work, place.t)
     return started
+
+
+def plain_start(engine: Engine, place: Place, guesses: Guesses) -> State | None:
+    """The state before the first step by machine code; None where Python has to look closer."""
+    s = engine.structure
+    lam, mu = (np.zeros(size) if guess is None else guess for guess, size in zip(guesses, (s.m, s.p), strict=True))
+    fits = lam.shape == (s.m,) and mu.shape == (s.p,)
+    return engine.started(place.t, place.q, place.v, lam, mu) if fits else None
 
 
 def make_engine(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,22 +13,20 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels
 from hhtbench.result import Status
 from solvers._start import Failure, Place, budget_failure
-from solvers.hht.control.first_step import prepared
-from solvers.hht.control.plan import ByError, ControlOptions, Plan
+from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.march import Control, look
+from solvers.hht.run.march import look
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
-DEFAULTS = ControlOptions()
 PILED_UP = "let the change end the motion there, or make the event terminal."
 
 
@@ -86,13 +83,13 @@ class Stepper:
             engine.loops.section(mem.RTOL)[:] = by_error.tolerances.rtol
             engine.loops.section(mem.ATOL)[:] = by_error.tolerances.atol
             if state.memory is None:
-                state = prepared(engine, state, by_error.tolerances, by_error.options, horizon)
+                state = engine.prepared(state, by_error, horizon)
             if failure := by_error.unreachable(state, stop):
                 return Accepted(state, watch, ended=failure)
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
-        state, made, ended = engine.march(state, control_of(self.plan, stop, self.events), lengths, ends, rows, watch.values)
+        state, made, ended = engine.march(state, self.plan, stop, lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
             watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
@@ -168,8 +165,7 @@ class Stepper:
                 return Accepted(before, watch, ended=failure_of(engine, self.plan, before, error.ended))
             if earlier is None:
                 engine.put_back(now)
-                taken = engine.take(before, control_of(self.plan, stop, self.events), watch.values, located=cut is not None)
-                state, rows[0] = taken
+                state, rows[0] = engine.take(before, watch.values, located=cut is not None)
                 self.plan.made(1)
                 if cut is not None:
                     self.plan.cut_short()
@@ -217,17 +213,6 @@ class Stepper:
         events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *output(c.t)) for c in found)
         stopping = tuple(sorted({crossing.index for crossing, _, stops in counted if stops}))
         return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
-
-
-def control_of(plan: Plan, stop: float, events: Sequence[Event]) -> Control:
-    """As the loops take it."""
-    options = DEFAULTS if plan.by_error is None else plan.by_error.options
-    return Control(plan.by_error is not None, bool(events), float(stop), *_constants(options))
-
-
-@lru_cache
-def _constants(options: ControlOptions) -> tuple[Any, ...]:
-    return tuple(getattr(options, name) for name in Control._fields[3:])
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:

@@ -13,17 +13,18 @@ from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
 from solvers._start import Place
-from solvers.hht.control.plan import Constant, Plan
+from solvers.hht.control.controller import ControlOptions
+from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import representable
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.event import Occurrence
+from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, view
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import columns
 from solvers.hht.run.march import march
-from solvers.hht.run.stepper import EventState, Stepper, control_of
+from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
@@ -70,6 +71,14 @@ def begun(place: Place, state: State, step: float | None, tolerances: Tolerances
         last=HermiteOutput(np.array([state.t]), state.q[None], state.v[None]),
         direction=0.0 if step is None else math.copysign(1.0, step),
     )
+
+
+def stepper_of(engine: Engine, integrator: IntegratorState, options: ControlOptions, events: tuple[Event, ...]) -> Stepper:
+    """How ``integrator`` goes on."""
+    plan: Plan = Constant(integrator.step or 0.0)
+    if integrator.tolerances is not None:
+        plan = ByError(integrator.tolerances, options)
+    return Stepper(engine=engine, plan=plan, events=events)
 
 
 def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> Goal:
@@ -144,7 +153,7 @@ def _output(before: State, end: State, after: State) -> HermiteOutput:
 def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
     """Where it can be done; the first step is the :class:`Stepper`'s, as is every one of which there is something to say."""
     engine, plan, state = stepper.engine, stepper.plan, integrator.state
-    if stepper.events or state.h is None or engine.loops.held is not state or not engine.runs_alone:
+    if stepper.events or state.h is None or engine.loops.held is not state or engine.loops.call_python:
         return None
     if plan.by_error is not None and not plan.by_error.tolerances.above_roundoff:
         return None
@@ -164,8 +173,8 @@ class Onward:
         self._length, self._end = np.zeros(1), np.zeros(1)
         self._counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
         self._made, self._pending = 0, False
-        control = control_of(plan, math.copysign(math.inf, direction), ())
-        self._call = march.bound(z, control, self._length, self._end, self._row, self._counts)
+        stop = math.copysign(math.inf, direction)
+        self._call = march.bound(z, plan.options, stop, self._length, self._end, self._row, self._counts)
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i, self._counts)
         self._now, self._before = (tuple(array.copy() for array in self._all) for _ in range(2))  # two steps' starts
         engine.loops.ready(suspicious=engine.fallible)

@@ -9,6 +9,7 @@ from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
+from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import FAILED, MISLED, OUTWORN, newton, restarted, spend
 from solvers.hht.step.stopping import end_of, weigh
 
@@ -149,20 +150,9 @@ def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
     if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < last < MUCH_SHORTER * abs(h):
         place[0] = part(z, mem.NUMBER)[mem.T]
         put(place, put(place, 1, part(z, mem.Q)), part(z, mem.V))
-        if acceleration_level(z, address(z, mem.LAM), counts):
+        if acceleration_level(z, z.i[2 * mem.LAM], counts):
             return z.i[2 * mem.ACCELERATION_LEVEL] + 1
     return z.i[2 * mem.LAM]
-
-
-@compiled
-def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
-    """Whether the acceleration level at PLACE determines v' and multipliers; their guess [lam, mu] is at ``near``, (H16)."""
-    if not spend(z, counts):
-        return False
-    at = address(z, mem.PLACE)
-    arguments = at, at + 8, at + 8 + 8 * z.i[mem.N], near, near + 8 * z.i[mem.M]
-    call_python(z, mem.C_ACCELERATION, mem.ACCELERATION_LEVEL, arguments)
-    return part(z, mem.ACCELERATION_LEVEL)[0] > 0.0
 
 
 @compiled
