@@ -96,7 +96,8 @@ class Loops:
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
         z.i[mem.FALLBACK] = suspicious
-        z.i[mem.STOPS_EARLY] = controlled and self.functions.newton.remaining > 0.0
+        o = self.functions.newton
+        z.i[mem.STOPS_EARLY] = controlled and o.remaining > 0.0 and self.section(mem.RTOL).min() >= o.finest
         z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values
