@@ -27,6 +27,8 @@ from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
 
+NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # of an HHT object
+
 
 class HHT:
     """The extended HHT-alpha method (Jay and Negrut, ETNA 26, 2007) for one system; THEORY.md states the formulas.
@@ -66,7 +68,7 @@ class HHT:
         self._engine: Engine | None = None
         self._onward: Onward | None = None  # steps by hand that were made since
         self._message = ""
-        self._alone = _Alone()
+        self._locks()
 
     def solve(
         self, tspan: Any, q0: Any, v0: Any, *, lam_guess: Any = None, mu_guess: Any = None, **request: Any
@@ -89,7 +91,7 @@ class HHT:
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         check_request(asked, place.q.size, t0, t1)
-        with self._alone, timed(asked.max_seconds, began) as clock:
+        with self._alone(), timed(asked.max_seconds, began) as clock:
             integration = Integration(self, asked, t1, place, guesses, clock)
             return solved(integration.solution, integration.left_over)
 
@@ -121,7 +123,7 @@ class HHT:
             raise ProblemError("step must not be zero.")
         asked = make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol)
         check_accuracy(asked, place.q.size)
-        with self._alone, timed(None):
+        with self._alone(), timed(None):
             started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
             self._engine = self._integrator = self._onward = None
             if isinstance(started, Failure):
@@ -150,7 +152,7 @@ class HHT:
         Status
             ``event`` after a terminal event, with the state at it; a further call goes on from there.
         """
-        with self._alone:
+        with self._alone():
             if method == "onestep" and t is None and tstop is None and self._goes_onward():
                 self._message = ""
                 return Status.success
@@ -158,12 +160,14 @@ class HHT:
 
     def _goes_onward(self) -> bool:
         """Whether a step was made without a State of it."""
-        integrator = self._integrator
-        if integrator is None or self._engine is None:
-            return False
-        if self._onward is None or not self._onward.goes_on(integrator):
-            self._onward = onward(stepper_of(self._engine, integrator, self.options.control, self.events), integrator)
-        return self._onward is not None and self._onward.step()
+        with self._settling:
+            integrator = self._integrator
+            if integrator is None or self._engine is None:
+                return False
+            if self._onward is None or not self._onward.goes_on(integrator):
+                stepper = stepper_of(self._engine, integrator, self.options.control, self.events)
+                self._onward = onward(stepper, integrator)
+            return self._onward is not None and self._onward.step()
 
     def _step(self, t: float | None, method: str, tstop: float | None) -> Status:
         with timed(None):
@@ -228,7 +232,7 @@ class HHT:
         if setup["fingerprint"] is None:
             text = "which has no fingerprint: that it is the checkpoint's system, with the same numbers, is not checked."
             warnings.warn(f"the system {named(self.system)[1]}, {text}", UserWarning, stacklevel=2)
-        with self._alone, timed(None):
+        with self._alone(), timed(None):
             try:
                 engine = self._rebuild(integrator)
             except (ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -247,10 +251,11 @@ class HHT:
         h = (old.step if old else None) if step is None else real_number("step", step, unit=" [s]")
         if h == 0.0 or (h is None and (old is None or old.tolerances is None)):
             raise ProblemError("restart needs a step [s] other than zero; give step=h.")
-        with self._alone, timed(None):
+        with self._alone(), timed(None):
             place = Place(state.t, state.q, state.v) if old is None else old.place
             integrator = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
             self._integrator = integrator if old is None else replace(integrator, distrusts=old.distrusts, tally=old.tally)
+            self._onward = None
 
     def _rebuild(self, integrator: IntegratorState) -> Engine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
@@ -263,9 +268,10 @@ class HHT:
     def _current(self) -> IntegratorState:
         if self._integrator is None:
             raise ProblemError("there is no state to step from; call init_step(t0, q0, v0, step=h) first.")
-        if self._onward is not None:
-            self._integrator = self._onward.settled(self._integrator)
-        return self._integrator
+        with self._settling:
+            if self._onward is not None:
+                self._integrator = self._onward.settled(self._integrator)
+            return self._integrator
 
     def _saved(self) -> IntegratorState:
         """With what the engine knows: enough to go on with another one."""
@@ -274,22 +280,19 @@ class HHT:
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
-        return {name: value for name, value in saved.items() if name not in ("_alone", "_engine", "_onward")}
+        return {name: value for name, value in saved.items() if name not in NOT_SAVED}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        self.__dict__.update(saved, _alone=_Alone(), _engine=None, _onward=None)
+        self.__dict__.update(saved, _engine=None, _onward=None)
+        self._locks()
 
+    def _locks(self) -> None:
+        self._solving = threading.Lock()
+        self._settling = threading.RLock()  # another thread may read the state while this one steps
 
-class _Alone:
-    """A lock of one HHT object, which does not wait."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
+    def _alone(self) -> threading.Lock:
+        """The lock of this object, which does not wait for a solve; taken by ``with`` alone, as an interrupt may come."""
+        if self._solving.locked():
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
-
-    def __exit__(self, *error: object) -> None:
-        self._lock.release()
+        return self._solving

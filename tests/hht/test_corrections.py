@@ -57,6 +57,12 @@ def near(state, size, spread):
     return lots if state.unknowns is None else state.unknowns * (1 + spread * lots)
 
 
+def constraint_rows(layout, residual):
+    """``residual`` without the rows of forces and reactions."""
+    rows = layout.split(residual)
+    return np.concatenate([rows[name] if name in ("lam0", "lam1", "mu") else 0 * rows[name] for name in rows])
+
+
 def cases():
     for name, options in SCENES.items():
         for steps, shorter in ((0, 1.0), (3, 1.0), (3, 0.6)):
@@ -79,6 +85,8 @@ def test_known_values_residual_matrix_and_state_are_those_of_the_equations(name,
     np.testing.assert_allclose(found, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
     after = np.asarray(residual_and_end(dynamics, *static, x, given))
     np.testing.assert_allclose(after[:size], wanted[:size], rtol=1e-11, atol=1e-12 * np.abs(wanted[:size]).max())
+    np.testing.assert_array_equal(after[size : 2 * size], constraint_rows(layout, after[:size]))
+    after = np.delete(after, np.s_[size : 2 * size])
     place = stages(dynamics, plain, plain.split(x), known)
     end = np.concatenate(
         [part for part in (place.q1, place.v1, place.start_reaction, place.end_reaction) if part is not None]
@@ -122,12 +130,13 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
         np.testing.assert_allclose(found, sizes, rtol=1e-8, atol=1e-10 * np.abs(wanted).max())
 
     agrees(fresh[: size + 2], residual)
-    np.testing.assert_allclose(fresh[size + 2 : 2 * size + 2], residual, rtol=1e-13, atol=1e-13)
-    inverse, kept, largest = np.split(fresh[2 * size + 2 :], [size * size, size * size + len(entries)])
+    inverse, kept, largest = np.split(fresh[size + 2 :], [size * size, size * size + len(entries)])
     np.testing.assert_allclose(inverse.reshape(size, size).T @ matrix, np.eye(size), atol=1e-9)
     np.testing.assert_array_equal(kept, maps.ravel()[list(entries)])
     np.testing.assert_allclose(largest, [max(np.abs(residual).max(), np.abs(blocks).max())], rtol=1e-12)
     later = np.asarray(lagged_correction_and_end(dynamics, *static, entries, other, inverse, kept, given))
     both = np.asarray(residual_and_end(dynamics, *static, other, given))
     agrees(later[: size + 2], both[:size])
-    np.testing.assert_allclose(later[size + 2 :], both, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(later[size + 2 : 2 * size + 2], both[:size], rtol=1e-13, atol=1e-13)
+    agrees(later[2 * size + 2 : 3 * size + 4], constraint_rows(layout, both[:size]))
+    np.testing.assert_allclose(later[3 * size + 4 :], both[2 * size :], rtol=1e-13, atol=1e-13)

@@ -1,6 +1,8 @@
 """Stepping by hand as SUNDIALS offers it: one step, up to a time, never past one, between steps."""
 
 import pickle
+import signal
+import threading
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,7 @@ from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import ACCURACY, FREE, begun, clock, height, wall
-from tests.hht.scenes import ALPHAS, PENDULUM, Q0, SYSTEMS, V0, Calls, pendulum, pendulum_at
+from tests.hht.scenes import ALPHAS, PENDULUM, Q0, SYSTEMS, V0, Calls, Pendulum, pendulum, pendulum_at
 from tests.hht.test_reproducible import bits
 
 
@@ -256,3 +258,71 @@ def test_a_restart_and_a_copy_see_the_steps_that_nobody_has_read(accuracy):
             assert each.step() is Status.success
     assert bits(solver.state) == bits(other.state) == bits(copied.state)
     assert solver.counters == other.counters
+
+
+@pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
+@pytest.mark.parametrize("h", [0.002, -0.002])
+def test_a_restart_from_the_present_state_takes_its_own_step(accuracy, h):
+    solver = HHT(Pendulum())
+    assert solver.init_step(0.0, Q0, V0, **accuracy) is Status.success
+    for _ in range(5):
+        assert solver.step() is Status.success
+    t = solver.state.t
+    solver.restart(solver.state, step=h)
+    for _ in range(3):
+        assert solver.step() is Status.success
+    assert solver.state.t == pytest.approx(t + 3 * h, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["state", "counters"])
+def test_what_another_thread_reads_changes_no_step(name):
+    def stepped(count):
+        solver = HHT(Pendulum())
+        assert solver.init_step(0.0, Q0, V0, step=0.01) is Status.success
+        reader = threading.Thread(target=lambda: [getattr(solver, name) for _ in range(count)])
+        reader.start()
+        while reader.is_alive() or solver.counters.steps_accepted < 2000:
+            for _ in range(50):
+                assert solver.step() is Status.success
+        reader.join()
+        return solver
+
+    read = stepped(2000)
+    alone = HHT(Pendulum())
+    assert alone.init_step(0.0, Q0, V0, step=0.01) is Status.success
+    for _ in range(read.counters.steps_accepted):
+        assert alone.step() is Status.success
+    assert bits(read.state) == bits(alone.state)
+
+
+@pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
+def test_interrupts_between_steps_leave_a_solver_that_goes_on(accuracy):
+    """Its state is on the trajectory, its last step is one step of it, and no step is counted less than once."""
+    solver, alone = HHT(Pendulum()), HHT(Pendulum())
+    for one in (solver, alone):
+        assert one.init_step(0.0, Q0, V0, **accuracy) is Status.success
+        for _ in range(5):  # compiles
+            assert one.step() is Status.success
+    before, found = signal.signal(signal.SIGALRM, signal.default_int_handler), []
+    try:
+        for k in range(100):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, 2e-4 + 1e-5 * k, 0.1)  # again: one in the collector's hooks is lost
+                while True:
+                    solver.step()
+            except KeyboardInterrupt:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                found.append((solver.state, solver._integrator.last.t.tolist(), solver.counters.steps_accepted))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    times, states = [], [alone.state]
+    for state, last, accepted in found:
+        while states[-1].t < state.t:
+            assert alone.step() is Status.success
+            states.append(alone.state)
+            times.append([x.t for x in states[-2:]])
+        assert bits(state) == bits(states[-1])
+        assert last == times[-1] if times else len(last) == 2
+        assert 0 <= accepted - 4 - len(states) <= len(found), "a step that an interrupt takes is made again"
+    assert len(states) > len(found)

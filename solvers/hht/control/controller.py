@@ -127,6 +127,7 @@ def hopeless(z: Any, o: Any, h: Any, size: Any) -> Any:
 def conclude(z: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
     accept(z, row)
+    counts[mem.ACCEPTED] += 1
     if z.i[mem.CONTROLLED] and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE:
         remember_remainder(z, counts)
     elif z.i[mem.CONTROLLED]:

@@ -10,7 +10,35 @@ from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, cubic
 from solvers.hht.loops.sections import address, call, part, put
-from solvers.hht.step.stopping import begin, levels_at, put_levels, weigh, weighted_rms
+from solvers.hht.step.stopping import weigh, weighted_rms
+
+
+@compiled
+def begin(z: Any, source: Any, scale: Any) -> None:
+    """A right-hand side of ``source`` (n,) over ``scale`` in the force rows, and else zero."""
+    right = part(z, mem.RIGHT)
+    for i in range(right.size):
+        right[i] = source[i] / scale if i < source.size else 0.0
+
+
+@compiled
+def put_levels(z: Any, slot: Any, sign: Any, position: Any) -> None:
+    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
+    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
+    for i in range(m):
+        if position:
+            right[z.i[mem.O_LAM0] + i] = sign * off[i] * (2 / (h * h))
+        right[z.i[mem.O_LAM1] + i] = sign * off[m + i] / h
+    for i in range(z.i[mem.P]):
+        right[z.i[mem.O_MU] + i] = sign * off[2 * m + i] / h
+
+
+@compiled
+def levels_at(z: Any, t: Any) -> None:
+    """The constraint levels at t and the q, v in PLACE."""
+    part(z, mem.PLACE)[0] = t
+    at = address(z, mem.PLACE)
+    call(z, mem.C_LEVELS, mem.LEVELS, (at, at + 8, at + 8 + 8 * z.i[mem.N]))
 
 
 @compiled

@@ -16,6 +16,7 @@ from solvers.hht.equations.discretise import stages, step_residual, step_residua
 from solvers.hht.equations.formulas import force_at_end
 from solvers.hht.equations.known import Layout, known_values, start_of
 
+CONSTRAINED = "lam0", "lam1", "mu"  #: unknowns in whose places the rows of constraints stand
 SMALL = 12  #: unknowns up to which that is so
 
 
@@ -26,9 +27,21 @@ def state_size(layout: Layout) -> int:
 
 
 def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`~solvers.hht.equations.discretise.step_residual` (size,), then :func:`state_after`."""
+    """The residual (size,), its constraint rows alone (size,), then :func:`state_after`."""
     residual = step_residual(dynamics, method, layout, x, given)
-    return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
+    rows = of_constraints(layout, residual, dynamics.xp)
+    return dynamics.xp.concatenate([residual, rows, state_after(dynamics, method, layout, x, given)])
+
+
+def constraint_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """:func:`of_constraints` of the step's residual."""
+    return of_constraints(layout, step_residual(dynamics, method, layout, x, given), dynamics.xp)
+
+
+def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
+    """``residual`` (size,) with zeros in the rows of forces and reactions, as (H35) takes it."""
+    rows = layout.split(residual)
+    return xp.concatenate([rows[name] if name in CONSTRAINED else xp.zeros(size) for name, size in layout.unknowns.items()])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
@@ -53,7 +66,7 @@ def fresh_correction(
 
     Returns
     -------
-    array (2*size + 2 + size*size + entries + 1,)
+    array (size + 2 + size*size + entries + 1,)
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
@@ -61,22 +74,30 @@ def fresh_correction(
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
-    return xp.concatenate([_sized(dynamics, layout, inverted, residual, maps), inverted.T.ravel(), own, largest])
+    return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), own, largest])
 
 
 def lagged_correction_and_end(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, own: Any, given: Any
 ) -> Any:
-    """A correction with the matrix of an earlier :func:`fresh_correction`, :func:`_sized`, then :func:`state_after`."""
+    """Corrections with the matrix of an earlier :func:`fresh_correction`, and the state after the step.
+
+    Returns
+    -------
+    array (3*size + 4 + state,)
+        :func:`_sized` and the residual; :func:`_sized` of its constraint rows alone; :func:`state_after`.
+    """
     xp, size = dynamics.xp, layout.size
-    residual = step_residual(dynamics, method, layout, x, given)
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(own)
-    sized = _sized(dynamics, layout, inverted.reshape(size, size).T, residual, flat.reshape(-1, size))
-    return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])
+    matrices = inverted.reshape(size, size).T, flat.reshape(-1, size)
+    residual = step_residual(dynamics, method, layout, x, given)
+    of_all = _sized(dynamics, layout, matrices[0] @ residual, matrices[1])
+    alone = _sized(dynamics, layout, matrices[0] @ of_constraints(layout, residual, xp), matrices[1])
+    return xp.concatenate([of_all, residual, alone, state_after(dynamics, method, layout, x, given)])
 
 
-def _sized(dynamics: Dynamics, layout: Layout, inverted: Any, residual: Any, maps: Any) -> Any:
-    """The correction (size,), the largest changes of q1 and of v1 that it makes, NaN if there is one, and the residual."""
-    xp, n, correction = dynamics.xp, layout.structure.n, inverted @ residual
+def _sized(dynamics: Dynamics, layout: Layout, correction: Any, maps: Any) -> Any:
+    """The correction (size,), and the largest changes of q1 and of v1 that it makes; NaN if there is one."""
+    xp, n = dynamics.xp, layout.structure.n
     moved = xp.abs(maps @ correction)
-    return xp.concatenate([correction, moved[:n].max(keepdims=True), moved[n:].max(keepdims=True), residual])
+    return xp.concatenate([correction, moved[:n].max(keepdims=True), moved[n:].max(keepdims=True)])

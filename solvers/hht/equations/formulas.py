@@ -140,7 +140,7 @@ def fit(t: float, h: float, stop: float, least: float = 0.0) -> tuple[float, flo
 def growth(o: Any, error: float, last_error: float, rejected: bool) -> float:
     """What the next step is longer than an accepted one with ``error`` (H26).
 
-    ``o`` holds the constants of :class:`~solvers.hht.control.plan.ControlOptions`; ``last_error`` < 0: there is none.
+    ``o`` holds the constants of :class:`~solvers.hht.control.controller.ControlOptions`; ``last_error`` < 0: there is none.
     """
     error = max(error, o.least)
     plain = (o.target / error) ** (1 / 3)

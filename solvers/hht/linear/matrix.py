@@ -50,16 +50,16 @@ def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
 @compiled
 def inverse_at(z: Any, slot: Any) -> Any:
     """A small system's correction with the matrix at the iterate, and its inverse into ``slot``."""
-    fresh = part(z, mem.FRESH)
+    fresh, sized = part(z, mem.FRESH), z.i[mem.SIZE] + 2
     x, given = address(z, mem.X), address(z, mem.STEP)
     call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
     call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
     increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + slot), part(z, mem.MAPS + slot)
-    put(increment, 0, fresh[: increment.size])
-    put(inverse, 0, fresh[increment.size : increment.size + inverse.size])
-    put(maps, 0, fresh[increment.size + inverse.size : increment.size + inverse.size + maps.size])
+    put(increment, 0, fresh[:sized])
+    put(inverse, 0, fresh[sized : sized + inverse.size])
+    put(maps, 0, fresh[sized + inverse.size : sized + inverse.size + maps.size])
     return mem.CONVERGED
 
 
@@ -220,21 +220,22 @@ def respond(z: Any, slot: Any) -> None:
 
 
 @compiled
-def correct(z: Any, slot: Any, evaluated: Any) -> Any:
+def correct(z: Any, slot: Any, code: Any, evaluated: Any) -> Any:
     """The correction with the matrix in ``slot`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
 
-    ``evaluated``: the residual is there, or of a small system the correction itself.
+    ``code`` computes the residual, or its constraint rows alone.  ``evaluated``: the residual is there, or of a small
+    system the correction itself.
     """
     increment = part(z, mem.INCREMENT)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
         if not evaluated:
             inverse, maps = address(z, mem.INVERSE + slot), address(z, mem.MAPS + slot)
             x, given, early = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
-            call(z, mem.C_RESIDUAL, mem.INCREMENT, (x, inverse, maps, given, early))
+            call(z, code, mem.INCREMENT, (x, inverse, maps, given, early))
             part(z, mem.RECORD + slot)[mem.USES] += 1.0
         return increment[z.i[mem.SIZE]], increment[z.i[mem.SIZE] + 1]
     if not evaluated:
-        call(z, mem.C_RESIDUAL, mem.RESIDUAL, (address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)))
+        call(z, code, mem.RESIDUAL, (address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)))
     solve_often(z, slot, part(z, mem.RESIDUAL), increment)
     return moved_by(z, slot, increment)
 

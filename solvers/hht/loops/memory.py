@@ -78,7 +78,7 @@ def given_integers(name: str) -> int:
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "controlled_cost",
+    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -111,7 +111,7 @@ COMPUTED = floats(lambda s: s.computed)
 VALUES = floats(lambda s: s.size + s.matrix + s.maps)
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
-INCREMENT = floats(lambda s: s.size + 2 + (s.size if s.fresh else 0))  # of small systems with the residual
+INCREMENT = floats(lambda s: 2 * s.size + 2)  # of small systems their sizes and the residual, too
 END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
 END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
@@ -120,7 +120,7 @@ FRESH = floats(lambda s: s.fresh)
 TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
 RECIPROCAL = floats(lambda s: 2)
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
-FULL = floats(lambda s: s.size + 2 + (s.size if s.fresh else 0))
+FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE = range(9)  # in ATTEMPT
 
@@ -166,7 +166,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONTROLLED_COST = range(11, 17)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF = range(11, 18)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
@@ -191,11 +191,11 @@ EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = ra
 EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 24, FIRST + 31)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints",
 )  # fmt: skip
 CODE = FIRST + 31
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
-C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS = range(CODE + 16, CODE + 30, 2)
+C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra
@@ -207,8 +207,9 @@ NO_ADVANCE, TOO_LARGE, ROUNDOFF_REACHED, EVENT_FOUND, EVENT_NONFINITE = range(6,
 COUNTS = (
     "newton_iterations", "residual_evaluations", "jacobian_evaluations", "factorisations", "linear_solves",
     "steps_rejected_error", "event_evaluations", "steps_rejected_newton", "nonfinite_evaluations",
+    "steps_accepted",
 )  # fmt: skip
-NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES = range(len(COUNTS))
+NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES, ACCEPTED = range(len(COUNTS))
 
 
 class Memory(NamedTuple):

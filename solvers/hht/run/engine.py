@@ -146,18 +146,18 @@ class Engine:
             made, ended = 0, self._stopped[1]
         else:
             self._load(state, values, controlled=plan.by_error is not None)
+            loops.held = None  # until it is stored: an interrupt may come before
             made = loops.call_noting(march, plan.options, stop, lengths, ends, rows)
             if not made:
                 loops.raise_noted()
             ended = int(loops.z.i[mem.ENDED])
-            self.work.add("steps_accepted", made)
         self._stopped = None
         if made:
             state = loops.store(controlled=state.memory is not None)
             self._stopped = None if ended == mem.CONVERGED else (state, ended)
             return state, made, mem.CONVERGED
-        if ended not in (mem.CONVERGED, mem.EVENT_FOUND):
-            loops.held = None  # what a failed step leaves behind is not the state
+        if ended in (mem.CONVERGED, mem.EVENT_FOUND):  # what a failed step leaves behind is not the state
+            loops.held = state
         return state, made, self._unless_spent(ended)
 
     def started(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> State | None:
@@ -215,7 +215,6 @@ class Engine:
                 self.try_step(attempt[0][mem.H_TRIED], attempt[0][mem.T_END])
         loops.held = None  # until it is stored: what a callback raises in here leaves neither state behind
         loops.call(take, row, located)
-        self.work.add("steps_accepted")
         return loops.store(controlled=controlled), row[0]
 
     def attempted(self) -> tuple[Vector, ...]:

@@ -23,6 +23,7 @@ from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
 from solvers.hht.equations.corrections import (
+    constraint_residual,
     fresh_correction,
     lagged_correction_and_end,
     residual_and_end,
@@ -146,7 +147,7 @@ class MachineCode(Functions):
         self.alone = self.callbacks is None
         self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
         function: Any = residual_and_end
-        head = size
+        heads = size, 2 * size
         if self.analysis.kind == "inverse":  # corrections in the place of residual and matrix
             own = self.analysis.own
             flat = self.analysis.rows[own:] * size + self.analysis.columns[own:] - size**2
@@ -155,16 +156,17 @@ class MachineCode(Functions):
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             self._sizes["fresh"] = matrix.size
-            function, head = lagged_correction_and_end, 2 * size + 2
+            function, heads = lagged_correction_and_end, (2 * size + 2, 3 * size + 4)
             options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
-        end = head + state_size(layout)
+        end = heads[1] + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)
         s = layout.structure
         self._sizes |= {"early": early.size, "early_matrix": early_matrix.size, "level": s.n + s.m + s.p}
         self._codes = {
-            "residual": native(function, dynamics, *static, *more, stage="late", rows=(0, head), **options),
+            "residual": native(function, dynamics, *static, *more, stage="late", rows=(0, heads[0]), **options),
+            "constraints": native(function, dynamics, *static, *more, stage="late", rows=heads, **options),
             "matrix": matrix,
-            "end": native(function, dynamics, *static, *more, stage="late", rows=(head, end), **options),
+            "end": native(function, dynamics, *static, *more, stage="late", rows=(heads[1], end), **options),
             "early": early,
             "early_matrix": early_matrix,
             **inverse_mass,
@@ -217,6 +219,7 @@ class PythonFunctions(Functions):
         self._codes = {
             "residual": self.made(step_residual, size, shapes, *static),
             "matrix": (entries, self.analysis.slots.size, shapes),
+            "constraints": self.made(constraint_residual, size, shapes, *static),
             "end": self.made(state_after, state_size(layout), shapes, *static),
         }
         if layout.structure.mass == "variable":

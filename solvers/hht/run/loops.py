@@ -107,8 +107,7 @@ class Loops:
                 self.work.tally.update(before)
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
-        z.i[mem.FALLBACK], z.i[mem.CONTROLLED] = suspicious, controlled
-        z.i[mem.STOPS_EARLY] = controlled and self.functions.newton.remaining > 0.0
+        self.ready(controlled=controlled, suspicious=suspicious)
         z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values
@@ -177,9 +176,11 @@ class Loops:
             if amount:
                 self.work.tally[name] += amount
 
-    def ready(self, *, suspicious: bool) -> None:
-        """Steps will be made by calls of the loops that nobody prepares."""
-        self.z.i[mem.FALLBACK], self.z.i[mem.EVALUATIONS] = suspicious, UNLIMITED
+    def ready(self, *, controlled: bool, suspicious: bool) -> None:
+        """Say how the next steps are made, with as many evaluations as they take."""
+        z, o = self.z, self.functions.newton
+        z.i[mem.FALLBACK], z.i[mem.CONTROLLED], z.i[mem.EVALUATIONS] = suspicious, controlled, UNLIMITED
+        z.i[mem.STOPS_EARLY] = controlled and o.remaining > 0.0 and self.section(mem.RTOL).min() >= o.finest
 
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""

@@ -73,5 +73,5 @@ def remake(z: Memory, made_at: FloatArray, counts: IntArray) -> Any:
     early(z)
     ended = renew(z, 0, made_at[size], counts)
     if ended == mem.CONVERGED:
-        corrected(z, 0, True, counts)  # measures its roundoff where that matters
+        corrected(z, 0, mem.C_RESIDUAL, True, counts)  # measures its roundoff where that matters
     return ended

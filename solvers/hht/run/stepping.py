@@ -155,7 +155,7 @@ def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
     engine, plan, state = stepper.engine, stepper.plan, integrator.state
     if stepper.events or state.h is None or engine.loops.held is not state or engine.loops.call_python:
         return None
-    if plan.by_error is not None and not plan.by_error.tolerances.above_roundoff:
+    if plan.by_error is not None and (state.memory is None or not plan.by_error.tolerances.above_roundoff):
         return None
     return Onward(engine, plan, integrator.direction) if engine.loops.z.w.size <= LIGHT else None
 
@@ -172,16 +172,22 @@ class Onward:
         z, self._row = engine.loops.z, np.zeros((1, columns(engine.structure)))
         self._length, self._end = np.zeros(1), np.zeros(1)
         self._counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
-        self._made, self._pending = 0, False
+        self._counted = self._counts.copy()  # of them, what is counted in the work already
         stop = math.copysign(math.inf, direction)
         self._call = march.bound(z, plan.options, stop, self._length, self._end, self._row, self._counts)
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i, self._counts)
-        self._now, self._before = (tuple(array.copy() for array in self._all) for _ in range(2))  # two steps' starts
-        engine.loops.ready(suspicious=engine.fallible)
+        self._starts = [
+            tuple(array.copy() for array in self._all) for _ in range(2)
+        ]  # of the last two steps, by their number
+        engine.loops.ready(controlled=plan.by_error is not None, suspicious=engine.fallible)
 
     def goes_on(self, integrator: IntegratorState) -> bool:
         """Whether the memory holds what ``integrator`` does, or what has followed from it."""
-        return self._pending or self._loops.held is integrator.state
+        return self._made() > 0 or self._loops.held is integrator.state
+
+    def _made(self) -> int:
+        """Steps since the last State; an interrupt after one leaves it made."""
+        return int(self._counts[mem.ACCEPTED] - self._counted[mem.ACCEPTED])
 
     def step(self) -> bool:
         """Whether a step was made; if not everything is as before."""
@@ -189,30 +195,24 @@ class Onward:
             t = float(self._number[mem.T])
             h = representable(t, self._plan.h)
             self._length[0], self._end[0] = h, t + h
-        for saved, array in zip(self._now, self._all, strict=True):
+        now = self._starts[self._counts[mem.ACCEPTED] % 2]
+        for saved, array in zip(now, self._all, strict=True):
             np.copyto(saved, array)
-        self._pending = True
         if self._call():
-            self._made, self._now, self._before = self._made + 1, self._before, self._now
             self._loops.raise_noted()
             return True
-        for saved, array in zip(self._now, self._all, strict=True):
+        for saved, array in zip(now, self._all, strict=True):
             np.copyto(array, saved)
-        self._pending = self._made > 0
         return False
 
     def settled(self, integrator: IntegratorState) -> IntegratorState:
         """``integrator`` after the steps that were made since then, and their work counted."""
-        if not self._pending:
+        if not self._made():
             return integrator
-        loops, made, counts = self._loops, self._made, self._counts.copy()  # another thread may step on meanwhile
-        self._pending, self._made = False, 0
-        self._counts -= counts
-        loops.count(counts)
-        self._work.add("steps_accepted", made)
-        before, state = Memory(*self._before[:2]), loops.store(controlled=self._plan.by_error is not None)
+        self._loops.count(self._counts - self._counted)
+        np.copyto(self._counted, self._counts)
+        before = Memory(*self._starts[(self._counts[mem.ACCEPTED] - 1) % 2][:2])
+        state = self._loops.store(controlled=self._plan.by_error is not None)
         start = float(view(before, mem.NUMBER)[mem.T]), view(before, mem.Q).copy(), view(before, mem.V).copy()
         rows = (np.array(pair) for pair in zip(start, (state.t, state.q, state.v), strict=True))
-        return (
-            replace(integrator, state=state, last=HermiteOutput(*rows), message="", occurrences=()) if made else integrator
-        )
+        return replace(integrator, state=state, last=HermiteOutput(*rows), message="", occurrences=())

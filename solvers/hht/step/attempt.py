@@ -10,8 +10,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
-from solvers.hht.step.newton import FAILED, MISLED, OUTWORN, newton, restarted, spend
-from solvers.hht.step.stopping import end_of, weigh
+from solvers.hht.step.newton import newton, restarted, spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -112,18 +111,13 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
     typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    if z.i[mem.STOPS_EARLY]:  # what the start allows: no more than the whole step, whose end is not known yet
-        tried[mem.ROOT_TOLERANCE], _ = weigh(z, part(z, mem.Q), part(z, mem.V))
+    tried[mem.ROOT_TOLERANCE] = 0.0
     level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
-    remembered, ended = part(z, mem.RECORD + lagged)[mem.RATE] if lagged >= 0 else 0.0, mem.DIVERGED
-    if not z.i[mem.STOPS_EARLY] or remembered <= MISLED:
-        guess(z, h)
-        ended, slot, rate = newton(z, lagged, h, counts)
-        ended = finished(z, ended, t1, counts)
-        if ended not in (mem.CONVERGED, mem.SPENT):
-            counts[mem.RESTARTS] += 1
-            remembered = 2 * FAILED
+    guess(z, h)
+    ended, slot, rate = newton(z, lagged, h, counts)
+    ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
+        counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
         level = multipliers_anew(z, h, counts)
         plain_guess(z, level)
@@ -134,8 +128,6 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
         plain_guess(z, level)
         ended, slot, rate = restarted(z, lagged, h, True, counts)
         ended = finished(z, ended, t1, counts)
-    if z.i[mem.STOPS_EARLY] and remembered >= 2 * OUTWORN:
-        rate = max(rate, remembered / 2)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
 
@@ -189,7 +181,11 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
     Also where they did not: that place tells which function is not finite.
     """
-    end_of(z)
+    x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
+    if z.i[mem.KIND] == mem.KIND_INVERSE:
+        call(z, mem.C_END, mem.END, (x, x, x, given, known))
+    else:
+        call(z, mem.C_END, mem.END, (x, given, known))
     if ended == mem.CONVERGED and z.i[mem.VARIABLE]:
         place = part(z, mem.PLACE)
         place[0] = t1

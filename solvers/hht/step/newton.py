@@ -15,7 +15,7 @@ from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, digits, has_digit
 from solvers.hht.loops.sections import part, put, view
-from solvers.hht.step.stopping import converged, enough_for, forces_end, levels_hold, over_allowed, scaled
+from solvers.hht.step.stopping import converged, enough_for, force_rows_end, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,35 +33,36 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
-    controlled_cost: float = 2.0  #: the same where the force rows stop early, at least
+    constraint_cost: float = 5.0  #: the same, in iterations of the constraint rows alone, which evaluate no force
     remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
+    stiff: float = 10.0  #: of an increment: a larger imbalance is of stiff directions, which may have turned since
+    finest: float = 1e-5  #: relative tolerance below which they go to roundoff all the same: that takes hardly more
     least_rate: float = 1e-3  #: a first increment far too long makes the next look like contraction: no ratio counts as less
     max_iterations: int = 15  #: with a kept matrix; a fresh one needs 2 to 4
     max_damped: int = 40  #: for the damped restart after a failure
     max_halvings: int = 12  #: of one damped increment: 2^-12 of a step that fails is no progress
 
 
-DONE, HELD, LAST_USE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP = range(8)  # after an increment
+# What is iterated: all rows to roundoff; or all rows until the force rows may stop, (H35), then the constraint rows alone.
+ALL_ROWS, UNTIL_ALLOWED, CONSTRAINTS = range(3)
+DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN = range(8)  # after an increment
 
 
-class Increment(NamedTuple):
-    """What the last increment tells."""
+class Iteration(NamedTuple):
+    """Where Newton's iteration stands."""
 
-    size: float  #: largest change of q1 and v1 over typical sizes, (H15)
-    part: float  #: of what is allowed of the step, (H26); NaN where nothing is
-    rate: float  #: that over the one before it by this matrix; 0: the first
-    slowest: float  #: worst rate seen with this matrix: one lucky ratio is no rate
+    rows: int  #: that are iterated
+    slot: int  #: of the matrix; -1: one at the iterate is to be made
+    fresh: bool  #: it was made in this step
+    size: float  #: of the last increment: largest change of q1 and v1 over typical sizes, (H15)
+    rate: float  #: that over the one before it, by this matrix; 0: the first
+    worst: float  #: largest rate seen with this matrix: one lucky ratio is no rate
     first: float  #: size of the first increment by this matrix
     taken: int  #: increments after that
-    fresh: bool  #: the matrix was made in this step
     stagnated: bool  #: one at the very iterate has not shrunk the increment already
 
 
-# Where force rows stop early: rates that say how the next steps begin, halved from step to step.
-# Down to OUTWORN with a matrix of their own, above MISLED at the plain guess with one at every iterate.
-OUTWORN, MISLED, FAILED = 1.0, 8.0, 128.0
-
-DRAWN = 2654435761, 15  # bits of products with the golden ratio: a drawing of lots that is the same everywhere
+DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 
 
 @compiled
@@ -70,92 +71,115 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
 
     The lagged matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
     """
-    o = part(z, mem.CONSTANTS)
-    slot, spare = lagged, 1 - lagged if lagged >= 0 else 0
-    if slot >= 0 and abs(part(z, mem.RECORD + slot)[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
-        slot = -1
-    if slot >= 0 and z.i[mem.STOPS_EARLY] and part(z, mem.RECORD + slot)[mem.RATE] >= OUTWORN:
-        slot = -1
-    worst = part(z, mem.RECORD + slot)[mem.RATE] if slot >= 0 else 0.0
-    fresh = stagnated = sized = False
-    last, before, first, taken, used_up, ended = math.inf, math.inf, 0.0, 0, 0.0, mem.DIVERGED
+    i, spare = begun(z, lagged, h), 1 - lagged if lagged >= 0 else 0
     for _ in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
-        if not spend(z, counts):
+        renewed = i.slot < 0
+        if (renewed or i.rows != CONSTRAINTS) and not spend(z, counts):
             return mem.SPENT, -1, 0.0
-        if slot < 0:
+        if renewed:
             ended = renew(z, spare, h, counts)
             if ended != mem.CONVERGED:
                 return ended, -1, 0.0
-            slot, worst, fresh, last = spare, 0.0, True, math.inf
-        in_q, in_v = corrected(z, slot, ended == mem.CONVERGED, counts)
-        ended = mem.DIVERGED
-        moved = scaled(z, in_q, in_v, not sized)
-        sized = math.isfinite(moved)
-        if not sized:
-            if fresh:
+            i = Iteration(i.rows, spare, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated)
+        code = mem.C_CONSTRAINTS if i.rows == CONSTRAINTS else mem.C_RESIDUAL
+        in_q, in_v = corrected(z, i.slot, code, renewed, counts)
+        moved = scaled(z, in_q, in_v)
+        if not math.isfinite(moved):
+            if i.fresh:
                 return mem.NONFINITE, -1, 0.0
             counts[mem.NONFINITES] += 1
-            slot = -1
+            i = with_new_matrix(i)
             continue
-        last, before = min(last, before), math.inf
-        rate = moved / last if math.isfinite(last) else 0.0  # only this step's own: the last step's may have been better
-        slowest = max(rate, worst, o[mem.LEAST_RATE])  # one lucky ratio is no rate: the worst seen counts
-        taken = taken + 1 if last < math.inf else 0
-        first = first if taken > 0 else moved
-        allowed = over_allowed(z, slot)
-        decision = judged(z, slot, Increment(moved, allowed, rate, slowest, first, taken, fresh, stagnated), counts)
+        i = incremented(z, i, moved)
+        decision = judged(z, i, counts)
         if decision == GIVE_UP:
             return mem.DIVERGED, -1, 0.0
-        if decision not in (RENEW_HERE, HELD, LAST_USE):
+        if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
-        if decision in (DONE, HELD, LAST_USE):
-            if z.i[mem.STOPS_EARLY]:
-                slowest = max(min(slowest, OUTWORN), OUTWORN if decision == LAST_USE else used_up)
-            return mem.CONVERGED, slot, slowest
-        if decision == GO_ON:
-            last = moved
-            continue
-        slot = -1
-        if decision == STALL:
-            stagnated, before = True, moved
-        else:
-            used_up = max(used_up, OUTWORN if decision == RENEW else MISLED)
+        if decision == DONE:
+            return mem.CONVERGED, i.slot, i.worst
+        i = after(i, decision)
     return mem.DIVERGED, -1, 0.0
 
 
 @compiled
-def judged(z: Any, slot: Any, i: Any, counts: Any) -> Any:
-    """What follows after the :class:`Increment` ``i``."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, slot)
-    if converged(z, slot, i.size, i.slowest if i.rate != 0.0 else 0.0):
+def begun(z: Any, lagged: Any, h: Any) -> Any:
+    """The iteration before the first increment."""
+    slot, worst = lagged, 0.0
+    part(z, mem.RECIPROCAL)[0] = 0.0
+    rows = UNTIL_ALLOWED if z.i[mem.STOPS_EARLY] else ALL_ROWS
+    if slot >= 0:
+        record, o = part(z, mem.RECORD + slot), part(z, mem.CONSTANTS)
+        worst = record[mem.RATE]
+        slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
+        if slow or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
+            slot, worst = -1, 0.0
+    return Iteration(rows, slot, False, math.inf, 0.0, worst, 0.0, 0, False)
+
+
+@compiled
+def incremented(z: Any, i: Any, size: Any) -> Any:
+    """The iteration after an increment of ``size``."""
+    seen = math.isfinite(i.size)  # only this step's own: the last step's may have been better
+    rate = size / i.size if seen else 0.0
+    worst = max(rate, i.worst, part(z, mem.CONSTANTS)[mem.LEAST_RATE])
+    return Iteration(
+        i.rows, i.slot, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
+    )
+
+
+@compiled
+def after(i: Any, decision: Any) -> Any:
+    """The iteration after a ``decision`` that does not end it."""
+    if decision == STALL:
+        return Iteration(ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True)
+    if decision in (RENEW, RENEW_HERE):
+        return with_new_matrix(i)
+    rows, size = i.rows, i.size
+    if decision == FORCES_DONE:
+        rows = CONSTRAINTS
+    elif decision == ALL_AGAIN:
+        rows, size = ALL_ROWS, math.inf
+    return Iteration(rows, i.slot, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated)
+
+
+@compiled
+def with_new_matrix(i: Any) -> Any:
+    """The iteration with a matrix that is to be made: there is no rate by it yet."""
+    return Iteration(i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated)
+
+
+@compiled
+def judged(z: Any, i: Any, counts: Any) -> Any:
+    """What follows after an increment."""
+    o = part(z, mem.CONSTANTS)
+    if converged(z, i.slot, i.size, i.worst if i.rate != 0.0 else 0.0):
         return DONE
-    ends = i.rate > 0.0 and forces_end(z, i.part, i.slowest)
-    if ends and levels_hold(z, slot, counts):
-        return LAST_USE if i.taken > 0 and outworn(z, i, i.size, enough, o[mem.MATRIX_COST]) else HELD
-    if i.fresh and i.rate >= o[mem.STALLED] and not i.part > 1.0 and is_roundoff(z, slot, i.size, counts):
+    if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
+        return ALL_AGAIN
+    if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
+        return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, i.size, counts):
         return DONE if i.stagnated else STALL  # with a matrix at the very iterate too: roundoff is left
     if i.taken == 0:
         return GO_ON
     if i.fresh:
         return GIVE_UP if i.rate > o[mem.WORST_RATE] else GO_ON
-    if o[mem.REMAINING] < i.part < math.inf:
-        renews = outworn(z, i, i.part, o[mem.REMAINING], max(o[mem.MATRIX_COST], o[mem.CONTROLLED_COST]))
-    else:
-        renews = outworn(z, i, i.size, enough, o[mem.MATRIX_COST])
-    if not renews:
+    if not outworn(z, i):
         return GO_ON
     return RENEW if i.rate < 1.0 else RENEW_HERE
 
 
 @compiled
-def outworn(z: Any, i: Any, size: Any, enough: Any, cost: Any) -> Any:
-    """Whether a new matrix costs less than shrinking the increment ``i``, of ``size``, to ``enough`` with this one."""
-    o = part(z, mem.CONSTANTS)
+def outworn(z: Any, i: Any) -> Any:
+    """Whether a new matrix costs less than the iterations that this one still takes."""
+    o, enough = part(z, mem.CONSTANTS), enough_for(z, i.slot)
+    cost = o[mem.MATRIX_COST] if i.rows != CONSTRAINTS else max(o[mem.MATRIX_COST], o[mem.CONSTRAINT_COST])
     if cost > 0.0:  # told by the mean rate: single ratios alternate
         mean = (i.size / i.first) ** (1.0 / i.taken)
-        return i.rate >= 1.0 or math.log(enough / size) < cost * math.log(mean)
-    return i.rate > o[mem.REFRESH_RATE] and size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
+        return i.rate >= 1.0 or math.log(enough / i.size) < cost * math.log(mean)
+    return i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
 
 
 @compiled
@@ -165,26 +189,23 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
     By whole increments, as long as every second is half as long, (H29); or ``damped``: halved while the next is not smaller.
     """
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
-    last, before, halvings, allowed = math.inf, math.inf, 0, math.nan
-    for k in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
+    last, before, halvings = math.inf, math.inf, 0
+    part(z, mem.RECIPROCAL)[0] = 0.0
+    for _ in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1
         ended = renew(z, spare, h, counts)
         if ended != mem.CONVERGED:
             return ended, -1, 0.0
-        in_q, in_v = corrected(z, spare, True, counts)
+        in_q, in_v = corrected(z, spare, mem.C_RESIDUAL, True, counts)
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
-        moved, last_allowed = scaled(z, in_q, in_v, k == 0), allowed
-        allowed = over_allowed(z, spare)
+        moved = scaled(z, in_q, in_v)
         rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
         ends = converged(z, spare, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
-        if ends or (rate >= o[mem.STALLED] and not allowed > 1.0 and is_roundoff(z, spare, moved, counts)):
+        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
             step_back(z)
-            return mem.CONVERGED, spare, 0.0
-        of_pair = 0.0 if damped else max(moved, last) / before  # the next may be as large as the last, (H29)
-        if forces_end(z, max(allowed, last_allowed), of_pair) and levels_hold(z, spare, counts):
             return mem.CONVERGED, spare, 0.0
         if damped:
             halvings = halved(z, spare, moved, counts)
@@ -211,7 +232,7 @@ def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
         for i in range(x.size):
             x[i] = base[i] - full[i] * fraction
         fraction *= 0.5
-        corrected(z, slot, False, counts)
+        corrected(z, slot, mem.C_RESIDUAL, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
         if next_size < size or moved <= part(z, mem.CONSTANTS)[mem.BLINDED]:
@@ -229,10 +250,10 @@ def spend(z: Any, counts: Any) -> Any:
 
 
 @compiled
-def corrected(z: Any, slot: Any, evaluated: Any, counts: Any) -> Any:
-    """A correction, and where roundoff is measured what that makes of one with a new matrix."""
+def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
+    """A correction by ``code``, and where roundoff is measured what that makes of one with a new matrix."""
     counts[mem.SOLVES] += 1
-    in_q, in_v = correct(z, slot, evaluated)
+    in_q, in_v = correct(z, slot, code, evaluated)
     if evaluated and z.i[mem.NOISY] and spend(z, counts):
         counts[mem.SOLVES] += 1
         record = part(z, mem.RECORD + slot)
@@ -249,7 +270,7 @@ def is_roundoff(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
     counts[mem.RESIDUALS] += evaluations
     counts[mem.SOLVES] += evaluations
     in_q, in_v = noise(z, slot, 0, evaluations)
-    return moved <= o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v, False)
+    return moved <= o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v)
 
 
 @compiled
@@ -257,7 +278,7 @@ def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
     """The largest that roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
 
     Looked at is one roundoff of those entries whose number has the binary digit k // 2 equal to k % 2, (H30), for every k
-    from ``first`` to ``end``, or for k = -1 of those that lots are drawn for; all away from zero, since the roundoff of
+    from ``first`` to ``end``, or for k = -1 a random subset of them; all away from zero, since the roundoff of
     regular values is not of both signs alike.
     """
     n, state, before = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
@@ -269,7 +290,7 @@ def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
             moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
             state[i] = before[i] * (1.0 + EPS) if moves else before[i]
         early(z)
-        correct(z, slot, False)
+        correct(z, slot, mem.C_RESIDUAL, False)
         for i in range(part(z, mem.X).size):
             increment[i] -= full[i]
         of_q, of_v = moved_by(z, slot, increment)
