@@ -12,13 +12,15 @@ import numpy as np
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Tree, flat_function, jitted
-from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
+from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit, needed
+from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.graph import NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
-MOST_OPERATIONS = 100_000  # tracing, lowering and generating them takes some ten seconds
+MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
+IN_LOOPS = 20_000  # operations from which repeated ones are written as loops, where straight lines run half as fast
 FLOAT = np.dtype(np.float64)
 
 
@@ -98,7 +100,8 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     varying = np.flatnonzero([node not in number for node in lowered.outputs])
     constants = np.array([number.get(node, 0.0) for node in lowered.outputs], dtype=np.float64)
     outputs = [lowered.outputs[i] for i in varying.tolist()] if compact else lowered.outputs
-    emitted = emit(lowered.graph, outputs, lowered.arguments)
+    many = sum(map(bool, needed(lowered.graph, outputs))) > IN_LOOPS
+    emitted = (emit_loops if many else emit)(lowered.graph, outputs, lowered.arguments)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))

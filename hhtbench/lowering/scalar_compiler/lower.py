@@ -18,7 +18,7 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
-from hhtbench.lowering.scalar_compiler.emit import needs, ordered
+from hhtbench.lowering.scalar_compiler.emit import needed, needs
 from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
@@ -107,7 +107,7 @@ def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) ->
 def _kept(lowered: Lowered, last: int) -> list[int]:
     """Numbers that the late stage needs of the early one."""
     graph, late, wanted = lowered.graph, set[int](), dict[int, None]()
-    for node in ordered(graph, lowered.outputs):
+    for node in np.flatnonzero(needed(graph, lowered.outputs)).tolist():
         varies = graph.operation[node] == "argument" and graph.operands[node][0] != last
         if varies or any(operand in late for operand in needs(graph, node)):
             late.add(node)

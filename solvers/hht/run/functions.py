@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.coloured import Coloured, find_pattern
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
 from solvers._finite import inverse_mass_at
@@ -22,6 +22,7 @@ from solvers.hht.equations.corrections import (
     fresh_correction,
     lagged_correction_and_end,
     residual_and_end,
+    residual_and_entries,
     state_after,
     state_size,
 )
@@ -33,9 +34,10 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes
 from solvers.hht.step.newton import NewtonOptions
 
-LARGEST = 200  # unknowns of a step up to which machine code without loops pays
-MATRIX_COST = 3.0, 6.0  # iterations that a new matrix costs: chains of 100 links, and of 1,000 and more
-MANY = 100_000  # entries computed for it from which it is the latter: they do not fit into the nearer memories
+LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
+MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
+SPARSE = NewtonOptions(matrix_cost=3.0, max_iterations=25)  # a new matrix costs three iterations on chains of 100 links
+FULL = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -51,6 +53,7 @@ class Functions:
     analysis: Analysis
     newton: NewtonOptions
     in_python = False  #: whether all of them are functions in Python
+    recovers = False  #: whether there is machine code for the multipliers of rows too
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         s = layout.structure
@@ -120,6 +123,8 @@ class MachineCode(Functions):
         One cannot be compiled.
     """
 
+    recovers = True
+
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         place, more = ((), (layout.structure.n,)), tuple[Any, ...]()
         variable = layout.structure.mass == "variable"
@@ -130,9 +135,7 @@ class MachineCode(Functions):
         super().__init__(dynamics, method, layout)
         static, size = (self.method, layout), layout.size
         options: dict[str, Any] = {"shapes": ((size,), self.given)}
-        early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
-        matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
-        self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
+        early_matrix, matrix = self._matrix(linsolver, options)
         function: Any = residual_and_end
         head = size
         if self.analysis.kind == "inverse":  # corrections in the place of residual and matrix
@@ -157,9 +160,45 @@ class MachineCode(Functions):
             **inverse_mass,
         }
 
+    def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
+        """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""
+        function, static = step_residual_and_matrix, (self.method, self.layout)
+        early = native(function, self.dynamics, *static, stage="early", **options)
+        late = native(function, self.dynamics, *static, compact=True, stage="late", **options)
+        self.analysis = of_code(late, self.layout.size, self.layout.structure.n, linsolver, SMALLEST)
+        return early, late
+
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
         """Machine code."""
         return native(function, self.dynamics, *static, shapes=shapes)
+
+
+class SparseCode(MachineCode):
+    """Machine code of a large system, without a full matrix."""
+
+    recovers = False
+
+    def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
+        products = matrix_free(dynamics)
+        if products is None:
+            raise NotNative(f"more than {LARGEST} unknowns, and {FULL}")
+        super().__init__(products, method, layout, linsolver)
+
+    def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
+        """From directional derivatives, one for each colour of the columns."""
+        static, example = (self.method, self.layout), tuple(map(np.zeros, options["shapes"]))
+        try:
+            pattern = find_pattern(step_residual_and_ends, self.dynamics, *static, example=example)
+        except NotImplementedError as error:
+            raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
+        if pattern.colours * pattern.shape[0] > MOST_COMPUTED:
+            raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
+        early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
+        late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
+        self.analysis = of_pattern(pattern, self.layout.size, linsolver, late)
+        if self.analysis.kind != "dense":
+            self.newton = SPARSE
+        return early, late
 
 
 class PythonFunctions(Functions):
@@ -194,7 +233,7 @@ class PythonFunctions(Functions):
         reason = f"below {SMALL} unknowns"
         products = None if small else matrix_free(self.dynamics)
         if not small:
-            reason = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
+            reason = FULL
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
@@ -204,8 +243,7 @@ class PythonFunctions(Functions):
             else:
                 self.analysis = of_pattern(coloured.pattern, size, linsolver)
                 if self.analysis.kind != "dense":
-                    computed = coloured.pattern.colours * coloured.pattern.shape[0]
-                    self.newton = NewtonOptions(matrix_cost=MATRIX_COST[computed > MANY], max_iterations=25)
+                    self.newton = SPARSE
                     return products, lambda x, given: np.delete(coloured.packed(x, given), np.s_[size : size + 2 * n])
                 reason = self.analysis.reason
         self.analysis = full(size, n, linsolver, reason)
@@ -220,12 +258,11 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
-    if layout.size <= LARGEST:
-        try:
-            return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
-        except NotNative:
-            pass
-    return PythonFunctions(dynamics, method, layout, linsolver)
+    code = MachineCode if layout.size <= LARGEST else SparseCode
+    try:
+        return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
+    except NotNative:
+        return PythonFunctions(dynamics, method, layout, linsolver)
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:
