@@ -96,7 +96,15 @@ def value_and_entries(
     value, along = jax.linearize(lambda y: function(dynamics, *static, y, *rest), x)
     seeds = (colour[None, :] == jnp.arange(colours)[:, None]).astype(x.dtype)
     compressed = jax.vmap(along)(seeds)
-    return jnp.concatenate([value, compressed.ravel()[places]])
+    return jnp.concatenate([value, jnp.take(compressed, places, mode="clip")])  # they are inside: no other mode is cheaper
+
+
+def by_pattern(
+    dynamics: Compilable, pattern: Pattern, function: Callable[..., Any], static: tuple[Any, ...], *arguments: Any
+) -> Any:
+    """:func:`value_and_entries` with the pattern written into the code; ``arguments`` are x and the rest."""
+    where = jnp.asarray(pattern.colour), jnp.asarray(pattern.places)
+    return value_and_entries(dynamics, function, static, pattern.colours, *where, *arguments)
 
 
 class Coloured:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Concatenate
 
@@ -83,8 +85,9 @@ def native(
 
     def make() -> Native | NotNative:
         try:  # the graph of the last function is remembered, for its other stage
-            whole = _last.find(key, lambda: lower(flat.name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
-            return _compiled(flat.name, staged(whole, stage, rows), compact)
+            with _uncollected():
+                whole = _last.find(key, lambda: lower(flat.name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
+                return _compiled(flat.name, staged(whole, stage, rows), compact)
         except NotNative as error:
             return error
 
@@ -94,14 +97,27 @@ def native(
     return replace(found, parameters=parameters)
 
 
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """A graph is a million tuples without a cycle: looking for cycles again and again took half the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     """Machine code, without the values of its parameters."""
     number = lowered.graph.number
     varying = np.flatnonzero([node not in number for node in lowered.outputs])
     constants = np.array([number.get(node, 0.0) for node in lowered.outputs], dtype=np.float64)
     outputs = [lowered.outputs[i] for i in varying.tolist()] if compact else lowered.outputs
-    many = sum(map(bool, needed(lowered.graph, outputs))) > IN_LOOPS
-    emitted = (emit_loops if many else emit)(lowered.graph, outputs, lowered.arguments)
+    what = lowered.graph, outputs, lowered.arguments
+    counts = needed(lowered.graph, outputs)
+    emitted = emit(*what) if sum(map(bool, counts)) <= IN_LOOPS else emit_loops(*what, counts)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))

@@ -45,31 +45,32 @@ def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
                 stack.extend((operand, False) for operand in reversed(needs(graph, node)) if operand not in seen)
 
 
+EVERY = slice(None)
+NODES = dict.fromkeys(("constant", "parameter", "argument"), slice(0)) | {"entry": slice(1)}  # of others: every operand
+NODES |= dict.fromkeys(CALLS, slice(2, None))
+
+
 def needed(graph: Graph, outputs: list[int]) -> list[int]:
     """For every node how many others, or places of the result, need its value; booleans count as often as they are needed.
 
     Operands are older than what they are operands of.
     """
-    counts = [0] * len(graph.operation)
+    counts, operation, operands = [0] * len(graph.operation), graph.operation, graph.operands
     for node in outputs:
         if node not in graph.number:
             counts[node] += 1
     for node in range(len(counts) - 1, -1, -1):
-        if counts[node]:
-            more = counts[node] if counts[node] > 1 and graph.is_bool(node) else 1
-            for operand in needs(graph, node):
+        count = counts[node]
+        if count:
+            more = count if count > 1 and graph.is_bool(node) else 1
+            for operand in operands[node][NODES.get(operation[node], EVERY)]:
                 counts[operand] += more
     return counts
 
 
-NODES = dict.fromkeys(("constant", "parameter", "argument"), slice(0)) | {"entry": slice(1)}  # of others: every operand
-NODES |= dict.fromkeys(CALLS, slice(2, None))
-
-
 def needs(graph: Graph, node: int) -> tuple[int, ...]:
     """The operands that are nodes."""
-    operands, part = graph.operands[node], NODES.get(graph.operation[node])
-    return operands if part is None else operands[part]
+    return graph.operands[node][NODES.get(graph.operation[node], EVERY)]
 
 
 def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:

@@ -11,9 +11,12 @@ from hhtbench.lowering.scalar_compiler.reroll import CONSTANT, KEPT, Form, Loop,
 FEW = 2  # turns that are written out
 
 
-def emit_loops(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
-    """The function of :func:`~.emit.emit` in loops; the numbers kept are on the heap while it runs."""
-    rerolled = Rerolled(graph, outputs)
+def emit_loops(graph: Graph, outputs: list[int], arguments: int, counts: list[int]) -> Emitted:
+    """The function of :func:`~.emit.emit` in loops; ``counts``: how often each node is :func:`~.emit.needed`.
+
+    The numbers kept are on the heap while it runs.
+    """
+    rerolled = Rerolled(graph, outputs, counts)
     writer = _LoopWriter(rerolled)
     if any(node in graph.number for node in outputs):
         writer.constants(outputs)

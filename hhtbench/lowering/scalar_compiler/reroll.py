@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY, needed, needs
+from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY
 from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
 
 CONSTANT, KEPT = ("constant",), ("kept",)  # where leaves are found, beside parameters and arguments
@@ -31,9 +31,12 @@ class Loop:
 
 
 class Rerolled:
-    """The ``loops`` that compute ``outputs`` of ``graph``, in order, and how many numbers they keep: ``room``."""
+    """The ``loops`` that compute ``outputs`` of ``graph``, in order, and how many numbers they keep: ``room``.
 
-    def __init__(self, graph: Graph, outputs: list[int]) -> None:
+    ``counts``: how often each node is needed, :func:`~.emit.needed`.
+    """
+
+    def __init__(self, graph: Graph, outputs: list[int], counts: list[int]) -> None:
         self.graph, self.room = graph, 0
         self.forms: list[Form] = []
         self._numbers: dict[Form, int] = {}
@@ -42,7 +45,7 @@ class Rerolled:
         self._places = np.zeros(len(graph.operation), dtype=np.int64)  #: of nodes that are kept
         self._groups: dict[tuple[int, bool, int], list[tuple[int, list[int]]]] = {}
         self._entries: dict[int, list[int]] = {}  #: nodes that are entries of a call's result
-        for node, count in enumerate(needed(graph, outputs)):
+        for node, count in enumerate(counts):
             if count:
                 self._seen[node] = self._visited(node, count)
         for place, node in enumerate(outputs):
@@ -58,14 +61,17 @@ class Rerolled:
                 self._entries.setdefault(operands[0], []).append(node)
                 return self._kept, [node], self._seen[operands[0]][2]
             return self._number((operation, *operands[:-1])), [operands[-1]], 0
-        parts = needs(graph, node)
-        seen = [self._seen[part] for part in parts]
-        form = self._number((operation, operands[: len(operands) - len(parts)], *[part[0] for part in seen]))
-        leaves = [leaf for part in seen for leaf in part[1]]
-        level = max([part[2] for part in seen], default=0)
+        parameters, parts = (operands[:2], operands[2:]) if operation in CALLS else ((), operands)
+        forms, leaves, level = list[int](), list[int](), 0
+        for part in parts:
+            form, more, before = self._seen[part]
+            forms.append(form)
+            leaves += more
+            level = max(level, before)
+        number = self._number((operation, parameters, *forms))
         if operation not in CALLS and (count == 1 or graph.is_bool(node)):
-            return form, leaves, level
-        self._groups.setdefault((level + 1, False, form), []).append((node, leaves))
+            return number, leaves, level
+        self._groups.setdefault((level + 1, False, number), []).append((node, leaves))
         return self._kept, [node], level + 1
 
     def _number(self, form: Form) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.compile.coloured import Pattern, value_and_entries
+from hhtbench.lowering.compile.coloured import Pattern, by_pattern
 from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import (
@@ -40,10 +40,8 @@ def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any,
 
 def residual_and_entries(dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, given: Any) -> Any:
     """The residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
-    xp, static = dynamics.xp, (method, layout)
-    where = xp.asarray(pattern.colour), xp.asarray(pattern.places)
-    packed = value_and_entries(dynamics, step_residual_and_ends, static, pattern.colours, *where, x, given)
-    return xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
+    packed = by_pattern(dynamics, pattern, step_residual_and_ends, (method, layout), x, given)
+    return dynamics.xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
