@@ -238,7 +238,7 @@ class Engine:
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
-        if not self.functions.recovers or self.plain:
+        if not isinstance(self.functions, MachineCode) or self.plain:
             return np.zeros(times.size, dtype=bool)
         functions, callbacks = self.functions, self.loops.callbacks
         done = recovered(functions.dynamics, callbacks, self.work, self.points, (times, q, v, lam, mu))

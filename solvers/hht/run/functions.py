@@ -53,7 +53,6 @@ class Functions:
     analysis: Analysis
     newton: NewtonOptions
     in_python = False  #: whether all of them are functions in Python
-    recovers = False  #: whether there is machine code for the multipliers of rows too
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         s = layout.structure
@@ -123,8 +122,6 @@ class MachineCode(Functions):
         One cannot be compiled.
     """
 
-    recovers = True
-
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         place, more = ((), (layout.structure.n,)), tuple[Any, ...]()
         variable = layout.structure.mass == "variable"
@@ -175,8 +172,6 @@ class MachineCode(Functions):
 
 class SparseCode(MachineCode):
     """Machine code of a large system, without a full matrix."""
-
-    recovers = False
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         products = matrix_free(dynamics)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Any
 
@@ -10,12 +9,14 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.lowering import Dynamics, native
-from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
+from hhtbench.lowering import Dynamics, Native, native
+from hhtbench.lowering.compile.coloured import find_pattern
+from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix, IntMatrix
 from hhtbench.lowering.dynamics.foreign import Callbacks
-from hhtbench.lowering.dynamics.kkt import kkt_terms
-from solvers.hht.linear.analysis import full
-from solvers.hht.linear.matrix import factor_dense, solve, step_back
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
+from solvers.hht.linear.analysis import Analysis, full, of_pattern
+from solvers.hht.linear.matrix import factor_band, factor_dense, solve, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
@@ -29,10 +30,11 @@ CONVERGED = 1e-13
 
 
 @called
-def recover(z: Memory, linear: bool, rows: FloatMatrix, done: BoolArray) -> None:
+def recover(z: Memory, linear: bool, places: IntMatrix, rows: FloatMatrix, done: BoolArray) -> None:
     """Put the multipliers of every row of ``rows``, [t, q, v, lam, mu], in their places and mark it as ``done``.
 
-    What is not finite, singular or does not converge is left as it is.
+    ``places`` (2, entries): rows and columns of the entries of the KKT matrix.  What is not finite, singular or does not
+    converge is left as it is.
     """
     n, x, increment, at = z.i[mem.N], part(z, mem.X), part(z, mem.INCREMENT), address(z, mem.PLACE)
     for i in range(rows.shape[0]):
@@ -42,7 +44,7 @@ def recover(z: Memory, linear: bool, rows: FloatMatrix, done: BoolArray) -> None
             x[j] = 0.0 if linear or j < n else row[1 + n + j]
         for _ in range(MAX_ITERATIONS):
             call(z, mem.C_MATRIX, mem.COMPUTED, (at, at + 8, at + 8 + 8 * n, address(z, mem.X)))
-            if not scaled_solve(z):
+            if not scaled_solve(z, places[0], places[1]):
                 break
             step_back(z)
             if linear or (small(increment[:n], x[:n]) and small(increment[n : x.size], x[n:])):
@@ -58,32 +60,37 @@ def small(increment: Any, x: Any) -> Any:
 
 
 @compiled
-def scaled_solve(z: Any) -> Any:
-    """The increment after scaling rows and columns to size one; False where the matrix is singular."""
+def scaled_solve(z: Any, rows: Any, columns: Any) -> Any:
+    """The increment after scaling rows and columns to size one; False where the matrix is singular, or not finite."""
     terms, right, increment, size = part(z, mem.COMPUTED), part(z, mem.RESIDUAL), part(z, mem.INCREMENT), z.i[mem.SIZE]
-    matrix, scale = terms[size:], part(z, mem.RIGHT)
+    entries, of_column = terms[size:], part(z, mem.RIGHT)
+    if not finite(terms):
+        return False
+    scale_to_one(entries, rows, right)
+    scale_to_one(entries, columns, of_column)
     for i in range(size):
-        row = matrix[i * size : (i + 1) * size]
-        size_of_row = largest(row)
-        if not 0.0 < size_of_row < math.inf:
+        if right[i] == 0.0 or of_column[i] == 0.0:
             return False
-        for j in range(size):
-            row[j] /= size_of_row
-        right[i] = terms[i] / size_of_row
-    for j in range(size):
-        scale[j] = 0.0
-        for i in range(size):
-            scale[j] = max(scale[j], abs(matrix[i * size + j]))
-        if not scale[j] > 0.0:
-            return False
-        for i in range(size):
-            matrix[i * size + j] /= scale[j]
-    if factor_dense(z, 0, matrix) != mem.CONVERGED or part(z, mem.RECORD)[mem.RANK] < size:
+        right[i] = terms[i] / right[i]
+    ended = factor_band(z, 0, entries) if z.i[mem.KIND] == mem.KIND_BAND else factor_dense(z, 0, entries)
+    if ended != mem.CONVERGED or part(z, mem.RECORD)[mem.RANK] < size:
         return False
     solve(z, 0, right, increment)
     for j in range(size):
-        increment[j] /= scale[j]
+        increment[j] /= of_column[j]
     return finite(increment[:size])
+
+
+@compiled
+def scale_to_one(entries: Any, places: Any, largest_of: Any) -> None:
+    """Divide ``entries`` by the largest magnitude of their row, or column, ``places``, which goes into ``largest_of``."""
+    for i in range(largest_of.size):
+        largest_of[i] = 0.0
+    for k in range(entries.size):
+        largest_of[places[k]] = max(largest_of[places[k]], abs(entries[k]))
+    for k in range(entries.size):
+        if entries[k] != 0.0:
+            entries[k] /= largest_of[places[k]]
 
 
 def recovered(
@@ -94,19 +101,33 @@ def recovered(
     done = np.zeros(times.size, dtype=bool)
     if times.size < FEW:
         return done
-    size = s.n + s.m + s.p
-    kkt = native(kkt_terms, dynamics, shapes=((), (s.n,), (s.n,), (size,)))
-    z = full(size, 0, "dense", "multipliers").memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=kkt.size)
+    kkt, analysis = kkt_code(dynamics)
+    if analysis.kind == "sparse":  # Python would factorise
+        return done
+    z = analysis.memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=kkt.size)
     z.i[mem.CALLS_PYTHON], z.i[mem.C_MATRIX : mem.C_MATRIX + 2] = not points, kkt.pair
+    places = np.array([analysis.rows, analysis.columns], dtype=np.int64)
     packed = np.concatenate([times[:, None], *rows[1:]], axis=1)
     first, block = 0, FIRST if points else FEW
     while first < times.size and work.clock.left() >= 0.0:
         block_of, began = slice(first, first + block), time.perf_counter()
         with callbacks:
-            recover(z, s.linear_reaction, packed[block_of], done[block_of])
+            recover(z, s.linear_reaction, places, packed[block_of], done[block_of])
         if callbacks.cause is not None:
             break
         first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
     lam[done], mu[done] = np.split(packed[done, 1 + 2 * s.n :], [s.m], axis=1)
     work.add("residual_evaluations", points * int(done.sum()))
     return done
+
+
+def kkt_code(dynamics: Dynamics) -> tuple[Native, Analysis]:
+    """Machine code of residual and matrix of (H16), and the linear algebra for them."""
+    s = dynamics.structure
+    size, vector = s.n + s.m + s.p, (s.n,)
+    shapes = (), vector, vector, (size,)
+    if not isinstance(dynamics, MatrixFree):
+        return native(kkt_terms, dynamics, shapes=shapes), full(size, 0, "dense", "multipliers")
+    example = np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)
+    pattern = find_pattern(kkt_residual, dynamics, example=example)
+    return native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto")
