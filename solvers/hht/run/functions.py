@@ -36,7 +36,7 @@ from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
-SPARSE = NewtonOptions(matrix_cost=3.0, max_iterations=25)  # a new matrix costs three iterations on chains of 100 links
+SPARSE = NewtonOptions(matrix_cost=4.0, max_iterations=25)  # a matrix costs chains of 100 links and more four iterations
 FULL = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
