@@ -51,20 +51,15 @@ NODES |= dict.fromkeys(CALLS, slice(2, None))
 
 
 def needed(graph: Graph, outputs: list[int]) -> list[int]:
-    """For every node how many others, or places of the result, need its value; booleans count as often as they are needed.
-
-    Operands are older than what they are operands of.
-    """
+    """For every node how many others, or places of the result, need its value; operands are older than who needs them."""
     counts, operation, operands = [0] * len(graph.operation), graph.operation, graph.operands
     for node in outputs:
         if node not in graph.number:
             counts[node] += 1
     for node in range(len(counts) - 1, -1, -1):
-        count = counts[node]
-        if count:
-            more = count if count > 1 and graph.is_bool(node) else 1
+        if counts[node]:
             for operand in operands[node][NODES.get(operation[node], EVERY)]:
-                counts[operand] += more
+                counts[operand] += 1
     return counts
 
 

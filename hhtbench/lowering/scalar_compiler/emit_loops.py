@@ -6,7 +6,7 @@ import numpy as np
 
 from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY, Emitted, Writer, head, wrapper
 from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
-from hhtbench.lowering.scalar_compiler.reroll import CONSTANT, KEPT, Form, Loop, Rerolled
+from hhtbench.lowering.scalar_compiler.reroll import CONSTANT, KEPT, TRUTH, Form, Loop, Rerolled
 
 FEW = 2  # turns that are written out
 
@@ -94,8 +94,9 @@ class _LoopWriter(Writer):
         return self._read(where, self._index(places))
 
     def _read(self, where: Form, index: str) -> str:
-        base = "%w" if where == KEPT else MEMORY[where[0]].format(*where[1:])
-        return self._line(f"load double, ptr {self._at(base, index)}, align 8")
+        base = "%w" if where in (KEPT, TRUTH) else MEMORY[where[0]].format(*where[1:])
+        number = self._line(f"load double, ptr {self._at(base, index)}, align 8")
+        return self._line(f"fcmp one double {number}, 0.0") if where == TRUTH else number
 
     def _index(self, places: Ids) -> str:
         """The place of this turn: in even steps, or from a table that all share which differ by a constant."""
@@ -133,7 +134,8 @@ class _LoopWriter(Writer):
             else:
                 self.operations += 1
                 stack[first:] = [self._line(self.expression(operation, stack[first:]))]
-        self.lines.append(f"  store double {stack[0]}, ptr {self._at('%out' if loop.last else '%w', target)}, align 8")
+        value = self._line(f"uitofp i1 {stack[0]} to double") if loop.truth else stack[0]
+        self.lines.append(f"  store double {value}, ptr {self._at('%out' if loop.last else '%w', target)}, align 8")
 
     def _call(self, operation: str, parameters: tuple[int, int], entries: list[str], block: str) -> None:
         """Operands to the ``block``, then the call, which leaves its result there."""

@@ -16,7 +16,7 @@ import numpy as np
 from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY
 from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
 
-CONSTANT, KEPT = ("constant",), ("kept",)  # where leaves are found, beside parameters and arguments
+CONSTANT, KEPT, TRUTH = ("constant",), ("kept",), ("truth",)  # leaves beside parameters and arguments; truths are 1 or 0
 Form = tuple[Any, ...]  # of a leaf: where it is found; else operation, its parameters and the numbers of its operands' forms
 
 
@@ -28,6 +28,7 @@ class Loop:
     sources: Ids  #: (turns, leaves) places of the leaves in memory, of constants their bits
     targets: Ids  #: (turns,) place of the value in the result or among the numbers kept
     last: bool  #: the value is part of the result
+    truth: bool  #: it is a boolean
 
 
 class Rerolled:
@@ -40,7 +41,7 @@ class Rerolled:
         self.graph, self.room = graph, 0
         self.forms: list[Form] = []
         self._numbers: dict[Form, int] = {}
-        self._kept = self._number(KEPT)
+        self._kept = self._number(KEPT), self._number(TRUTH)
         self._seen: dict[int, tuple[int, list[int], int]] = {}  #: of a node: form, leaves, how many loops it waits for
         self._places = np.zeros(len(graph.operation), dtype=np.int64)  #: of nodes that are kept
         self._groups: dict[tuple[int, bool, int], list[tuple[int, list[int]]]] = {}
@@ -59,7 +60,7 @@ class Rerolled:
         if operation in MEMORY or operation == "constant":
             if operation == "entry":
                 self._entries.setdefault(operands[0], []).append(node)
-                return self._kept, [node], self._seen[operands[0]][2]
+                return self._kept[0], [node], self._seen[operands[0]][2]
             return self._number((operation, *operands[:-1])), [operands[-1]], 0
         parameters, parts = (operands[:2], operands[2:]) if operation in CALLS else ((), operands)
         forms, leaves, level = list[int](), list[int](), 0
@@ -69,10 +70,10 @@ class Rerolled:
             leaves += more
             level = max(level, before)
         number = self._number((operation, parameters, *forms))
-        if operation not in CALLS and (count == 1 or graph.is_bool(node)):
+        if operation not in CALLS and count == 1:
             return number, leaves, level
         self._groups.setdefault((level + 1, False, number), []).append((node, leaves))
-        return self._kept, [node], level + 1
+        return self._kept[graph.is_bool(node)], [node], level + 1
 
     def _number(self, form: Form) -> int:
         found = self._numbers.setdefault(form, len(self.forms))
@@ -82,7 +83,7 @@ class Rerolled:
 
     def is_leaf(self, form: int) -> bool:
         """Whether it is read from memory, or a constant."""
-        return self.forms[form][0] in (*MEMORY, *CONSTANT, *KEPT)
+        return self.forms[form][0] in (*MEMORY, *CONSTANT, *KEPT, *TRUTH)
 
     def parts(self, form: int) -> Iterator[int]:
         """The forms of an expression's leaves and operations, operands first."""
@@ -109,10 +110,11 @@ class Rerolled:
         members = self._groups[level, last, form]
         targets = np.array([node for node, _ in members])
         sources = np.array([leaves for _, leaves in members], dtype=np.int64).reshape(len(members), -1)
-        kept = np.array([leaf == self._kept for leaf in self.leaves(form)], dtype=bool)
+        kept = np.isin(self.leaves(form), self._kept)
         sources[:, kept] = self._places[sources[:, kept]]
         order = np.lexsort(sources.T[::-1]) if sources.size else np.arange(len(members))
-        return Loop(form, sources[order], targets[order] if last else self._settled(form, targets[order]), last)
+        truth = not last and self.graph.is_bool(members[0][0])
+        return Loop(form, sources[order], targets[order] if last else self._settled(form, targets[order]), last, truth)
 
     def _settled(self, form: int, nodes: Ids) -> Ids:
         """Room for the values of ``nodes``."""
