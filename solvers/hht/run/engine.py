@@ -240,8 +240,7 @@ class Engine:
         """Which rows (k,) got their multipliers from the acceleration level, (H16), in ``lam`` and ``mu``."""
         if not isinstance(self.functions, MachineCode) or self.plain:
             return np.zeros(times.size, dtype=bool)
-        functions, callbacks = self.functions, self.loops.callbacks
-        done = recovered(functions.dynamics, callbacks, self.work, self.points, (times, q, v, lam, mu))
+        done = recovered(self.functions, self.loops.callbacks, self.work, self.points, (times, q, v, lam, mu))
         self.loops.raise_noted()
         return done
 

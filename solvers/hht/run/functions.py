@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -32,6 +33,7 @@ from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_e
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes
+from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
@@ -156,6 +158,11 @@ class MachineCode(Functions):
             "early_matrix": early_matrix,
             **inverse_mass,
         }
+
+    @cached_property
+    def kkt(self) -> tuple[Native, Analysis]:
+        """For the multipliers of rows."""
+        return kkt_code(self.dynamics)
 
     def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
         """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""

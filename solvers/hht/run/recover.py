@@ -15,12 +15,12 @@ from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix, IntMatrix
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
-from solvers.hht.linear.analysis import Analysis, full, of_pattern
+from solvers.hht.linear.analysis import Analysis, chosen, of_pattern
 from solvers.hht.linear.matrix import factor_band, factor_dense, solve, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, largest, part, put
+from solvers.hht.loops.sections import address, call, finite, indices, largest, part, put
 
 FEW = 20  # rows below which their multipliers are found one by one: no further code is needed for them
 FIRST = 512  # rows of the first call, and FEW of a NumPy system
@@ -62,10 +62,13 @@ def small(increment: Any, x: Any) -> Any:
 @compiled
 def scaled_solve(z: Any, rows: Any, columns: Any) -> Any:
     """The increment after scaling rows and columns to size one; False where the matrix is singular, or not finite."""
-    terms, right, increment, size = part(z, mem.COMPUTED), part(z, mem.RESIDUAL), part(z, mem.INCREMENT), z.i[mem.SIZE]
-    entries, of_column = terms[size:], part(z, mem.RIGHT)
+    terms, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
+    right, of_column, increment = part(z, mem.RESIDUAL), part(z, mem.RIGHT), part(z, mem.INCREMENT)
+    for k in range(slots.size):
+        terms[k] = computed[slots[k]]
     if not finite(terms):
         return False
+    entries = terms[size:]
     scale_to_one(entries, rows, right)
     scale_to_one(entries, columns, of_column)
     for i in range(size):
@@ -94,14 +97,14 @@ def scale_to_one(entries: Any, places: Any, largest_of: Any) -> None:
 
 
 def recovered(
-    dynamics: Dynamics, callbacks: Callbacks, work: Work, points: int, rows: tuple[Vector, Matrix, Matrix, Matrix, Matrix]
+    functions: Any, callbacks: Callbacks, work: Work, points: int, rows: tuple[Vector, Matrix, Matrix, Matrix, Matrix]
 ) -> Any:
     """Which of ``rows`` (t, q, v, lam, mu), (k,), have their multipliers in ``lam`` and ``mu`` now."""
-    s, (times, _, _, lam, mu) = dynamics.structure, rows
+    s, (times, _, _, lam, mu) = functions.layout.structure, rows
     done = np.zeros(times.size, dtype=bool)
     if times.size < FEW:
         return done
-    kkt, analysis = kkt_code(dynamics)
+    kkt, analysis = functions.kkt
     if analysis.kind == "sparse":  # Python would factorise
         return done
     z = analysis.memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=kkt.size)
@@ -122,12 +125,19 @@ def recovered(
 
 
 def kkt_code(dynamics: Dynamics) -> tuple[Native, Analysis]:
-    """Machine code of residual and matrix of (H16), and the linear algebra for them."""
+    """Machine code of residual and matrix of (H16), and the linear algebra for the entries that can differ from zero.
+
+    The ``slots`` say where code puts each of [residual; entries].
+    """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
     shapes = (), vector, vector, (size,)
-    if not isinstance(dynamics, MatrixFree):
-        return native(kkt_terms, dynamics, shapes=shapes), full(size, 0, "dense", "multipliers")
-    example = np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)
-    pattern = find_pattern(kkt_residual, dynamics, example=example)
-    return native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto")
+    if isinstance(dynamics, MatrixFree):
+        pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
+        return native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto")
+    code = native(kkt_terms, dynamics, shapes=shapes)
+    flat = np.union1d(code.varying, np.flatnonzero(code.constants))
+    flat = flat[flat >= size]
+    slots = np.concatenate([np.arange(size), flat])
+    entries = Analysis(size, flat // size - 1, flat % size, 0, slots, np.zeros(slots.size))
+    return code, chosen(entries, "auto", measured=False)
