@@ -8,6 +8,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import ProblemError, Status
+from hhtbench.lowering import NotNative
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.scalar_compiler import compiler
 from problems.stiff_spring_pendulum import problem as stiff_spring
@@ -180,8 +181,12 @@ def test_a_force_that_jumps_to_nan_ends_both_with_the_same_words_and_counters():
 
 
 def called_back(monkeypatch):
-    """From here on no system is small enough for machine code of its steps."""
-    monkeypatch.setattr(functions, "LARGEST", 0)
+    """From here on no system has machine code of its steps."""
+
+    def refuse(*_, **__):
+        raise NotNative("none is wanted")
+
+    monkeypatch.setattr(functions, "native", refuse)
     monkeypatch.setattr(functions, "_known", Cache(16))
     monkeypatch.setattr(idle, "_idle", {})
 
@@ -217,7 +222,7 @@ def test_the_engine_that_was_used_is_said(monkeypatch):
     assert used(SYSTEMS["numpy"]) == "compiled loops, machine code, inverse matrix"
     assert used(pendulum.system, *start, engine="python") == "plain Python loops, machine code, inverse matrix"
     assert used(pendulum.system, *start, linsolver="sparse") == "compiled loops, machine code, sparse matrix"
-    assert used(chain.system, chain.q0, chain.v0) == "compiled loops, functions in Python, band matrix"
+    assert used(chain.system, chain.q0, chain.v0) == "compiled loops, machine code, band matrix"
     called_back(monkeypatch)
     assert used(pendulum.system, *start) == "compiled loops, functions in Python, dense matrix"
     with pytest.raises(ProblemError, match="engine must be one of compiled, python"):

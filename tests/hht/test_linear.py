@@ -11,6 +11,7 @@ from hhtbench import load_problem
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.coloured import Pattern
 from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.result import Status
 from problems import planar_chain
 from solvers.hht import HHT
@@ -41,7 +42,7 @@ PROBLEMS = {
     "bead_chain(n_beads=3)": 1e-3,
     "rolling_disk_incline": 1e-3,  # both kinds of constraints
     "jay_negrut_pendulum": 1e-3,  # variable mass
-    "planar_chain(n_links=40)": 1e-4,  # functions in Python, coloured derivatives
+    "planar_chain(n_links=40)": 1e-4,  # coloured derivatives
 }
 KINDS = ("dense", "band", "sparse")
 
@@ -296,7 +297,8 @@ def test_a_long_sequence_of_blocks_stays_one():
 
 
 def test_small_systems_without_machine_code_stay_dense(monkeypatch):
-    monkeypatch.setattr(functions, "LARGEST", 0)
+    monkeypatch.setattr(compiler, "MOST_OPERATIONS", 5)
+    monkeypatch.setattr(compiler, "_memory", Cache(16))
     monkeypatch.setattr(functions, "_known", Cache(16))
     monkeypatch.setattr(idle, "_idle", {})
     analysis = begun(planar_chain.problem(n_links=6), "auto", 1e-3)._engine.functions.analysis

@@ -1,10 +1,13 @@
 """Native code and XLA side by side, for functions of plain arrays."""
 
+from unittest import mock
+
 import equinox as eqx
 import jax
 import numpy as np
 
 from hhtbench.lowering import flattening, native
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.scalar_compiler import compiler, native_call
 
 
@@ -33,9 +36,18 @@ def shapes_of(arrays):
 
 
 def native_value(function, *arrays, dynamics=Nothing()):  # noqa: B008 - it holds nothing
-    """``function(dynamics, *arrays)`` by machine code, and the code."""
-    code = native(function, dynamics, shapes=shapes_of(arrays))
-    return native_call(code, shapes_of(arrays))(*arrays), code
+    """``function(dynamics, *arrays)`` by machine code, and the code; in loops it gives the same bits."""
+    shapes = shapes_of(arrays)
+    code = native(function, dynamics, shapes=shapes)
+    value = native_call(code, shapes)(*arrays)
+    np.testing.assert_array_equal(native_call(in_loops(function, dynamics, shapes=shapes), shapes)(*arrays), value)
+    return value, code
+
+
+def in_loops(function, dynamics, *static, **how):
+    """Machine code in loops, however few the operations are."""
+    with mock.patch.multiple(compiler, IN_LOOPS=-1, _memory=Cache(1)):
+        return native(function, dynamics, *static, **how)
 
 
 def agree(function, *arrays, rtol=1e-14, atol=0.0):

@@ -29,6 +29,7 @@ from solvers.hht.equations.corrections import state_after
 from solvers.hht.equations.discretise import step_residual, step_residual_and_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.run.functions import force_and_inverse_mass
+from tests.lowering.native import in_loops
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order
@@ -128,11 +129,13 @@ def test_machine_code_and_xla_give_the_same_values(name):
         shapes = tuple(np.shape(argument) for argument in arguments[0])
         try:
             call = native_call(native(function, dynamics, *static, shapes=shapes), shapes)
+            looped = native_call(in_loops(function, dynamics, *static, shapes=shapes), shapes)
         except NotNative as error:
             missing.append((label, error.reason))
             continue
         for values, known in zip(arguments, expected, strict=True):
             got = call(*values).ravel()
+            np.testing.assert_array_equal(looped(*values).ravel(), got, err_msg=f"{label} in loops")
             size = np.abs(known[label]).max(initial=0.0)
             if not np.isfinite(size):
                 assert (name, label[:3]) == ("redundant_pendulum", "rhs"), "a KKT matrix is singular there only"

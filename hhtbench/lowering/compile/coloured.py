@@ -30,9 +30,9 @@ Indices = npt.NDArray[np.integer[Any]]
 _patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pattern:
-    """Places of the entries of one derivative, row by row, and the colours of its columns."""
+    """Places of the entries of one derivative, row by row, and the colours of its columns; compared by identity."""
 
     shape: tuple[int, int]
     rows: Indices  #: (entries,) int32, ascending
@@ -69,6 +69,21 @@ def _detected(flat: Flat, example: tuple[Any, ...]) -> Pattern:
     return Pattern(found.shape, rows.astype(np.int32), columns.astype(np.int32), colour, max(int(coloured.num_colors), 1))
 
 
+def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> Pattern:
+    """That of ``function(dynamics, *static, x, *rest)`` by x, found once, whatever the parameter values.
+
+    ``example``: arrays of the shapes of x and of the rest.
+
+    Raises
+    ------
+    NotImplementedError
+        A primitive whose sparsity asdex does not know.
+    """
+    flat = flat_function(function, dynamics, *static)
+    found: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))
+    return found
+
+
 def value_and_entries(
     dynamics: Compilable, function: Callable[..., Any], static: tuple[Any, ...], colours: int, *arguments: Any
 ) -> Any:
@@ -81,18 +96,25 @@ def value_and_entries(
     value, along = jax.linearize(lambda y: function(dynamics, *static, y, *rest), x)
     seeds = (colour[None, :] == jnp.arange(colours)[:, None]).astype(x.dtype)
     compressed = jax.vmap(along)(seeds)
-    return jnp.concatenate([value, compressed.ravel()[places]])
+    return jnp.concatenate([value, jnp.take(compressed, places, mode="clip")])  # they are inside: no other mode is cheaper
+
+
+def by_pattern(
+    dynamics: Compilable, pattern: Pattern, function: Callable[..., Any], static: tuple[Any, ...], *arguments: Any
+) -> Any:
+    """:func:`value_and_entries` with the pattern written into the code; ``arguments`` are x and the rest."""
+    where = jnp.asarray(pattern.colour), jnp.asarray(pattern.places)
+    return value_and_entries(dynamics, function, static, pattern.colours, *where, *arguments)
 
 
 class Coloured:
     """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x.
 
-    The pattern is found once, whatever the parameter values; ``example``: arrays of the shapes of x and of the rest.
+    ``example``: arrays of the shapes of x and of the rest.
     """
 
     def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
-        flat = flat_function(function, dynamics, *static)
-        self.pattern: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))
+        self.pattern = find_pattern(function, dynamics, *static, example=example)
         compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
         self.packed = partial(compiled, *where)  #: arrays -> values (rows,), then entries (entries,)

@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.coloured import Coloured, Pattern, by_pattern
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, large
@@ -82,6 +82,11 @@ def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
     if s.p:
         rows.append(dynamics.velocity_row(t, q, v, vdot) + dynamics.velocity_constraint_acceleration(t, q, v))
     return dynamics.xp.concatenate(rows)
+
+
+def kkt_entries(dynamics: MatrixFree, pattern: Pattern, t: Any, q: Any, v: Any, x: Any) -> Any:
+    """The residual, then the entries of the matrix in ``pattern``, (N + entries,)."""
+    return by_pattern(dynamics, pattern, kkt_residual, (), x, t, q, v)
 
 
 class AccelerationLevel:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Concatenate
 
@@ -12,13 +14,15 @@ import numpy as np
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Tree, flat_function, jitted
-from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
+from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit, needed
+from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.graph import NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
-MOST_OPERATIONS = 100_000  # tracing, lowering and generating them takes some ten seconds
+MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
+IN_LOOPS = 5_000  # operations from which equal ones are written as loops: a fifth of the time to generate, as fast to run
 FLOAT = np.dtype(np.float64)
 
 
@@ -81,8 +85,9 @@ def native(
 
     def make() -> Native | NotNative:
         try:  # the graph of the last function is remembered, for its other stage
-            whole = _last.find(key, lambda: lower(flat.name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
-            return _compiled(flat.name, staged(whole, stage, rows), compact)
+            with _uncollected():
+                whole = _last.find(key, lambda: lower(flat.name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
+                return _compiled(flat.name, staged(whole, stage, rows), compact)
         except NotNative as error:
             return error
 
@@ -92,13 +97,27 @@ def native(
     return replace(found, parameters=parameters)
 
 
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """A graph is a million tuples without a cycle: looking for cycles again and again took half the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     """Machine code, without the values of its parameters."""
     number = lowered.graph.number
     varying = np.flatnonzero([node not in number for node in lowered.outputs])
     constants = np.array([number.get(node, 0.0) for node in lowered.outputs], dtype=np.float64)
     outputs = [lowered.outputs[i] for i in varying.tolist()] if compact else lowered.outputs
-    emitted = emit(lowered.graph, outputs, lowered.arguments)
+    what = lowered.graph, outputs, lowered.arguments
+    counts = needed(lowered.graph, outputs)
+    emitted = emit(*what) if sum(map(bool, counts)) <= IN_LOOPS else emit_loops(*what, counts)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))

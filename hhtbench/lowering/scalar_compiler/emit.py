@@ -16,6 +16,7 @@ ENTRY, CALL = "hhtbench_f", "hhtbench_call"
 READ = "ptr noalias readonly captures(none)"
 WRITTEN = "ptr noalias writeonly captures(none)"
 MEMORY = {"parameter": "%p", "argument": "%a{}", "entry": "%x{}"}  # where numbers are read from
+CALLS = "solve", "foreign"  # operations with many results
 
 
 class Emitted(NamedTuple):
@@ -44,17 +45,32 @@ def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
                 stack.extend((operand, False) for operand in reversed(needs(graph, node)) if operand not in seen)
 
 
+EVERY = slice(None)
+NODES = dict.fromkeys(("constant", "parameter", "argument"), slice(0)) | {"entry": slice(1)}  # of others: every operand
+NODES |= dict.fromkeys(CALLS, slice(2, None))
+
+
+def needed(graph: Graph, outputs: list[int]) -> list[int]:
+    """For every node how many others, or places of the result, need its value; operands are older than who needs them."""
+    counts, operation, operands = [0] * len(graph.operation), graph.operation, graph.operands
+    for node in outputs:
+        if node not in graph.number:
+            counts[node] += 1
+    for node in range(len(counts) - 1, -1, -1):
+        if counts[node]:
+            for operand in operands[node][NODES.get(operation[node], EVERY)]:
+                counts[operand] += 1
+    return counts
+
+
 def needs(graph: Graph, node: int) -> tuple[int, ...]:
     """The operands that are nodes."""
-    operation, operands = graph.operation[node], graph.operands[node]
-    if operation in ("constant", "parameter", "argument"):
-        return ()
-    return {"entry": operands[:1], "solve": operands[2:], "foreign": operands[2:]}.get(operation, operands)
+    return graph.operands[node][NODES.get(graph.operation[node], EVERY)]
 
 
 def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
     """A function ``void f(out, parameters, a0, ...)`` that stores ``outputs`` in order, and one of all pointers in a row."""
-    writer = _Writer(graph)
+    writer = Writer(graph)
     places: dict[int, list[int]] = {}
     for place, node in enumerate(outputs):
         if node not in graph.number:
@@ -65,13 +81,18 @@ def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
         writer.node(node)
         for place in places.get(node, ()):
             writer.store("%out", place, node)
-    read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
-    body = [f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind {{", *writer.scratch, *writer.lines, "  ret void", "}"]
-    text = "\n".join([writer.table, *body, _wrapper(arguments), *sorted(writer.declarations)])
+    body = [f"{head(arguments)} {{", *writer.scratch, *writer.lines, "  ret void", "}"]
+    text = "\n".join([writer.table, *body, wrapper(arguments), *sorted(writer.declarations)])
     return Emitted(text, "\n".join(writer.helpers[key] for key in sorted(writer.helpers)), writer.operations)
 
 
-def _wrapper(arguments: int) -> str:
+def head(arguments: int) -> str:
+    """Of the function's definition."""
+    read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
+    return f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind"
+
+
+def wrapper(arguments: int) -> str:
     """The function behind one pointer to all pointers: one argument is the cheapest call from Python."""
     lines = [f"define void @{CALL}(ptr readonly captures(none) %block) nounwind {{"]
     for i in range(arguments + 2):
@@ -81,7 +102,7 @@ def _wrapper(arguments: int) -> str:
     return "\n".join([*lines, f"  call void @{ENTRY}({passed})", "  ret void", "}"])
 
 
-class _Writer:
+class Writer:
     """Lines of one function body."""
 
     def __init__(self, graph: Graph) -> None:
@@ -92,6 +113,7 @@ class _Writer:
         self.declarations: set[str] = set()
         self.helpers: dict[str, str] = {}
         self.operations = 0
+        self.calls = 0  #: back into Python
 
     def name(self, node: int) -> str:
         """How a node is written as an operand."""
@@ -146,21 +168,30 @@ class _Writer:
             self.store(base, place, entry)
 
     def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
-        """Arguments to the stack, then the call by the address in ``%p``; NaN is left where it does not write its result."""
+        """Arguments to the stack, then the call."""
         self.operations += 2 * size
         self.room(f"%m{node}", len(entries), entries)
         self.room(f"%x{node}", size)
+        self.callback(f"%m{node}", f"%x{node}", parameter, size)
+
+    def callback(self, arguments: str, result: str, parameter: int, size: int) -> None:
+        """A call by the address in ``%p``; NaN is left where it does not write its result."""
         self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
+        self.calls += 1
         self.lines += [
-            f"  call void @llvm.memset.p0.i64(ptr %x{node}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
-            f"  %c{node}.at = getelementptr ptr, ptr %p, i64 {parameter}",
-            f"  %c{node} = load ptr, ptr %c{node}.at, align 8",
-            f"  call void %c{node}(ptr %m{node}, ptr %x{node})",
+            f"  call void @llvm.memset.p0.i64(ptr {result}, i8 -1, i64 {8 * size}, i1 false)",  # NaN
+            f"  %c{self.calls}.at = getelementptr ptr, ptr %p, i64 {parameter}",
+            f"  %c{self.calls} = load ptr, ptr %c{self.calls}.at, align 8",
+            f"  call void %c{self.calls}(ptr {arguments}, ptr {result})",
         ]
 
     def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
-        """Matrix and right-hand sides to the stack, then the helper, which leaves the solution in place of the latter."""
+        """Matrix and right-hand sides to the stack, then the call."""
+        self.room(f"%x{node}", len(entries), entries)
+        self.solver(f"%x{node}", n, k)
+
+    def solver(self, block: str, n: int, k: int) -> None:
+        """The helper, which leaves the solution in place of the right-hand sides."""
         self.helpers[f"{n} {k}"] = helper(n, k)
         self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr)")
-        self.room(f"%x{node}", len(entries), entries)
-        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr %x{node})")
+        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr {block})")

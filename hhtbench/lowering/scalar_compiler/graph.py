@@ -89,12 +89,12 @@ class Graph:
     def add(self, x: int, y: int) -> int:
         """x + y."""
         number = self.number
-        if x in number and y in number:
-            return self.constant(number[x] + number[y])
         if number.get(x) == 0.0:
             return y
         if number.get(y) == 0.0:
             return x
+        if x in number and y in number:
+            return self.constant(number[x] + number[y])
         if self.operation[y] == "neg":
             return self.sub(x, self.operands[y][0])
         if self.operation[x] == "neg":

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -18,7 +18,7 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
-from hhtbench.lowering.scalar_compiler.emit import needs, ordered
+from hhtbench.lowering.scalar_compiler.emit import needed, needs
 from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
@@ -38,6 +38,24 @@ class Lowered:
     outputs: list[int]  #: one node for every entry of the result, row by row
     shape: tuple[int, ...]  #: of the result
     arguments: int  #: how many arrays it takes
+
+    @cached_property
+    def kept(self) -> list[int]:
+        """Numbers that the late stage needs of the early one."""
+        graph, last = self.graph, self.arguments - 1
+        late, wanted = bytearray(len(graph.operation)), dict[int, None]()
+        for node in np.flatnonzero(needed(graph, self.outputs)).tolist():
+            operands = needs(graph, node)
+            for operand in operands:
+                if late[operand]:
+                    late[node] = 1
+                    wanted.update(dict.fromkeys(operands))
+                    break
+            else:
+                late[node] = graph.operation[node] == "argument" and graph.operands[node][0] != last
+        wanted.update(dict.fromkeys(self.outputs))
+        costly = (node for node in wanted if not late[node] and graph.operation[node] not in CHEAP)
+        return [node for node in costly if not graph.is_bool(node)]  # which have no place in an array of numbers
 
 
 def pattern_of(parameters: np.ndarray) -> np.ndarray:
@@ -93,7 +111,7 @@ def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) ->
     """
     if stage == "whole":
         return lowered
-    kept = _kept(lowered, lowered.arguments - 1)
+    kept = lowered.kept
     if stage == "early":
         return replace(lowered, outputs=kept, shape=(len(kept),))
     graph = copy.copy(lowered.graph)
@@ -102,17 +120,3 @@ def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) ->
         graph.operation[node], graph.operands[node] = "argument", (lowered.arguments, place)
     late = replace(lowered, graph=graph, arguments=lowered.arguments + 1)
     return late if rows is None else replace(late, outputs=late.outputs[slice(*rows)], shape=(rows[1] - rows[0],))
-
-
-def _kept(lowered: Lowered, last: int) -> list[int]:
-    """Numbers that the late stage needs of the early one."""
-    graph, late, wanted = lowered.graph, set[int](), dict[int, None]()
-    for node in ordered(graph, lowered.outputs):
-        varies = graph.operation[node] == "argument" and graph.operands[node][0] != last
-        if varies or any(operand in late for operand in needs(graph, node)):
-            late.add(node)
-    for node in sorted(late):
-        wanted.update(dict.fromkeys(needs(graph, node)))
-    wanted.update(dict.fromkeys(lowered.outputs))
-    costly = (node for node in wanted if node not in late and graph.operation[node] not in CHEAP)
-    return [node for node in costly if not graph.is_bool(node)]  # which have no place in an array of numbers

@@ -62,6 +62,11 @@ def _split(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     return made(equation, *np.split(ctx.lift(x).ids, np.cumsum(p["sizes"])[:-1], p["axis"]))
 
 
+@rule("unstack")
+def _unstack(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
+    return made(equation, *np.moveaxis(ctx.lift(x).ids, equation.params["axis"], 0))
+
+
 @rule("iota")
 def _iota(ctx: Interpreter, equation: Any) -> list[Value]:
     return [np.indices(equation.params["shape"])[equation.params["dimension"]]]

@@ -10,9 +10,16 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering import Dynamics
+from hhtbench.lowering.compile.coloured import Pattern, by_pattern
 from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
+from solvers.hht.equations.discretise import (
+    stages,
+    step_residual,
+    step_residual_and_ends,
+    step_residual_and_matrix,
+    unpack_matrix,
+)
 from solvers.hht.equations.formulas import force_at_end
 from solvers.hht.equations.known import Layout, known_values, start_of
 
@@ -42,6 +49,12 @@ def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
     """``residual`` (size,) with zeros in the rows of forces and reactions, as (H35) takes it."""
     rows = layout.split(residual)
     return xp.concatenate([rows[name] if name in CONSTRAINED else xp.zeros(size) for name, size in layout.unknowns.items()])
+
+
+def residual_and_entries(dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, given: Any) -> Any:
+    """The residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
+    packed = by_pattern(dynamics, pattern, step_residual_and_ends, (method, layout), x, given)
+    return dynamics.xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:

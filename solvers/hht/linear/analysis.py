@@ -160,11 +160,12 @@ def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> An
     return chosen(entries, linsolver, measured=False)
 
 
-def of_pattern(pattern: Pattern, size: int, linsolver: str) -> Analysis:
-    """For the entries of a sparse derivative, which come after the residual."""
+def of_pattern(pattern: Pattern, size: int, linsolver: str, matrix: Native | None = None) -> Analysis:
+    """For the entries of a sparse derivative, which come after the residual; ``matrix``: machine code of what varies."""
     rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
     total = size + rows.size
-    entries = Analysis(size, rows, columns, pattern.shape[0] - size, np.arange(total), np.zeros(total))
+    slots, constants = (np.arange(total), np.zeros(total)) if matrix is None else (matrix.varying, matrix.constants)
+    entries = Analysis(size, rows, columns, pattern.shape[0] - size, slots, constants)
     return chosen(entries, linsolver, measured=True)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.compile.coloured import Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
@@ -27,6 +27,7 @@ from solvers.hht.equations.corrections import (
     fresh_correction,
     lagged_correction_and_end,
     residual_and_end,
+    residual_and_entries,
     state_after,
     state_size,
 )
@@ -36,11 +37,13 @@ from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_e
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes
+from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
-LARGEST = 200  # unknowns of a step up to which machine code without loops pays
-MATRIX_COST = 3.0, 6.0  # iterations that a new matrix costs: chains of 100 links, and of 1,000 and more
-MANY = 100_000  # entries computed for it from which it is the latter: they do not fit into the nearer memories
+LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
+MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
+SPARSE = NewtonOptions(matrix_cost=4.0, max_iterations=25)  # a matrix costs chains of 100 links and more four iterations
+FULL = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -142,10 +145,8 @@ class MachineCode(Functions):
         super().__init__(dynamics, method, layout)
         static, size = (self.method, layout), layout.size
         options: dict[str, Any] = {"shapes": ((size,), self.given)}
-        early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
-        matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
         self.alone = self.callbacks is None
-        self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
+        early_matrix, matrix = self._matrix(linsolver, options)
         function: Any = residual_and_end
         heads = size, 2 * size
         if self.analysis.kind == "inverse":  # corrections in the place of residual and matrix
@@ -161,7 +162,8 @@ class MachineCode(Functions):
         end = heads[1] + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)
         s = layout.structure
-        self._sizes |= {"early": early.size, "early_matrix": early_matrix.size, "level": s.n + s.m + s.p}
+        self._sizes |= {"early": early.size, "early_matrix": early_matrix.size}
+        self._sizes["level"] = s.n + s.m + s.p if self._starts_alone() else 0
         self._codes = {
             "residual": native(function, dynamics, *static, *more, stage="late", rows=(0, heads[0]), **options),
             "constraints": native(function, dynamics, *static, *more, stage="late", rows=heads, **options),
@@ -171,6 +173,14 @@ class MachineCode(Functions):
             "early_matrix": early_matrix,
             **inverse_mass,
         }
+
+    def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
+        """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""
+        function, static = step_residual_and_matrix, (self.method, self.layout)
+        early = native(function, self.dynamics, *static, stage="early", **options)
+        late = native(function, self.dynamics, *static, compact=True, stage="late", **options)
+        self.analysis = of_code(late, self.layout.size, self.layout.structure.n, linsolver, SMALLEST)
+        return early, late
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Native:
         """Machine code."""
@@ -183,7 +193,7 @@ class MachineCode(Functions):
 
     @cached_property
     def _of_level(self) -> dict[str, Native]:
-        if not self.alone or too_large(self.dynamics) is not None:
+        if not self._starts_alone():
             return {}
         s = self.layout.structure
         place = (), (s.n,), (s.n,)
@@ -192,16 +202,48 @@ class MachineCode(Functions):
             if s.constrained:
                 codes["start_levels"] = self.made(level_terms, 0, place)
             if s.constrained or s.mass == "variable":
-                codes["kkt"] = self.kkt
+                codes["kkt"] = self.made(kkt_terms, 0, (*place, (s.n + s.m + s.p,)))
         except NotNative:
             return {}
         return codes
 
+    def _starts_alone(self) -> bool:
+        """Whether the start and guesses are machine code too: of full matrices, with no function in Python."""
+        return self.alone and too_large(self.dynamics) is None
+
     @cached_property
-    def kkt(self) -> Native:
-        """Residual and matrix of the acceleration level."""
-        s = self.layout.structure
-        return self.made(kkt_terms, 0, ((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
+    def kkt(self) -> tuple[Native, Analysis]:
+        """For the multipliers of rows, where the start is not machine code."""
+        return kkt_code(self.dynamics)
+
+
+class SparseCode(MachineCode):
+    """Machine code of a large system, without a full matrix."""
+
+    def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
+        products = matrix_free(dynamics)
+        if products is None:
+            raise NotNative(f"more than {LARGEST} unknowns, and {FULL}")
+        super().__init__(products, method, layout, linsolver)
+
+    def _starts_alone(self) -> bool:
+        return False
+
+    def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
+        """From directional derivatives, one for each colour of the columns."""
+        static, example = (self.method, self.layout), tuple(map(np.zeros, options["shapes"]))
+        try:
+            pattern = find_pattern(step_residual_and_ends, self.dynamics, *static, example=example)
+        except NotImplementedError as error:
+            raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
+        if pattern.colours * pattern.shape[0] > MOST_COMPUTED:
+            raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
+        early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
+        late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
+        self.analysis = of_pattern(pattern, self.layout.size, linsolver, late)
+        if self.analysis.kind != "dense":
+            self.newton = SPARSE
+        return early, late
 
 
 class PythonFunctions(Functions):
@@ -237,7 +279,7 @@ class PythonFunctions(Functions):
         reason = f"below {SMALL} unknowns"
         products = None if small else matrix_free(self.dynamics)
         if not small:
-            reason = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
+            reason = FULL
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
@@ -247,8 +289,7 @@ class PythonFunctions(Functions):
             else:
                 self.analysis = of_pattern(coloured.pattern, size, linsolver)
                 if self.analysis.kind != "dense":
-                    computed = coloured.pattern.colours * coloured.pattern.shape[0]
-                    self.newton = NewtonOptions(matrix_cost=MATRIX_COST[computed > MANY], max_iterations=25)
+                    self.newton = SPARSE
                     return products, lambda x, given: np.delete(coloured.packed(x, given), np.s_[size : size + 2 * n])
                 reason = self.analysis.reason
         self.analysis = full(size, n, linsolver, reason)
@@ -263,12 +304,11 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
-    if layout.size <= LARGEST:
-        try:
-            return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
-        except NotNative:
-            pass
-    return PythonFunctions(dynamics, method, layout, linsolver)
+    code = MachineCode if layout.size <= LARGEST else SparseCode
+    try:
+        return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
+    except NotNative:
+        return PythonFunctions(dynamics, method, layout, linsolver)
 
 
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:

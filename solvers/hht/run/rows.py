@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from hhtbench.arguments import Matrix, Vector
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import MachineCode
+from solvers.hht.run.recover import recover_entries, row_memory
 from solvers.hht.step.acceleration import recover
 
 FEW = 20  # rows below which their multipliers are found one by one, where no code is there for them
@@ -21,23 +23,36 @@ SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are lo
 def recovered(engine: Engine, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
     """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
     done = np.zeros(times.size, dtype=bool)
-    if engine.plain or not isinstance(engine.functions, MachineCode):
+    packed = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+    recover_block = _by_blocks(engine, packed, done)
+    if recover_block is None:
         return done
-    loops, clock, packed = engine.loops, engine.work.clock, np.concatenate([times[:, None], q, v, lam, mu], axis=1)
-    for_rows_only = not loops.z.i[mem.C_KKT]
-    if for_rows_only and times.size < FEW:
-        return done
-    if for_rows_only:
-        loops.z.i[mem.C_KKT : mem.C_KKT + 2] = engine.functions.kkt.pair
-    first, block = 0, FIRST if engine.points else FEW
+    loops, clock, first, block = engine.loops, engine.work.clock, 0, FIRST if engine.points else FEW
     while first < times.size and clock.left() >= 0.0 and loops.callbacks.cause is None:
-        block_of, began = slice(first, first + block), time.perf_counter()
-        loops.call_noting(recover, packed[block_of], done[block_of])
+        began = time.perf_counter()
+        recover_block(slice(first, first + block))
         first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
-    if for_rows_only:
-        loops.z.i[mem.C_KKT] = 0  # the loops go on as before
     found, m = packed[:, 1 + 2 * engine.structure.n :], engine.structure.m
     which = slice(None) if done.all() else done
     lam[which], mu[which] = found[which, :m], found[which, m:]
     loops.raise_noted()
     return done
+
+
+def _by_blocks(engine: Engine, packed: Matrix, done: Any) -> Callable[[slice], Any] | None:
+    """What recovers a block of rows: the loops' own acceleration level, or code for many rows; None: there is none."""
+    functions, loops, s = engine.functions, engine.loops, engine.structure
+    if engine.plain or not isinstance(functions, MachineCode):
+        return None
+    if loops.z.i[mem.C_KKT]:
+        return lambda block: loops.call_noting(recover, packed[block], done[block])
+    if len(packed) < FEW or functions.kkt[1].kind == "sparse":  # Python would factorise
+        return None
+    z, places = row_memory(*functions.kkt, s, calls_python=not engine.points)
+
+    def recover_block(block: slice) -> None:
+        with loops.callbacks:
+            recover_entries(z, s.linear_reaction, places, packed[block], done[block])
+        engine.work.add("residual_evaluations", engine.points * int(done[block].sum()))
+
+    return recover_block

@@ -1,0 +1,122 @@
+"""Systems beyond the size of full matrices: machine code in loops without a full matrix, and which have none."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench import System, load_problem
+from hhtbench.lowering import NotNative, derive, native
+from hhtbench.lowering.compile.coloured import find_pattern
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
+from hhtbench.lowering.flattening import flat_function, jitted
+from hhtbench.lowering.scalar_compiler import native_call
+from solvers.hht import HHT
+from solvers.hht.equations.coefficients import Coefficients, Method
+from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
+from solvers.hht.equations.discretise import step_residual_and_ends
+from solvers.hht.loops import memory as mem
+from solvers.hht.run import functions
+from solvers.hht.run.functions import LARGEST, SparseCode, layout_of
+
+ROUNDOFF = 1e-13  # of the largest
+CHAIN = "planar_chain(n_links=40)"
+LARGE = (
+    *(CHAIN, "bead_chain(n_beads=45)", "four_bars(n_windows=20)", "fekete(n_points=42)"),
+    *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)"),
+)
+METHODS = {
+    "eliminated": Method(coefficients=Coefficients(alpha=-0.2, b=0.0)),
+    "explicit": Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="predictor"),
+    "unknown": Method(coefficients=Coefficients(alpha=-0.2, b=0.25)),
+}
+
+
+def dynamics_of(problem):
+    return derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
+
+
+def arguments_of(problem, layout):
+    """Unknowns, and the step with the state before it as the loops keep them."""
+    s, draw, h = layout.structure, np.random.default_rng(0), 0.01
+    head = [h, h, 0.7, 1.0, 0.0, 0.0, h, 1.0, 1.0, 0.0, -1.0]
+    place = problem.q0 + 1e-3 * draw.normal(size=s.n), problem.v0 + 1e-3 * draw.normal(size=s.n)
+    return draw.normal(size=layout.size), np.concatenate([head, *place, draw.normal(size=3 * s.n + s.m + s.p)])
+
+
+@pytest.mark.parametrize("reaction", METHODS)
+@pytest.mark.parametrize("name", LARGE)
+def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
+    problem, method = load_problem(name), METHODS[reaction]
+    products = matrix_free(dynamics_of(problem))
+    layout = layout_of(products, method)
+    arguments = arguments_of(problem, layout)
+    assert layout.size > LARGEST
+    pattern = find_pattern(step_residual_and_ends, products, method, layout, example=arguments)
+    for function, more in ((residual_and_end, ()), (residual_and_entries, (pattern,))):
+        shapes = tuple(np.shape(argument) for argument in arguments)
+        value = native_call(native(function, products, method, layout, *more, shapes=shapes), shapes)(*arguments)
+        flat = flat_function(function, products, method, layout, *more)
+        expected = np.asarray(jitted(flat)(flat.parameters, *arguments))
+        np.testing.assert_allclose(value, expected, rtol=0.0, atol=ROUNDOFF * np.abs(expected).max())
+
+
+def stepped(count=5, engine="compiled"):
+    problem = load_problem(CHAIN)
+    hht = HHT(problem.system, engine=engine)
+    hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=1e-4)
+    for _ in range(count):
+        assert hht.step().name == "success"
+    return hht
+
+
+def test_steps_of_a_large_chain_call_nothing_in_python(monkeypatch):
+    calls, entry = [], Callbacks.entry
+
+    def counted(self, function, *how):
+        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
+
+    monkeypatch.setattr(Callbacks, "entry", counted)
+    hht = stepped()
+    assert "machine code, band matrix" in hht.engine_used
+    assert not hht._engine.loops.z.i[mem.CALLS_PYTHON]
+    assert calls == []
+
+
+def test_a_large_chain_moves_the_same_in_plain_loops():
+    compiled, plain = stepped(), stepped(engine="python")
+    np.testing.assert_array_equal(compiled.state.q, plain.state.q)
+    np.testing.assert_array_equal(compiled.state.v, plain.state.v)
+
+
+def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(monkeypatch):
+    problem = load_problem(CHAIN)
+    hht, span = HHT(problem.system), (0.0, 30 * 1e-4)
+    many = hht.solve(span, problem.q0, problem.v0, step=1e-4)
+    monkeypatch.setattr("solvers.hht.run.rows.FEW", 1000)
+    one_by_one = hht.solve(span, problem.q0, problem.v0, step=1e-4)
+    np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())
+
+
+class Sorted(System):
+    """Springs between neighbours in the order of their places: no rule knows sorting."""
+
+    def force(self, t, q, v):
+        return -jnp.sort(q)
+
+
+def refusal(system, n, v=0.0):
+    place = np.linspace(0.0, 1.0, n), np.full(n, v)
+    dynamics, method = derive(system, 0.0, *place), METHODS["eliminated"]
+    with pytest.raises(NotNative) as refused:
+        SparseCode(dynamics, method, layout_of(dynamics, method), "auto")
+    return refused.value.reason
+
+
+def test_what_has_no_machine_code_says_why(monkeypatch):
+    bar = load_problem("clamped_bar_impact(n_elements=250)")
+    assert "a mass that is no diagonal" in refusal(bar.system, bar.q0.size)
+    assert "sort" in refusal(Sorted(), 250)
+    monkeypatch.setattr(functions, "MOST_COMPUTED", 10)
+    chain = load_problem("fput_chain(n_masses=250)")
+    assert "derivatives of" in refusal(chain.system, chain.q0.size)
