@@ -12,9 +12,9 @@ from typing import Any
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.discretise import stages, step_residual, step_residual_and_matrix, unpack_matrix
-from solvers.hht.equations.formulas import force_at_end
-from solvers.hht.equations.known import Layout, known_values, start_of
+from solvers.hht.equations.discretise import unpack_matrix
+from solvers.hht.equations.known import Layout
+from solvers.hht.equations.methods import equations_of
 
 SMALL = 12  #: unknowns up to which that is so
 
@@ -25,23 +25,20 @@ def state_size(layout: Layout) -> int:
     return (7 if s.m else 5) * s.n + s.m + s.p
 
 
+def residual_of(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """The residual of the method's equations alone, (size,)."""
+    return equations_of(method).residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
+
+
 def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`~solvers.hht.equations.discretise.step_residual` (size,), then :func:`state_after`."""
-    residual = step_residual(dynamics, method, layout, x, given)
+    """:func:`residual_of` (size,), then :func:`state_after`."""
+    residual = residual_of(dynamics, method, layout, x, given)
     return dynamics.xp.concatenate([residual, state_after(dynamics, method, layout, x, given)])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
-    known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
-    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
-    a = unknown["a"]
-    parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
-    parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
-    parts.append((place.v1 - before["v"]) / known["h"])
-    if layout.structure.m:
-        parts += [place.start_reaction, place.end_reaction]
-    return dynamics.xp.concatenate(parts)
+    return equations_of(method).state_after(dynamics, method, layout, x, given)
 
 
 def fresh_correction(
@@ -57,7 +54,7 @@ def fresh_correction(
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
-    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, method, layout, x, given))
+    residual, blocks = unpack_matrix(layout, equations_of(method).residual_and_matrix(dynamics, method, layout, x, given))
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
@@ -69,7 +66,7 @@ def lagged_correction_and_end(
 ) -> Any:
     """A correction with the matrix of an earlier :func:`fresh_correction`, :func:`_sized`, then :func:`state_after`."""
     xp, size = dynamics.xp, layout.size
-    residual = step_residual(dynamics, method, layout, x, given)
+    residual = residual_of(dynamics, method, layout, x, given)
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(own)
     sized = _sized(dynamics, layout, inverted.reshape(size, size).T, residual, flat.reshape(-1, size))
     return xp.concatenate([sized, state_after(dynamics, method, layout, x, given)])

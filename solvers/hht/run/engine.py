@@ -120,6 +120,14 @@ class Engine:
             explain_nonfinite(self.dynamics, t, q, v)
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
 
+    def near(self, t: float, q: Vector, v: Vector, found: Any) -> Vector:
+        """What ``a`` (n,) is near there: f, or v' where it holds the reactions; multipliers are near those ``found``."""
+        if not self.method.coefficients.total or not self.structure.constrained:
+            return self.force(t, q, v)[0]
+        self.work.add("residual_evaluations", self.points)
+        there = self.acceleration.solve(t, q, v, found.lam, found.mu)
+        return there.vdot if there.converged else found.vdot
+
     def with_multipliers(self, state: State) -> State:
         """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
         if not self.structure.constrained:
@@ -169,6 +177,8 @@ class Engine:
         state = self.loops.start(np.concatenate([[t], q, v, lam, mu]))
         if state is not None:
             work.add("residual_evaluations", count)
+        if state is not None and self.method.coefficients.total:
+            return replace(state, a=state.vdot, f=state.vdot)
         return state
 
     def prepared(self, state: State, plan: ByError, stop: float) -> State:

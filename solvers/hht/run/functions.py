@@ -26,12 +26,13 @@ from solvers.hht.equations.corrections import (
     fresh_correction,
     lagged_correction_and_end,
     residual_and_end,
+    residual_of,
     state_after,
     state_size,
 )
-from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
+from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes
@@ -141,8 +142,9 @@ class MachineCode(Functions):
         super().__init__(dynamics, method, layout)
         static, size = (self.method, layout), layout.size
         options: dict[str, Any] = {"shapes": ((size,), self.given)}
-        early_matrix = native(step_residual_and_matrix, dynamics, *static, stage="early", **options)
-        matrix = native(step_residual_and_matrix, dynamics, *static, compact=True, stage="late", **options)
+        with_matrix = equations_of(method).residual_and_matrix
+        early_matrix = native(with_matrix, dynamics, *static, stage="early", **options)
+        matrix = native(with_matrix, dynamics, *static, compact=True, stage="late", **options)
         self.alone = self.callbacks is None
         self.analysis = of_code(matrix, size, layout.structure.n, linsolver, SMALLEST)
         function: Any = residual_and_end
@@ -212,10 +214,10 @@ class PythonFunctions(Functions):
         static, size, n = (self.method, layout), layout.size, layout.structure.n
         self._source, entries = self._sparse(linsolver)
         if entries is None:
-            entries = compile_function(step_residual_and_matrix, dynamics, *static)
+            entries = compile_function(equations_of(method).residual_and_matrix, dynamics, *static)
         shapes = (size,), self.given, None
         self._codes = {
-            "residual": self.made(step_residual, size, shapes, *static),
+            "residual": self.made(residual_of, size, shapes, *static),
             "matrix": (entries, self.analysis.slots.size, shapes),
             "end": self.made(state_after, state_size(layout), shapes, *static),
         }
@@ -238,7 +240,7 @@ class PythonFunctions(Functions):
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
-                coloured = Coloured(step_residual_and_ends, products, *static, example=example)
+                coloured = Coloured(equations_of(self.method).residual_and_ends, products, *static, example=example)
             except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
                 reason = f"the pattern of its derivatives cannot be read: {error}"
             else:
@@ -279,9 +281,7 @@ def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
-    moving = method.reaction in ("implicit", "midpoint")
-    unknown = moving and (method.coefficients.b != 0.0 or dynamics.structure.mass == "variable")
-    return Layout(dynamics.structure, moving, unknown)
+    return equations_of(method).layout(dynamics.structure, method)
 
 
 def _pair(code: Code, callbacks: Callbacks) -> Pair:

@@ -164,16 +164,17 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
             return found
     f0, inverse = engine.force(t, q, v)
     vdot = f0 if found is None else found.vdot
-    a0 = f0
+    near = vdot if engine.method.coefficients.total else f0  # what a0 is near, and adapted around by (H11)
+    a0 = near
     if engine.method.start == "shifted":
         shift = engine.method.coefficients.alpha * h
-        a0 = engine.force(t + shift, q + shift * v, v + shift * vdot)[0]  # (H12)
+        a0 = engine.near(t + shift, q + shift * v, v + shift * vdot, found)  # (H12), (H41)
     return State(
         t=t,
         q=q,
         v=v,
         a=a0,
-        f=f0,
+        f=near,
         lam=NOTHING if found is None else found.lam,
         mu=NOTHING if found is None else found.mu,
         vdot=vdot,
