@@ -76,7 +76,8 @@ class GeneralisedAlphaOptions(Options):
     form
         "ggl": both constraint levels, of second order on variable steps; "index3": positions only, for constant steps.
     start
-        Auxiliary acceleration of the first step: "shifted", as the method needs it, (H41); or "f0", v' at the start.
+        Auxiliary acceleration of the first step: "shifted", as the method needs it, (H41); or "f0", v' at the start.  With
+        "corrected" index 3 gets the v0 too that its first multipliers need, (H44): that of the first row is then this one.
     rescale_a
         Adapt the auxiliary acceleration when the step changes.
     """
@@ -90,7 +91,10 @@ class GeneralisedAlphaOptions(Options):
 
     def choices(self) -> dict[str, tuple[str, ...]]:
         """With those of the method."""
-        return super().choices() | {"form": FORMS, "start": ("shifted", "f0")}
+        return super().choices() | {
+            "form": FORMS,
+            "start": ("shifted", "f0", *(("corrected",) if self.form == "index3" else ())),
+        }
 
     @cached_property
     def coefficients(self) -> GeneralisedAlpha:

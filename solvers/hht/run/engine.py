@@ -31,6 +31,7 @@ from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
+SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere
 
 
 class Engine:
@@ -63,7 +64,7 @@ class Engine:
         self._force = work.counted(self.bare_force, residuals=self.points)
         self.acceleration = of_dynamics(dynamics).acceleration
         self._fallback, self.plain = fallback, plain
-        self._starts_alone = bool(functions.level_codes()) and method.start != "shifted" and plain_mass(dynamics)
+        self._starts_alone = bool(functions.level_codes()) and method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
