@@ -29,7 +29,7 @@ def test_q_v_and_multipliers_are_of_order_two_with_constant_steps(method):
 
 @pytest.mark.parametrize(("method", "order"), [("ggl", 2.0), ("index3", 2.0), ("hht_i3", 1.0), ("rattle", 2.0)])
 def test_only_hht_i3_falls_to_order_one_where_the_mass_varies(method, order):
-    """It weighs M a at one end against forces at both (Jay and Negrut 2007 say so of a mass that is not constant)."""
+    """Expanding (H42): with M' its a1 is off by alpha h M^-1 M' v'."""
     found = rivals.orders(TOP, method)
     assert found["q"] == pytest.approx(order, abs=0.1)
     assert found["v"] == pytest.approx(order, abs=0.1)

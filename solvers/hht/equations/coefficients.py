@@ -48,7 +48,7 @@ class Coefficients:
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """One member of the family, complete."""
+    """One member of the family, or one method of the field, complete."""
 
     coefficients: Any  #: :class:`Coefficients`, or those of other equations with alpha, beta, gamma, b and total
     equations: str = "hht"  #: one of :data:`~solvers.hht.equations.methods.EQUATIONS`

@@ -62,17 +62,13 @@ def layout(structure: Structure, method: Method) -> Layout:
     return Layout(structure, moving, unknown)
 
 
-def step_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
-
-    Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
-    velocity rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
-    """
-    return step_residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
-
-
 def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14).
+
+    The residual is the imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13).  Force
+    rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the velocity
+    rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
+    """
     unknown, known = layout.split(x), known_values(dynamics, method, layout, given)
     place = stages(dynamics, layout, unknown, known)
     return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from hhtbench.lowering import Dynamics
-from solvers.hht.equations.newmark import Terms
+from solvers.hht.equations.newmark import Newmark, Terms
 
 FORMS = ("ggl", "index3")
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeneralisedAlpha:
+class GeneralisedAlpha(Newmark):
     """The weights that damp vibrations of infinite frequency by ``rho_inf`` in [0, 1] and low ones least, (H39)."""
 
     rho_inf: float
     form: str  #: "ggl": stabilised, with both constraint levels; "index3": with positions only
-
-    b: ClassVar[float] = 0.0
-    total: ClassVar[bool] = True
 
     @property
     def alpha_m(self) -> float:
@@ -33,19 +30,9 @@ class GeneralisedAlpha:
         return self.rho_inf / (self.rho_inf + 1.0)
 
     @property
-    def alpha(self) -> float:
+    def alpha(self) -> float:  # type: ignore[override]
         """Where in the next step ``a`` belongs: a is near v'(t + alpha h), (H41)."""
         return self.alpha_m - self.alpha_f
-
-    @property
-    def beta(self) -> float:
-        """Weight of the end acceleration in the position, (H39)."""
-        return 0.25 * (1.0 - self.alpha) ** 2
-
-    @property
-    def gamma(self) -> float:
-        """Weight of the end acceleration in the velocity, (H39)."""
-        return 0.5 - self.alpha
 
     def multipliers(self) -> tuple[str, ...]:
         """``eta`` of the stabilised form vanishes in the exact solution, (H40)."""

@@ -4,30 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from hhtbench.lowering import Dynamics
-from solvers.hht.equations.newmark import Terms
+from solvers.hht.equations.newmark import Newmark, Terms
 
 
 @dataclass(frozen=True, kw_only=True)
-class HHTI3:
+class HHTI3(Newmark):
     """The weights of HHT-alpha, ``alpha`` in [-1/3, 0], (H3), with the reactions among the forces."""
 
     alpha: float
-
-    b: ClassVar[float] = 0.0
-    total: ClassVar[bool] = True
-
-    @property
-    def beta(self) -> float:
-        """Weight of the end acceleration in the position, (H3)."""
-        return 0.25 * (1.0 - self.alpha) ** 2
-
-    @property
-    def gamma(self) -> float:
-        """Weight of the end acceleration in the velocity, (H3)."""
-        return 0.5 - self.alpha
 
     def multipliers(self) -> tuple[str, ...]:
         """Those of the reactions: positions alone are held, (H38)."""

@@ -7,7 +7,7 @@ Backend-neutral and of the same signatures as :mod:`~solvers.hht.equations.discr
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure
@@ -31,14 +31,30 @@ class Terms(NamedTuple):
     earlier: Any = None  #: (n,) those before it, weighted; None: they do not count
 
 
-class Newmark(Protocol):
-    """What a method's coefficients are besides its ``alpha``, ``beta``, ``gamma``."""
+class Newmark:
+    """What the weights of such a method have in common; ``alpha`` says where ``a`` belongs, near v'(t + alpha h)."""
+
+    alpha: float
+    b: ClassVar[float] = 0.0  #: weight of the end reaction in the position
+    total: ClassVar[bool] = True  #: a holds the reactions
+
+    @property
+    def beta(self) -> float:
+        """Weight of the end acceleration in the position, (H3), (H39)."""
+        return 0.25 * (1.0 - self.alpha) ** 2
+
+    @property
+    def gamma(self) -> float:
+        """Weight of the end acceleration in the velocity, (H3), (H39)."""
+        return 0.5 - self.alpha
 
     def multipliers(self) -> tuple[str, ...]:
         """Names of a step's multipliers, (m,) each; the last, "lam1", is that of the reactions at the end."""
+        raise NotImplementedError
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
         """From the step and the state before it, by the names of :func:`~solvers.hht.equations.known.start_of`."""
+        raise NotImplementedError
 
 
 class End(NamedTuple):

@@ -8,18 +8,15 @@ from typing import Any, ClassVar
 
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.discretise import accelerate
-from solvers.hht.equations.newmark import Terms
+from solvers.hht.equations.newmark import Newmark, Terms
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rattle:
+class Rattle(Newmark):
     """Newmark's weights of the leapfrog; symplectic where the mass is constant and forces come from a potential."""
 
-    alpha: ClassVar[float] = 0.0
+    alpha: ClassVar[float] = 0.0  # type: ignore[misc]
     beta: ClassVar[float] = 0.0  #: no end acceleration in the position
-    gamma: ClassVar[float] = 0.5
-    b: ClassVar[float] = 0.0
-    total: ClassVar[bool] = True
 
     def multipliers(self) -> tuple[str, ...]:
         """At the start of the step for the positions, at its end for the velocities."""
