@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from hhtbench.request import Request
 from hhtbench.result import Solution
 from solvers._start import absolute_tolerances
 from solvers.hht.equations.coefficients import NEAR_HALF
-from solvers.hht.options import KNOWN, make_options
+from solvers.hht.options import make_options
 from solvers.hht.solver import HHT
 
 KEPT = 8  # solvers of the systems that were solved last
@@ -31,12 +31,16 @@ class HHTSolver:
 
     name: str
     options: Mapping[str, Any]
+    integrator: type[HHT] = HHT
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Declines requests without steps and without tolerances."""
-        unknown = sorted(set(request.options) - set(KNOWN))
+        known = tuple(f.name for f in fields(self.integrator.kind))
+        unknown = sorted(set(request.options) - set(known))
         if unknown:
-            return f"unknown option {', '.join(unknown)}; known: {', '.join(KNOWN)}"
+            return f"unknown option {', '.join(unknown)}; known: {', '.join(known)}"
+        if declined := self.integrator.declined(problem, request):
+            return declined
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
         if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
@@ -50,7 +54,7 @@ class HHTSolver:
         if not request.fixed and request.atol is None:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-        with _lent(problem.system, options) as hht:
+        with _lent(self.integrator, problem.system, options) as hht:
             return hht.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
@@ -63,14 +67,14 @@ _lock = threading.Lock()
 
 
 @contextmanager
-def _lent(system: System | NumpySystem, options: Mapping[str, Any]) -> Iterator[HHT]:
+def _lent(integrator: type[HHT], system: System | NumpySystem, options: Mapping[str, Any]) -> Iterator[HHT]:
     """An HHT with ``options`` for one solve: one that nobody uses now, else a new one."""
-    key = ById(system), repr(options)  # True is no 1 here
+    key = integrator, ById(system), repr(options)  # True is no 1 here
     with _lock:
         hht = _kept.pop(key, None)
-    hht = HHT(system, **options) if hht is None else hht
+    hht = integrator(system, **options) if hht is None else hht
     yield hht
-    if abs(hht.options.b - 0.5) < NEAR_HALF:  # one that is warned of when it is made
+    if abs(hht.options.coefficients.b - 0.5) < NEAR_HALF:  # one that is warned of when it is made
         return
     with _lock:
         _kept[key] = hht

@@ -113,13 +113,13 @@ class HHTOptions:
         return control
 
 
-KNOWN = tuple(f.name for f in fields(HHTOptions))
 DEFAULTS = HHTOptions()
 
 
-def make_options(**given: Any) -> HHTOptions:
-    """:class:`HHTOptions` from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
-    unknown = sorted(set(given) - set(KNOWN))
+def make_options(kind: Any = HHTOptions, name: str = "hht", **given: Any) -> Any:
+    """Options of a ``kind`` from keywords; an unknown one is a ``TypeError`` that lists those that solver ``name`` knows."""
+    known = tuple(f.name for f in fields(kind))
+    unknown = sorted(set(given) - set(known))
     if unknown:
-        raise TypeError(f"hht does not know {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
-    return HHTOptions(**given) if given else DEFAULTS
+        raise TypeError(f"{name} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+    return kind(**given) if given or kind is not HHTOptions else DEFAULTS

@@ -7,19 +7,19 @@ import time
 import warnings
 from collections import Counter
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 from hhtbench.arguments import real_number
 from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, System
-from hhtbench.request import make_request
+from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.request import Request, make_request
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
-from solvers.hht.options import make_options
+from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
@@ -57,11 +57,14 @@ class HHT:
         An option is out of range or unknown; the text says what was expected.
     """
 
+    name: ClassVar[str] = "hht"  #: of the solver in messages
+    kind: ClassVar[Any] = HHTOptions  #: of its options
+
     def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
         if not isinstance(system, (System, NumpySystem)):
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
-        self.options = make_options(**options)
+        self.options = make_options(self.kind, self.name, **options)
         self.events = make_events(events)
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._integrator: IntegratorState | None = None  # of stepping by hand
@@ -69,6 +72,11 @@ class HHT:
         self._onward: Onward | None = None  # steps by hand that were made since
         self._message = ""
         self._locks()
+
+    @classmethod
+    def declined(cls, problem: Problem, request: Request) -> str | None:
+        """Why this method does not take ``request`` for ``problem``; None: it does."""
+        return None
 
     def solve(
         self, tspan: Any, q0: Any, v0: Any, *, lam_guess: Any = None, mu_guess: Any = None, **request: Any

@@ -1,6 +1,7 @@
 """The options of the integrator: stated once, checked where they are made, the same for HHT and for its specs."""
 
 import warnings
+from dataclasses import fields
 
 import pytest
 
@@ -8,9 +9,9 @@ from hhtbench import load_problem, load_solver
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request
 from solvers.hht import HHT, HHTOptions
-from solvers.hht.options import KNOWN
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
 
+KNOWN = tuple(field.name for field in fields(HHTOptions))
 MAKERS = {"HHT": lambda **o: HHT(JAX_PENDULUM, **o), "spec": lambda **o: load_solver("hht", **o)}
 
 

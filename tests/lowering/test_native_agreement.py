@@ -25,8 +25,8 @@ from solvers.forms.layout import Layout as FormLayout
 from solvers.forms.layout import jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.hht.equations.coefficients import Coefficients, Method
-from solvers.hht.equations.corrections import state_after
-from solvers.hht.equations.discretise import step_residual, step_residual_and_matrix
+from solvers.hht.equations.corrections import residual_of, state_after
+from solvers.hht.equations.discretise import step_residual_and_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.run.functions import force_and_inverse_mass
 from tests.lowering.native import in_loops
@@ -73,7 +73,7 @@ def functions_of(problem, dynamics):
         method = Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="implicit" if moving else "predictor")
         given = lambda *point, layout=layout: given_arguments(layout, *point)  # noqa: E731
         add(state_after, (method, layout), given, name=f" {moving}")
-        add(step_residual, (method, layout), given, name=f" {moving}")
+        add(residual_of, (method, layout), given, name=f" {moving}")
         if small and (moving or turn % 3 == 0):
             add(step_residual_and_matrix, (method, layout), given, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))

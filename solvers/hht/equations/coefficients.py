@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
@@ -28,6 +28,8 @@ class Coefficients:
     alpha: float
     b: float
 
+    total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
+
     @property
     def beta(self) -> float:
         """Weight of the end acceleration in the position, (H3)."""
@@ -46,9 +48,10 @@ class Coefficients:
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """One member of the family, complete."""
+    """One member of the family, or one method of the field, complete."""
 
-    coefficients: Coefficients
+    coefficients: Any  #: :class:`Coefficients`, or those of other equations with alpha, beta, gamma, b and total
+    equations: str = "hht"  #: one of :data:`~solvers.hht.equations.methods.EQUATIONS`
     reaction: str = "implicit"  #: where the end reaction is taken, (H8)
     rescale_a: bool = True  #: adapt a0 when the step changes, (H11)
     start: str = "f0"  #: a0 of the first step, (H12)

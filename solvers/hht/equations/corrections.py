@@ -13,15 +13,9 @@ from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.coloured import Pattern, by_pattern
 from hhtbench.lowering.compile.inverse import inverse
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.discretise import (
-    stages,
-    step_residual,
-    step_residual_and_ends,
-    step_residual_and_matrix,
-    unpack_matrix,
-)
-from solvers.hht.equations.formulas import force_at_end
-from solvers.hht.equations.known import Layout, known_values, start_of
+from solvers.hht.equations.discretise import unpack_matrix
+from solvers.hht.equations.known import Layout
+from solvers.hht.equations.methods import equations_of
 
 CONSTRAINED = "lam0", "lam1", "mu"  #: unknowns in whose places the rows of constraints stand
 SMALL = 12  #: unknowns up to which that is so
@@ -33,16 +27,21 @@ def state_size(layout: Layout) -> int:
     return (7 if s.m else 5) * s.n + s.m + s.p
 
 
+def residual_of(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """The residual of the method's equations alone, (size,)."""
+    return equations_of(method).residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
+
+
 def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """The residual (size,), its constraint rows alone (size,), then :func:`state_after`."""
-    residual = step_residual(dynamics, method, layout, x, given)
+    """:func:`residual_of` (size,), its constraint rows alone (size,), then :func:`state_after`."""
+    residual = residual_of(dynamics, method, layout, x, given)
     rows = of_constraints(layout, residual, dynamics.xp)
     return dynamics.xp.concatenate([residual, rows, state_after(dynamics, method, layout, x, given)])
 
 
 def constraint_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """:func:`of_constraints` of the step's residual."""
-    return of_constraints(layout, step_residual(dynamics, method, layout, x, given), dynamics.xp)
+    return of_constraints(layout, residual_of(dynamics, method, layout, x, given), dynamics.xp)
 
 
 def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
@@ -53,21 +52,13 @@ def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
 
 def residual_and_entries(dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, given: Any) -> Any:
     """The residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
-    packed = by_pattern(dynamics, pattern, step_residual_and_ends, (method, layout), x, given)
+    packed = by_pattern(dynamics, pattern, equations_of(method).residual_and_ends, (method, layout), x, given)
     return dynamics.xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
-    known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
-    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
-    a = unknown["a"]
-    parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
-    parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
-    parts.append((place.v1 - before["v"]) / known["h"])
-    if layout.structure.m:
-        parts += [place.start_reaction, place.end_reaction]
-    return dynamics.xp.concatenate(parts)
+    return equations_of(method).state_after(dynamics, method, layout, x, given)
 
 
 def fresh_correction(
@@ -83,7 +74,7 @@ def fresh_correction(
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
     """
     xp = dynamics.xp
-    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(dynamics, method, layout, x, given))
+    residual, blocks = unpack_matrix(layout, equations_of(method).residual_and_matrix(dynamics, method, layout, x, given))
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())
@@ -103,7 +94,7 @@ def lagged_correction_and_end(
     xp, size = dynamics.xp, layout.size
     flat = xp.zeros(2 * layout.structure.n * size).at[xp.asarray(entries)].set(own)
     matrices = inverted.reshape(size, size).T, flat.reshape(-1, size)
-    residual = step_residual(dynamics, method, layout, x, given)
+    residual = residual_of(dynamics, method, layout, x, given)
     of_all = _sized(dynamics, layout, matrices[0] @ residual, matrices[1])
     alone = _sized(dynamics, layout, matrices[0] @ of_constraints(layout, residual, xp), matrices[1])
     return xp.concatenate([of_all, residual, alone, state_after(dynamics, method, layout, x, given)])

@@ -14,9 +14,10 @@ from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
 
-from hhtbench.lowering import Dynamics
+from hhtbench.lowering import Dynamics, Structure
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.known import Layout, known_values
+from solvers.hht.equations.formulas import force_at_end
+from solvers.hht.equations.known import Layout, known_values, start_of
 
 
 class Stages(NamedTuple):
@@ -39,7 +40,7 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
         v1 = v1 + h * unknown["Rk"]  # (H10)
     if s.m:
-        start_reaction = _accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))  # (H8)
+        start_reaction = accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))  # (H8)
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
         end = known["q_stage"]  # (H8)
@@ -54,17 +55,20 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
     return Stages(q1, v1, end, start_reaction, end_reaction)
 
 
-def step_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13): (size,).
-
-    Force rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the
-    velocity rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
-    """
-    return step_residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
+def layout(structure: Structure, method: Method) -> Layout:
+    """The unknowns of ``method``'s steps."""
+    moving = method.reaction in ("implicit", "midpoint")
+    unknown = moving and (method.coefficients.b != 0.0 or structure.mass == "variable")
+    return Layout(structure, moving, unknown)
 
 
 def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14)."""
+    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14).
+
+    The residual is the imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13).  Force
+    rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the velocity
+    rows by ``1 / h``: all rows are accelerations and stay of similar size as h shrinks.
+    """
     unknown, known = layout.split(x), known_values(dynamics, method, layout, given)
     place = stages(dynamics, layout, unknown, known)
     return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
@@ -75,15 +79,28 @@ def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout,
     return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
 
 
+def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
+    known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
+    place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
+    a = unknown["a"]
+    parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
+    parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
+    parts.append((place.v1 - before["v"]) / known["h"])
+    if layout.structure.m:
+        parts += [place.start_reaction, place.end_reaction]
+    return dynamics.xp.concatenate(parts)
+
+
 def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
     s, h, t1 = layout.structure, known["h"], known["t1"]
     force = dynamics.force(t1, place.q1, place.v1)
     balance = dynamics.mass_product(t1, place.q1, unknown["a"] + known["alpha"] * known["f0"])
-    rows = [_accelerate(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
+    rows = [accelerate(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
     if s.m and layout.end_unknown:
         reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
         inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
-        rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H8)
+        rows.append(accelerate(dynamics, known, inertia - reaction))  # (H8)
     if s.m:
         rows.append(dynamics.constraint(t1, place.q1) * (2.0 / (h * h)))  # (H7)
         rows.append(dynamics.constraint_velocity(t1, place.q1, place.v1) / h)  # (H7)
@@ -91,7 +108,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
         half = 0.5 * (known["v0"] + place.v1)
         reaction = dynamics.velocity_reaction(known["t_half"], known["q_half"], half, unknown["mu"])
         inertia = dynamics.mass_product(known["t_half"], known["q_half"], unknown["Rk"])
-        rows.append(_accelerate(dynamics, known, inertia - reaction))  # (H10)
+        rows.append(accelerate(dynamics, known, inertia - reaction))  # (H10)
         rows.append(dynamics.velocity_constraint(t1, place.q1, place.v1) / h)  # (H10)
     return rows
 
@@ -130,8 +147,8 @@ def _matrix_rows(
         mass_q = dynamics.mass_product_jacobian(t1, place.q1, unknown["a"] + alpha * known["f0"])
         by_q = mass_q if by_q is None else by_q + mass_q
     parts = [by @ by_x for by, by_x in ((by_q, q_x), (by_v, v_x)) if by is not None]
-    row = _accelerate(dynamics, known, reduce(add, parts) if parts else None)
-    rows = [_columns(dynamics, layout, row, a=_scaled_mass(dynamics, known, t1, place.q1))]
+    row = accelerate(dynamics, known, reduce(add, parts) if parts else None)
+    rows = [columns(dynamics, layout, row, a=scaled_mass(dynamics, known, t1, place.q1))]
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
     if s.m:
@@ -151,8 +168,8 @@ def _end_reaction_row(dynamics: Dynamics, layout: Layout, unknown: Any, known: A
     if layout.structure.mass == "variable":
         by_q = by_q + dynamics.mass_product_jacobian(t, place.end, unknown["R1"])
     row = known["theta"] * (by_q @ q_x) if layout.moving else None
-    scaled, own = _accelerate(dynamics, known, row), _scaled_mass(dynamics, known, t, place.end)
-    return _columns(dynamics, layout, scaled, R1=own, lam1=-_accelerate(dynamics, known, reaction_lam))
+    scaled, own = accelerate(dynamics, known, row), scaled_mass(dynamics, known, t, place.end)
+    return columns(dynamics, layout, scaled, R1=own, lam1=-accelerate(dynamics, known, reaction_lam))
 
 
 def _velocity_constraint_rows(
@@ -160,9 +177,9 @@ def _velocity_constraint_rows(
 ) -> list[Any]:
     t, q, half = known["t_half"], known["q_half"], 0.5 * (known["v0"] + place.v1)
     by_v, by_mu = dynamics.velocity_reaction_jacobians(t, q, half, unknown["mu"])
-    row = None if by_v is None else _accelerate(dynamics, known, -0.5 * (by_v @ v_x))
-    own = _scaled_mass(dynamics, known, t, q)
-    reaction = _columns(dynamics, layout, row, Rk=own, mu=-_accelerate(dynamics, known, by_mu))
+    row = None if by_v is None else accelerate(dynamics, known, -0.5 * (by_v @ v_x))
+    own = scaled_mass(dynamics, known, t, q)
+    reaction = columns(dynamics, layout, row, Rk=own, mu=-accelerate(dynamics, known, by_mu))
     k_q = dynamics.velocity_constraint_position_jacobian(known["t1"], place.q1, place.v1)
     k_v = dynamics.velocity_constraint_jacobian(known["t1"], place.q1, place.v1)
     return [reaction, (k_q @ q_x + k_v @ v_x) / known["h"]]
@@ -177,23 +194,23 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
         q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
     if s.m:
         at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
-        at_start = _accelerate(dynamics, known, at_start)
+        at_start = accelerate(dynamics, known, at_start)
         q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
     if s.m and layout.end_unknown:
         q_blocks["R1"], v_blocks["R1"] = known["q_R1"] * eye, known["v_R1"] * eye
     elif s.m:
         by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
-        at_end = _accelerate(dynamics, known, by_lam, "inverse_mass_stage")
+        at_end = accelerate(dynamics, known, by_lam, "inverse_mass_stage")
         v_blocks["lam1"] = known["v_R1"] * at_end
         if layout.moving:
-            q_x = _columns(dynamics, layout, None, **q_blocks)
-            moved = _accelerate(dynamics, known, by_q, "inverse_mass_stage") @ q_x
-            return q_x, _columns(dynamics, layout, known["v_R1"] * known["theta"] * moved, **v_blocks)
+            q_x = columns(dynamics, layout, None, **q_blocks)
+            moved = accelerate(dynamics, known, by_q, "inverse_mass_stage") @ q_x
+            return q_x, columns(dynamics, layout, known["v_R1"] * known["theta"] * moved, **v_blocks)
         q_blocks["lam1"] = known["q_R1"] * at_end
-    return _columns(dynamics, layout, None, **q_blocks), _columns(dynamics, layout, None, **v_blocks)
+    return columns(dynamics, layout, None, **q_blocks), columns(dynamics, layout, None, **v_blocks)
 
 
-def _columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
+def columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
     """``row`` (rows, size) or None for zero, plus the named blocks under the columns of their unknowns."""
     height = next(iter(blocks.values())).shape[0]
     zeros = dynamics.xp.zeros
@@ -203,10 +220,10 @@ def _columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any
 
 
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
-    return _accelerate(dynamics, known, dynamics.reaction(known["t_stage"], q, lam), "inverse_mass_stage")  # (H8)
+    return accelerate(dynamics, known, dynamics.reaction(known["t_stage"], q, lam), "inverse_mass_stage")  # (H8)
 
 
-def _accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass") -> Any:
+def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass") -> Any:
     """M^-1 x, (H13), by the inverse mass that is known by ``name``; a constant mass has only one, (H2).  None stays None."""
     inverse = known.get(name)
     if inverse is None:
@@ -214,7 +231,7 @@ def _accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mas
     return x if x is None or inverse is None else inverse @ x
 
 
-def _scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:
-    """The mass there as :func:`_accelerate` scales it, (n, n)."""
+def scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:
+    """The mass there as :func:`accelerate` scales it, (n, n)."""
     s = dynamics.structure
-    return _accelerate(dynamics, known, dynamics.mass(t, q)) if s.mass == "variable" else dynamics.xp.eye(s.n)
+    return accelerate(dynamics, known, dynamics.mass(t, q)) if s.mass == "variable" else dynamics.xp.eye(s.n)

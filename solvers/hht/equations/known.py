@@ -25,6 +25,7 @@ class Layout:
     moving: bool  #: the end reaction is taken at a place that depends on q1
     end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or the mass there is not known
     inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
+    multipliers: tuple[str, ...] = ("lam0", "lam1")  #: of position constraints
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
     size: int = field(init=False, compare=False)  #: number of unknowns
 
@@ -32,7 +33,7 @@ class Layout:
         s = self.structure
         unknowns = {"a": s.n}
         if s.m:
-            unknowns |= ({"R1": s.n} if self.end_unknown else {}) | {"lam0": s.m, "lam1": s.m}
+            unknowns |= ({"R1": s.n} if self.end_unknown else {}) | dict.fromkeys(self.multipliers, s.m)
         if s.p:
             unknowns |= {"Rk": s.n, "mu": s.p}
         object.__setattr__(self, "unknowns", unknowns)

@@ -31,6 +31,7 @@ from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
+SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere
 
 
 class Engine:
@@ -63,7 +64,7 @@ class Engine:
         self._force = work.counted(self.bare_force, residuals=self.points)
         self.acceleration = of_dynamics(dynamics).acceleration
         self._fallback, self.plain = fallback, plain
-        self._starts_alone = bool(functions.level_codes()) and method.start != "shifted" and plain_mass(dynamics)
+        self._starts_alone = bool(functions.level_codes()) and method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
@@ -120,6 +121,14 @@ class Engine:
             explain_nonfinite(self.dynamics, t, q, v)
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
 
+    def near(self, t: float, q: Vector, v: Vector, found: Any) -> Vector:
+        """What ``a`` (n,) is near there: f, or v' where it holds the reactions; multipliers are near those ``found``."""
+        if not self.method.coefficients.total or not self.structure.constrained:
+            return self.force(t, q, v)[0]
+        self.work.add("residual_evaluations", self.points)
+        there = self.acceleration.solve(t, q, v, found.lam, found.mu)
+        return there.vdot if there.converged else found.vdot
+
     def with_multipliers(self, state: State) -> State:
         """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
         if not self.structure.constrained:
@@ -169,6 +178,8 @@ class Engine:
         state = self.loops.start(np.concatenate([[t], q, v, lam, mu]))
         if state is not None:
             work.add("residual_evaluations", count)
+        if state is not None and self.method.coefficients.total:
+            return replace(state, a=state.vdot, f=state.vdot)
         return state
 
     def prepared(self, state: State, plan: ByError, stop: float) -> State:

@@ -28,12 +28,13 @@ from solvers.hht.equations.corrections import (
     lagged_correction_and_end,
     residual_and_end,
     residual_and_entries,
+    residual_of,
     state_after,
     state_size,
 )
-from solvers.hht.equations.discretise import step_residual, step_residual_and_ends, step_residual_and_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
+from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes
@@ -176,7 +177,7 @@ class MachineCode(Functions):
 
     def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
         """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""
-        function, static = step_residual_and_matrix, (self.method, self.layout)
+        function, static = equations_of(self.method).residual_and_matrix, (self.method, self.layout)
         early = native(function, self.dynamics, *static, stage="early", **options)
         late = native(function, self.dynamics, *static, compact=True, stage="late", **options)
         self.analysis = of_code(late, self.layout.size, self.layout.structure.n, linsolver, SMALLEST)
@@ -233,7 +234,7 @@ class SparseCode(MachineCode):
         """From directional derivatives, one for each colour of the columns."""
         static, example = (self.method, self.layout), tuple(map(np.zeros, options["shapes"]))
         try:
-            pattern = find_pattern(step_residual_and_ends, self.dynamics, *static, example=example)
+            pattern = find_pattern(equations_of(self.method).residual_and_ends, self.dynamics, *static, example=example)
         except NotImplementedError as error:
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
         if pattern.colours * pattern.shape[0] > MOST_COMPUTED:
@@ -256,10 +257,10 @@ class PythonFunctions(Functions):
         static, size, n = (self.method, layout), layout.size, layout.structure.n
         self._source, entries = self._sparse(linsolver)
         if entries is None:
-            entries = compile_function(step_residual_and_matrix, dynamics, *static)
+            entries = compile_function(equations_of(method).residual_and_matrix, dynamics, *static)
         shapes = (size,), self.given, None
         self._codes = {
-            "residual": self.made(step_residual, size, shapes, *static),
+            "residual": self.made(residual_of, size, shapes, *static),
             "matrix": (entries, self.analysis.slots.size, shapes),
             "constraints": self.made(constraint_residual, size, shapes, *static),
             "end": self.made(state_after, state_size(layout), shapes, *static),
@@ -283,7 +284,7 @@ class PythonFunctions(Functions):
         if products is not None:
             try:
                 example = np.zeros(size), np.zeros(self.given)
-                coloured = Coloured(step_residual_and_ends, products, *static, example=example)
+                coloured = Coloured(equations_of(self.method).residual_and_ends, products, *static, example=example)
             except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
                 reason = f"the pattern of its derivatives cannot be read: {error}"
             else:
@@ -322,9 +323,7 @@ def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
-    moving = method.reaction in ("implicit", "midpoint")
-    unknown = moving and (method.coefficients.b != 0.0 or dynamics.structure.mass == "variable")
-    return Layout(dynamics.structure, moving, unknown)
+    return equations_of(method).layout(dynamics.structure, method)
 
 
 def _pair(code: Code, callbacks: Callbacks) -> Pair:

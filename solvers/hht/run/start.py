@@ -36,7 +36,7 @@ from solvers._trust import as_arguments
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import idle
-from solvers.hht.run.engine import Engine
+from solvers.hht.run.engine import SHIFTED, Engine
 from solvers.hht.run.functions import functions_for
 from solvers.hht.step.state import State
 
@@ -164,16 +164,19 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
             return found
     f0, inverse = engine.force(t, q, v)
     vdot = f0 if found is None else found.vdot
-    a0 = f0
-    if engine.method.start == "shifted":
+    near = vdot if engine.method.coefficients.total else f0  # what a0 is near, and adapted around by (H11)
+    a0 = near
+    if engine.method.start in SHIFTED:
         shift = engine.method.coefficients.alpha * h
-        a0 = engine.force(t + shift, q + shift * v, v + shift * vdot)[0]  # (H12)
+        a0 = engine.near(t + shift, q + shift * v, v + shift * vdot, found)  # (H12), (H41)
+    if engine.method.start == "corrected" and found is not None:
+        v = corrected_velocity(engine, place, found, h)
     return State(
         t=t,
         q=q,
         v=v,
         a=a0,
-        f=f0,
+        f=near,
         lam=NOTHING if found is None else found.lam,
         mu=NOTHING if found is None else found.mu,
         vdot=vdot,
@@ -181,6 +184,15 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
         size_q=float(np.max(np.abs(q))),
         size_v=float(np.max(np.abs(v))),
     )
+
+
+def corrected_velocity(engine: Engine, place: Place, found: Any, h: float) -> Vector:
+    """v0 (n,) with the normal part that holding positions alone gives it in later steps of length ``h`` [s], (H44)."""
+    t, q, v, c = place.t, place.q, place.v, engine.method.coefficients
+    jerk = (engine.near(t + h, q + h * v, v + h * found.vdot, found) - found.vdot) / h
+    rows = ConstraintLevels(engine.dynamics).at(t, q, v).rows
+    weight = (1.0 / 6.0 - 0.5 * c.alpha - c.beta) * h * h
+    return v + closest(_finite_mass(engine.dynamics, t, q), rows, np.zeros(v.size), -weight * (rows @ jerk))
 
 
 def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Work) -> tuple[Place, str] | Failure:

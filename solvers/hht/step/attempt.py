@@ -77,6 +77,8 @@ def plain_guess(z: Any, level: Any) -> None:
     """Unknowns from the state alone: its accelerations, and the [lam, mu, v'] that stand in the memory at ``level``."""
     x, f, n, m, p = part(z, mem.X), part(z, mem.F), z.i[mem.N], z.i[mem.M], z.i[mem.P]
     lam, vdot = view(z.w, level, m), view(z.w, level + m + p, n)
+    for i in range(x.size):
+        x[i] = 0.0
     put(x, 0, part(z, mem.A))
     for i in range(n):
         reaction = vdot[i] - f[i] if m == 0 or p == 0 else 0.0  # of both kinds together only the sum is known
@@ -86,6 +88,7 @@ def plain_guess(z: Any, level: Any) -> None:
             x[z.i[mem.O_RK] + i] = reaction
     if z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], lam)
+    if z.i[mem.O_LAM1] >= 0:
         put(x, z.i[mem.O_LAM1], lam)
     if z.i[mem.O_MU] >= 0:
         put(x, z.i[mem.O_MU], view(z.w, level + m, p))
@@ -166,7 +169,8 @@ def shortest(z: Any, counts: Any) -> Any:
     else:
         plain_guess(z, z.i[2 * mem.LAM])
     multipliers = found[1 + 4 * n : 1 + 4 * n + z.i[mem.M]]
-    put(x, z.i[mem.O_LAM0], multipliers)
+    if z.i[mem.O_LAM0] >= 0:
+        put(x, z.i[mem.O_LAM0], multipliers)
     put(x, z.i[mem.O_LAM1], multipliers)
     if z.i[mem.P] > 0:
         put(x, z.i[mem.O_MU], found[1 + 4 * n + z.i[mem.M] : 1 + 4 * n + z.i[mem.M] + z.i[mem.P]])
@@ -216,8 +220,8 @@ def accept(z: Any, row: Any) -> None:
         put(earlier, 0, last)
     put(last, 0, x)
     k = put(row, 2, end[: 3 * n])
-    if m > 0:
-        k = put(row, k, x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m])
+    start = x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m] if z.i[mem.O_LAM0] >= 0 else part(z, mem.LAM)  # those before the step
+    k = put(row, k, start)
     put(row, k, end[4 * n : 4 * n + m + p])
     put(view(z.w, z.i[2 * mem.Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
     if z.i[mem.VARIABLE]:

@@ -35,8 +35,8 @@ class State:
     t: float  #: [s]
     q: Vector  #: (n,)
     v: Vector  #: (n,)
-    a: Vector  #: (n,) auxiliary acceleration, near f(t + alpha h)
-    f: Vector  #: (n,) M^-1 F at (t, q, v)
+    a: Vector  #: (n,) auxiliary acceleration, near f(t + alpha h), or near v' there where it holds the reactions
+    f: Vector  #: (n,) M^-1 F at (t, q, v), or v' where ``a`` is near that
     h: float | None = None  #: signed length of the last step [s]; None before the first
     lam: Vector  #: (m,) multiplier estimate at t, starts the next Newton iteration or KKT solve
     mu: Vector  #: (p,) the same for the velocity constraints

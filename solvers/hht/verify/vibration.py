@@ -92,11 +92,11 @@ class Scene:
         """y and y' (k,) of q and v (k, n)."""
         return self.reading(q, v) if self.reading else (q @ self.along, v @ self.along)
 
-    def integrator(self, method: Method, frequency: float, zeta: float = 0.0) -> HHT:
-        """Of the system with w h = ``frequency`` and damping ratio ``zeta``, for steps of STEP."""
+    def integrator(self, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> HHT:
+        """Of a ``kind``, for the system with w h = ``frequency`` and damping ratio ``zeta``, for steps of STEP."""
         omega = frequency / STEP
         stiffness, damper = omega**2 * self.shape, 2.0 * zeta * omega * self.shape
-        return HHT(Masses(mass_matrix=self.mass, stiffness=stiffness, damper=damper, **self.constraints), **method)
+        return kind(Masses(mass_matrix=self.mass, stiffness=stiffness, damper=damper, **self.constraints), **method)
 
 
 def make_scene(name: str) -> Scene:
@@ -139,9 +139,9 @@ def _constrained(name: str) -> Scene:
     return Scene(name=name, mass=MASS, free=free, shape=shape, constraints=CONSTRAINTS[name], at_rest=at_rest)
 
 
-def measured_matrix(scene: Scene, method: Method, frequency: float, zeta: float = 0.0) -> Matrix:
-    """The (3, 3) map of (y, h y', h^2 u^T M a) made by one step with w h = ``frequency``."""
-    hht, u, along = scene.integrator(method, frequency, zeta), scene.free, scene.along
+def measured_matrix(scene: Scene, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> Matrix:
+    """The (3, 3) map of (y, h y', h^2 u^T M a) made by one step of an integrator of a ``kind`` with w h = ``frequency``."""
+    hht, u, along = scene.integrator(method, frequency, zeta, kind), scene.free, scene.along
     nothing = np.zeros(u.size)
     q, v = scene.at_rest or (nothing, nothing)
 

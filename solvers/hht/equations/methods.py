@@ -1,0 +1,41 @@
+"""The equations that a method names: functions (dynamics, method, layout, x, given), of which everything else is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from hhtbench.lowering import Structure
+from solvers.hht.equations import discretise, newmark
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.known import Layout
+
+
+class Equations(NamedTuple):
+    """One step of a method."""
+
+    layout: Callable[[Structure, Method], Layout]  #: its unknowns
+    residual_and_ends: Callable[..., Any]  #: residual, q1 and v1, (size + 2n,)
+    residual_and_matrix: Callable[..., Any]  #: residual, matrix, dq1/dx and dv1/dx, (size + size*size + 2*n*size,)
+    state_after: Callable[..., Any]  #: see :func:`~solvers.hht.equations.corrections.state_after`
+
+
+EQUATIONS = {
+    "hht": Equations(
+        discretise.layout,
+        discretise.step_residual_and_ends,
+        discretise.step_residual_and_matrix,
+        discretise.state_after,
+    ),
+    "newmark": Equations(
+        newmark.layout,
+        newmark.residual_and_ends,
+        newmark.residual_and_matrix,
+        newmark.state_after,
+    ),
+}
+
+
+def equations_of(method: Method) -> Equations:
+    """Those of ``method``."""
+    return EQUATIONS[method.equations]

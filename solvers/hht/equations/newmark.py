@@ -1,0 +1,166 @@
+"""One step of a method of Newmark's form whose accelerations hold the reactions, (H36) to (H38) of THEORY.md.
+
+The methods of the field that the extended HHT is compared with; what each makes of these rows is its own file of weights.
+Backend-neutral and of the same signatures as :mod:`~solvers.hht.equations.discretise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import Dynamics, Structure
+from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.discretise import accelerate, columns, scaled_mass
+from solvers.hht.equations.known import Layout, start_of
+
+
+class Terms(NamedTuple):
+    """The sums of one step, (H36), (H37): weights of the unknowns, and what is known."""
+
+    q: Any  #: (n,) what is known of q1
+    v: Any  #: (n,) the same of v1
+    rate: Any  #: (n,) the same of v'1
+    q_a: Any  #: weight of a1 in q1
+    v_a: Any  #: in v1
+    rate_a: Any = 1.0  #: in v'1
+    q_R0: Any = 0.0  #: weight of M^-1 r(t0, q0, .) of the first multiplier in q1
+    v_R0: Any = 0.0  #: in v1
+    end: float = 1.0  #: weight of the forces and reactions at the end of the step
+    earlier: Any = None  #: (n,) those before it, weighted; None: they do not count
+
+
+class Newmark:
+    """What the weights of such a method have in common; ``alpha`` says where ``a`` belongs, near v'(t + alpha h)."""
+
+    alpha: float
+    b: ClassVar[float] = 0.0  #: weight of the end reaction in the position
+    total: ClassVar[bool] = True  #: a holds the reactions
+
+    @property
+    def beta(self) -> float:
+        """Weight of the end acceleration in the position, (H3), (H39)."""
+        return 0.25 * (1.0 - self.alpha) ** 2
+
+    @property
+    def gamma(self) -> float:
+        """Weight of the end acceleration in the velocity, (H3), (H39)."""
+        return 0.5 - self.alpha
+
+    def multipliers(self) -> tuple[str, ...]:
+        """Names of a step's multipliers, (m,) each; the last, "lam1", is that of the reactions at the end."""
+        raise NotImplementedError
+
+    def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
+        """From the step and the state before it, by the names of :func:`~solvers.hht.equations.known.start_of`."""
+        raise NotImplementedError
+
+
+class End(NamedTuple):
+    """The end of a step as functions of the unknowns."""
+
+    q1: Any  #: (n,)
+    v1: Any  #: (n,)
+    rate: Any  #: (n,) v'1
+
+
+def layout(structure: Structure, method: Method) -> Layout:
+    """The unknowns: accelerations and multipliers.
+
+    Raises
+    ------
+    ProblemError
+        There are constraints on velocities, for which these methods are not published.
+    """
+    if structure.p:
+        raise ProblemError(f"this method takes position constraints only; the system has {structure.p} on velocities.")
+    return Layout(structure, False, False, multipliers=method.coefficients.multipliers())
+
+
+def residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """Residual, q1 and v1, (size + 2n,)."""
+    step = _Step(dynamics, method, layout, x, given)
+    return dynamics.xp.concatenate([*step.rows(), step.end.q1, step.end.v1])
+
+
+def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """Residual, its matrix, dq1/dx and dv1/dx, as :func:`~solvers.hht.equations.discretise.residual_and_matrix`."""
+    xp, step = dynamics.xp, _Step(dynamics, method, layout, x, given)
+    q_x, v_x = step.end_derivatives()
+    matrix = xp.concatenate(step.matrix_rows(q_x, v_x), axis=0)
+    return xp.concatenate([*step.rows(), matrix.ravel(), q_x.ravel(), v_x.ravel()])
+
+
+def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
+    """q, v, a, v', lam, v' at the end of the step; zeros in the places of stage reactions."""
+    step, s = _Step(dynamics, method, layout, x, given), layout.structure
+    parts = [step.end.q1, step.end.v1, step.unknown["a"], step.end.rate]
+    parts += [step.unknown["lam1"], step.end.rate, dynamics.xp.zeros(2 * s.n)] if s.m else [step.end.rate]
+    return dynamics.xp.concatenate(parts)
+
+
+class _Step:
+    """One step at an iterate ``x``."""
+
+    def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> None:
+        self.dynamics, self.layout, self.unknown = dynamics, layout, layout.split(x)
+        self.start = start = start_of(layout, given, dynamics.xp)
+        self.terms = terms = method.coefficients.terms(dynamics, start)
+        a = self.unknown["a"]
+        q1, v1 = terms.q + terms.q_a * a, terms.v + terms.v_a * a  # (H36)
+        self.first = next(iter(method.coefficients.multipliers()))
+        if self.first != "lam1" and layout.structure.m:
+            reaction = dynamics.reaction(start["t"], start["q"], self.unknown[self.first])
+            reaction = accelerate(dynamics, start, reaction)
+            q1, v1 = q1 + terms.q_R0 * reaction, v1 + terms.v_R0 * reaction
+        self.end = End(q1, v1, terms.rate + terms.rate_a * a)
+
+    def rows(self) -> list[Any]:
+        """Of forces and of the constraints, (H37), (H38), scaled as those of :mod:`~solvers.hht.equations.discretise`."""
+        d, (q1, v1, rate), terms = self.dynamics, self.end, self.terms
+        h, t1, s = self.start["h"], self.start["t1"], self.layout.structure
+        force = d.force(t1, q1, v1)
+        if s.m:
+            force = force + d.reaction(t1, q1, self.unknown["lam1"])
+        balance = d.mass_product(t1, q1, rate) - terms.end * force  # (H37)
+        rows = [accelerate(d, self.start, balance if terms.earlier is None else balance - terms.earlier)]
+        if s.m:
+            rows.append(d.constraint(t1, q1) * (2.0 / (h * h)))  # (H38)
+        if s.m and self.first != "lam1":
+            rows.append(d.constraint_velocity(t1, q1, v1) / h)  # (H38)
+        return rows
+
+    def end_derivatives(self) -> tuple[Any, Any]:
+        """dq1/dx and dv1/dx (n, size) of (H36)."""
+        d, terms, eye = self.dynamics, self.terms, self.dynamics.xp.eye(self.layout.structure.n)
+        q_blocks, v_blocks = {"a": terms.q_a * eye}, {"a": terms.v_a * eye}
+        if self.first != "lam1" and self.layout.structure.m:
+            at = self.start["t"], self.start["q"], self.unknown[self.first]
+            by_lam = accelerate(d, self.start, d.reaction_jacobians(*at)[1])
+            q_blocks[self.first], v_blocks[self.first] = terms.q_R0 * by_lam, terms.v_R0 * by_lam
+        return columns(d, self.layout, None, **q_blocks), columns(d, self.layout, None, **v_blocks)
+
+    def matrix_rows(self, q_x: Any, v_x: Any) -> list[Any]:
+        """Every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
+        d, (q1, v1, rate), terms = self.dynamics, self.end, self.terms
+        h, t1, s = self.start["h"], self.start["t1"], self.layout.structure
+        by_q, by_v = (None if by is None else -terms.end * by for by in d.force_jacobians(t1, q1, v1))
+        direct = {"a": terms.rate_a * scaled_mass(d, self.start, t1, q1)}
+        parts = [] if by_q is None else [by_q]
+        if s.m:
+            reaction_q, reaction_lam = d.reaction_jacobians(t1, q1, self.unknown["lam1"])
+            parts.append(-terms.end * reaction_q)
+            direct["lam1"] = -terms.end * accelerate(d, self.start, reaction_lam)
+        if s.mass == "variable":
+            parts.append(d.mass_product_jacobian(t1, q1, rate))
+        chained = [part @ q_x for part in parts] + ([] if by_v is None else [by_v @ v_x])
+        row = accelerate(d, self.start, sum(chained[1:], chained[0])) if chained else None
+        rows = [columns(d, self.layout, row, **direct)]
+        if s.m:
+            jacobian = d.constraint_jacobian(t1, q1)
+            rows.append((2.0 / (h * h)) * (jacobian @ q_x))
+        if s.m and self.first != "lam1":
+            velocity_q = d.constraint_velocity_jacobian(t1, q1, v1)
+            rows.append((velocity_q @ q_x + jacobian @ v_x) / h)
+        return rows

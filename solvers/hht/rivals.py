@@ -1,0 +1,190 @@
+"""The field's own methods in the loop of HHT: generalised-alpha, HHT-I3 and RATTLE, with prescribed steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+from hhtbench.arguments import real_number
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem
+from hhtbench.request import Request
+from solvers.hht.adapter import HHTSolver
+from solvers.hht.control.controller import ControlOptions
+from solvers.hht.equations.coefficients import ALPHA, Method, alpha_of
+from solvers.hht.equations.generalised_alpha import FORMS, GeneralisedAlpha
+from solvers.hht.equations.hht_i3 import HHTI3
+from solvers.hht.equations.rattle import Rattle
+from solvers.hht.linear.analysis import KINDS
+from solvers.hht.options import ENGINES, make_options
+from solvers.hht.solver import HHT
+
+RHO_INF = 0.8  # the default of generalised-alpha, as in the field
+UNCONTROLLED = "takes prescribed steps only: give step or steps; its error control is none of this bench"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What all these methods have in common; each name as in :class:`~solvers.hht.options.HHTOptions`."""
+
+    linsolver: str = "auto"
+    engine: str = "compiled"
+    calc_initcond: bool = False
+
+    control: ClassVar[ControlOptions] = ControlOptions()
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name, known in self.choices().items():
+            if getattr(self, name) not in known:
+                raise ProblemError(f"{name} must be one of {', '.join(known)}; got {getattr(self, name)!r}.")
+        if not isinstance(self.calc_initcond, bool):
+            raise TypeError(f"calc_initcond must be True or False; got {self.calc_initcond!r}.")
+        _ = self.coefficients  # numbers are checked where they are used
+
+    def choices(self) -> dict[str, tuple[str, ...]]:
+        """What those options may be that are words."""
+        return {"linsolver": KINDS, "engine": ENGINES}
+
+    @property
+    def coefficients(self) -> Any:
+        """The weights of the method."""
+        raise NotImplementedError
+
+    def method(self, *, controlled: bool = False) -> Method:
+        """The equations of a step.
+
+        Raises
+        ------
+        ProblemError
+            Error control is asked for.
+        """
+        if controlled:
+            raise ProblemError(f"{self.name} {UNCONTROLLED}.")
+        return Method(coefficients=self.coefficients, equations="newmark", rescale_a=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralisedAlphaOptions(Options):
+    """Options of generalised-alpha.
+
+    Parameters
+    ----------
+    rho_inf
+        What a step leaves of the fastest vibrations, in [0, 1].
+    form
+        "ggl": both constraint levels, of second order on variable steps; "index3": positions only, for constant steps.
+    start
+        Auxiliary acceleration of the first step: "shifted", as the method needs it, (H41); or "f0", v' at the start.  With
+        "corrected" index 3 gets the v0 too that its first multipliers need, (H44): that of the first row is then this one.
+    rescale_a
+        Adapt the auxiliary acceleration when the step changes.
+    """
+
+    rho_inf: float = RHO_INF
+    form: str = "ggl"
+    start: str = "shifted"
+    rescale_a: bool = True
+
+    name: ClassVar[str] = "generalised_alpha"
+
+    def choices(self) -> dict[str, tuple[str, ...]]:
+        """With those of the method."""
+        return super().choices() | {
+            "form": FORMS,
+            "start": ("shifted", "f0", *(("corrected",) if self.form == "index3" else ())),
+        }
+
+    @cached_property
+    def coefficients(self) -> GeneralisedAlpha:
+        """The weights of the method."""
+        rho = real_number("rho_inf", self.rho_inf)
+        if not 0.0 <= rho <= 1.0:
+            raise ProblemError(f"rho_inf must lie in [0, 1]; got {rho:g}.")
+        return GeneralisedAlpha(rho_inf=rho, form=self.form)
+
+    def method(self, *, controlled: bool = False) -> Method:
+        """The equations of a step."""
+        plain = super().method(controlled=controlled)
+        return Method(coefficients=plain.coefficients, equations=plain.equations, rescale_a=self.rescale_a, start=self.start)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HHTI3Options(Options):
+    """Options of HHT-I3: ``alpha`` in [-1/3, 0], its damping."""
+
+    alpha: float = ALPHA
+
+    name: ClassVar[str] = "hht_i3"
+
+    @cached_property
+    def coefficients(self) -> HHTI3:
+        """The weights of the method."""
+        return HHTI3(alpha=alpha_of(self.alpha, None))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RattleOptions(Options):
+    """Options of RATTLE."""
+
+    name: ClassVar[str] = "rattle"
+
+    @cached_property
+    def coefficients(self) -> Rattle:
+        """It has no parameter."""
+        return Rattle()
+
+
+class Rival(HHT):
+    """A method of the field with HHT's face: prescribed steps only, and no velocity constraints."""
+
+    kind: ClassVar[Any]
+    name: ClassVar[str]
+
+    @classmethod
+    def declined(cls, problem: Problem, request: Request) -> str | None:
+        """Tolerances, and velocity constraints."""
+        if not request.fixed:
+            return f"{cls.name} {UNCONTROLLED}"
+        if hasattr(problem.system, "velocity_constraint"):
+            return f"{cls.name} takes position constraints only"
+        return None
+
+
+class GeneralisedAlphaIntegrator(Rival):
+    """Generalised-alpha; options in :class:`GeneralisedAlphaOptions`."""
+
+    kind, name = GeneralisedAlphaOptions, "generalised_alpha"
+
+
+class HHTI3Integrator(Rival):
+    """HHT-I3; options in :class:`HHTI3Options`."""
+
+    kind, name = HHTI3Options, "hht_i3"
+
+
+class RattleIntegrator(Rival):
+    """RATTLE; options in :class:`RattleOptions`."""
+
+    kind, name = RattleOptions, "rattle"
+
+
+def _solver(integrator: type[Rival], options: dict[str, Any]) -> HHTSolver:
+    make_options(integrator.kind, integrator.name, **options)
+    return HHTSolver(integrator.name, options, integrator)
+
+
+def generalised_alpha(**options: Any) -> HHTSolver:
+    """Generalised-alpha; options as in :class:`GeneralisedAlphaOptions`."""
+    return _solver(GeneralisedAlphaIntegrator, options)
+
+
+def hht_i3(**options: Any) -> HHTSolver:
+    """HHT-I3; options as in :class:`HHTI3Options`."""
+    return _solver(HHTI3Integrator, options)
+
+
+def rattle(**options: Any) -> HHTSolver:
+    """RATTLE; options as in :class:`RattleOptions`."""
+    return _solver(RattleIntegrator, options)

@@ -1,0 +1,146 @@
+"""Generalised-alpha, HHT-I3 and RATTLE keep the orders they were published with, in the loop of HHT."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.errors import ProblemError
+from hhtbench.request import Request
+from solvers.hht import Event
+from solvers.hht.equations.discretise import unpack_matrix
+from solvers.hht.equations.methods import equations_of
+from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
+from solvers.hht.verify import rivals
+from solvers.hht.verify.rivals import METHODS, QUANTITIES, SWING
+
+SMALL = replace(SWING, counts=(400, 800))
+TOP = replace(rivals.CASES[1], counts=(200, 400))
+OURS = ("ggl", "index3", "hht_i3", "rattle")
+
+
+@pytest.mark.parametrize("method", OURS)
+def test_q_v_and_multipliers_are_of_order_two_with_constant_steps(method):
+    assert rivals.orders(SMALL, method) == pytest.approx(dict.fromkeys(QUANTITIES, 2.0), abs=0.05)
+
+
+@pytest.mark.parametrize(("method", "order"), [("ggl", 2.0), ("index3", 2.0), ("hht_i3", 1.0), ("rattle", 2.0)])
+def test_only_hht_i3_falls_to_order_one_where_the_mass_varies(method, order):
+    """Expanding (H42): with M' its a1 is off by alpha h M^-1 M' v'."""
+    found = rivals.orders(TOP, method)
+    assert found["q"] == pytest.approx(order, abs=0.1)
+    assert found["v"] == pytest.approx(order, abs=0.1)
+
+
+def test_rows_of_the_verification_hold_on_a_small_swing():
+    rows = [*rivals.constant_steps(SMALL), *rivals.drift(SMALL), rivals.same_as_hht(SMALL)]
+    assert [row.claim for row in rows if row.passed is False] == []
+
+
+def test_multipliers_of_the_first_steps_are_of_order_two_only_with_the_start_that_is_made_for_them():
+    """Arnold and Bruels (2007) for the stabilised form, Arnold, Bruels and Cardona (2015) for index 3."""
+    assert [row.claim for row in rivals.first_steps(SWING) if row.passed is False] == []
+
+
+def test_on_steps_of_one_to_two_the_stabilised_form_keeps_order_two_and_index_3_loses_the_multipliers():
+    held = rivals.orders(SMALL, "ggl", alternating=True)
+    assert held == pytest.approx(dict.fromkeys(QUANTITIES, 2.0), abs=0.1)
+    assert rivals.orders(SMALL, "ggl not rescaled", alternating=True)["lam"] < 1.5
+    for method in ("index3", "index3 not rescaled"):
+        assert rivals.orders(SMALL, method, alternating=True)["lam"] < 1.0
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_spectral_radius_is_that_of_the_closed_form_and_rho_inf_at_infinity(rho):
+    assert [row.claim for row in rivals.vibrations(rho) if not row.passed] == []
+
+
+def test_rattle_has_the_period_of_the_leapfrog_where_the_force_depends_on_the_position():
+    assert rivals.leapfrog().passed
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "sundials_slider_crank"])
+@pytest.mark.parametrize("method", OURS)
+def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, method):
+    """As of HHT: variable mass, forces by velocities, a drive; at random unknowns."""
+    problem, (kind, options) = hb.load_problem(name), METHODS[method]
+    integrator = kind(problem.system, **options)
+    integrator.init_step(problem.t_span[0], problem.q0, problem.v0, step=1e-3)
+    for _ in range(2):
+        assert integrator.step() is hb.Status.success
+    engine = integrator._engine
+    layout, static = engine.layout, (engine.dynamics, engine.method, engine.layout)
+    unknowns, given = np.split(integrator.state.factorised.at, [layout.size])
+    x, given = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size)), jnp.asarray(given)
+    equations = equations_of(engine.method)
+    residual, blocks = unpack_matrix(layout, equations.residual_and_matrix(*static, x, given))
+    wanted = jax.jacfwd(lambda y: equations.residual_and_ends(*static, y, given))(x)
+    np.testing.assert_array_equal(residual, equations.residual_and_ends(*static, x, given)[: layout.size])
+    sizes = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1e-300)
+    np.testing.assert_allclose(blocks / sizes, wanted / sizes, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", OURS)
+def test_compiled_and_plain_loops_make_the_same_steps(method):
+    problem, (kind, options) = hb.load_problem("simple_pendulum"), METHODS[method]
+    runs = [kind(problem.system, engine=e, **options).solve((0.0, 0.3), problem.q0, problem.v0, steps=30) for e in ENGINES]
+    for name in ("q", "v", "lam"):
+        np.testing.assert_allclose(getattr(runs[0], name), getattr(runs[1], name), rtol=1e-11, atol=1e-12)
+
+
+ENGINES = ("compiled", "python")
+
+
+@pytest.mark.parametrize("method", OURS)
+def test_a_chain_that_is_too_large_for_straight_lines_is_stepped_with_a_sparse_matrix(method):
+    problem, (kind, options) = hb.load_problem("planar_chain(n_links=60)"), METHODS[method]
+    integrator = kind(problem.system, **options)
+    solution = integrator.solve((0.0, 0.02), problem.q0, problem.v0, steps=20)
+    assert solution.success
+    assert "functions in Python" in integrator.engine_used
+    assert np.abs(problem.system.constraint(0.0, jnp.asarray(solution.q[-1]))).max() < 1e-12
+
+
+def test_events_checkpoints_and_single_steps_serve_them_too():
+    problem = hb.load_problem("simple_pendulum")
+    through = Event(lambda t, q, v: q[0], terminal=True)
+    ended = GeneralisedAlphaIntegrator(problem.system, events=through).solve((0.0, 10.0), problem.q0, problem.v0, step=0.01)
+    assert ended.status is hb.Status.event
+    assert abs(ended.q[-1][0]) < 1e-9
+    one, other = GeneralisedAlphaIntegrator(problem.system), GeneralisedAlphaIntegrator(problem.system)
+    one.init_step(0.0, problem.q0, problem.v0, step=0.01)
+    one.step()
+    other.resume(one.checkpoint())
+    for integrator in (one, other):
+        integrator.step()
+    np.testing.assert_array_equal(one.state.q, other.state.q)
+    with pytest.raises(ProblemError, match="made by a solver with method"):
+        RattleIntegrator(problem.system).resume(one.checkpoint())
+
+
+@pytest.mark.parametrize("name", ["generalised_alpha", "hht_i3", "rattle"])
+def test_tolerances_and_velocity_constraints_are_declined_in_words(name):
+    solver, swing = hb.load_solver(name), hb.load_problem("simple_pendulum")
+    assert "prescribed steps only" in solver.accepts(swing, Request(rtol=1e-4))
+    assert "position constraints only" in solver.accepts(hb.load_problem("knife_edge"), Request(step=0.01))
+    assert solver.accepts(swing, Request(step=0.01)) is None
+    integrator = solver.integrator(swing.system)
+    with pytest.raises(ProblemError, match=f"{name} takes prescribed steps only"):
+        integrator.solve((0.0, 1.0), swing.q0, swing.v0, rtol=1e-4)
+    with pytest.raises(ProblemError, match="position constraints only"):
+        p = hb.load_problem("knife_edge")
+        solver.integrator(p.system).solve((0.0, 1.0), p.q0, p.v0, steps=10)
+
+
+def test_options_out_of_range_are_refused():
+    system = hb.load_problem("simple_pendulum").system
+    for options in ({"rho_inf": 1.1}, {"form": "index2"}, {"start": "trapezoidal"}):
+        with pytest.raises(ProblemError, match=next(iter(options))):
+            GeneralisedAlphaIntegrator(system, **options)
+    with pytest.raises(ProblemError, match="alpha must lie"):
+        HHTI3Integrator(system, alpha=0.1)
+    with pytest.raises(TypeError, match="rattle does not know rho_inf"):
+        hb.load_solver("rattle(rho_inf=0.5)")
