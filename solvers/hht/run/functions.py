@@ -183,23 +183,15 @@ class MachineCode(Functions):
     def _of_level(self) -> dict[str, Native]:
         if not self.alone or too_large(self.dynamics) is not None:
             return {}
-        s = self.layout.structure
-        place = (), (s.n,), (s.n,)
         try:
-            codes = {"force": self.made(force_and_inverse_mass, 0, place)}
-            if s.constrained:
-                codes["start_levels"] = self.made(level_terms, 0, place)
-            if s.constrained or s.mass == "variable":
-                codes["kkt"] = self.kkt
+            return level_functions(self.dynamics)
         except NotNative:
             return {}
-        return codes
 
     @cached_property
     def kkt(self) -> Native:
         """Residual and matrix of the acceleration level."""
-        s = self.layout.structure
-        return self.made(kkt_terms, 0, ((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
+        return kkt_code(self.dynamics)
 
 
 class PythonFunctions(Functions):
@@ -266,6 +258,30 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
         except NotNative:
             pass
     return PythonFunctions(dynamics, method, layout, linsolver)
+
+
+def level_functions(dynamics: Dynamics) -> dict[str, Native]:
+    """Machine code of what start, acceleration level and projection need, by its name in the loops.
+
+    Raises
+    ------
+    NotNative
+        There is none for one of them.
+    """
+    s = dynamics.structure
+    place = (), (s.n,), (s.n,)
+    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
+    if s.constrained:
+        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
+    if s.constrained or s.mass == "variable":
+        codes["kkt"] = kkt_code(dynamics)
+    return codes
+
+
+def kkt_code(dynamics: Dynamics) -> Native:
+    """Machine code of residual and matrix of the acceleration level."""
+    s = dynamics.structure
+    return native(kkt_terms, dynamics, shapes=((), (s.n,), (s.n,), (s.n + s.m + s.p,)))
 
 
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
