@@ -45,23 +45,29 @@ class Room(NamedTuple):
     mass: FloatArray  #: (n*n,)
     sizes: FloatArray  #: (n,) typical ones of q, by which violations are measured
     times: FloatArray  #: [s]: the problem's at the loop's 0 and at its stop
-    progress: IntArray  #: of one call, and whether the last step still lacks rows, and whether rows are of output times
+    progress: IntArray  #: STEPS and ROWS of one call, OUTPUTS: evaluations for these, and whether ...
 
 
-STEPS, ROWS, OUTPUTS, PENDING, OF_TIMES = range(5)  # in Room.progress; OUTPUTS: evaluations for rows
+# ... rows are of output times, the first step is chosen, and the last step still lacks rows.
+STEPS, ROWS, OUTPUTS, OF_TIMES, BEGUN, PENDING = range(6)
 
 
 @called
 def march(
     z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArray, rows: FloatMatrix, counts: IntArray
 ) -> Any:
-    """At most ``most`` steps towards ``stop`` [s] with their ``rows`` [t, y], as far as there is room; how it ended.
+    """At most ``most`` more steps towards ``stop`` [s] with their ``rows`` [t, y], as far as there is room; how it ended.
 
     A row for every step; where the problem has output times only for those ``asked`` for, in the direction of the motion.
     """
     number, made, size = part(z, mem.NUMBER), o.progress, 2 * z.i[mem.N]
     y, end = view(z.w, z.i[2 * mem.Q], size), part(z, mem.END)[:size]
     made[STEPS] = made[ROWS] = made[OUTPUTS] = 0
+    if not made[BEGUN]:
+        ended = begin(z, k, o, stop, counts)
+        if ended != mem.CONVERGED:
+            return ended
+        made[BEGUN] = 1
     while number[mem.T] != stop and made[STEPS] < most:
         if not made[PENDING]:
             ended = controlled(z, k, o, stop, counts)
@@ -84,6 +90,43 @@ def march(
         made[PENDING] = 0
         made[STEPS] += 1
     return mem.CONVERGED
+
+
+@compiled
+def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
+    """The slope at the start and the length of the first step, as section II.4 of Hairer, Norsett, Wanner; how it ended."""
+    size, control, scale = o.stage.size, part(z, mem.CONTROL), part(z, mem.WEIGHTS)
+    y, rtol, atol, slopes = view(z.w, z.i[2 * mem.Q], size), part(z, mem.RTOL), part(z, mem.ATOL), o.slopes
+    ended = slope(z, slopes[0], o.times[0], y, counts)
+    if ended != mem.CONVERGED:
+        return ended
+    for j in range(size):
+        scale[j] = atol[j] + abs(y[j]) * rtol[j]
+    large, fast = weighted(y, scale), weighted(slopes[0], scale)
+    h = min(1e-6 if large < 1e-5 or fast < 1e-5 else 0.01 * large / fast, abs(stop))
+    signed = math.copysign(h, stop)
+    for j in range(size):
+        o.stage[j] = y[j] + signed * slopes[0, j]
+    ended, suggested = slope(z, slopes[1], clock(o, stop, signed), o.stage, counts), math.inf
+    if ended == mem.SPENT:
+        return ended
+    if ended == mem.CONVERGED:
+        for j in range(size):
+            slopes[1, j] -= slopes[0, j]
+        bent = weighted(slopes[1], scale) / h
+        largest = max(fast, bent)
+        suggested = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -k.exponent
+    control[mem.H_NEXT] = min(100 * h, suggested, abs(stop))
+    return mem.CONVERGED
+
+
+@compiled
+def weighted(x: Any, scale: Any) -> Any:
+    """Root mean square of ``x`` over ``scale``."""
+    total = 0.0
+    for i in range(x.size):
+        total += (x[i] / scale[i]) ** 2
+    return math.sqrt(total / x.size)
 
 
 @compiled
@@ -308,40 +351,3 @@ def closest(z: Any, o: Any, position: Any) -> Any:
             terms[column + j * size] = levels[begin + j]
         terms[n + i] = levels[values + i]
     return scaled_solve(z) > 0.0
-
-
-@called
-def begin(z: Memory, k: Method, o: Room, stop: float, counts: IntArray) -> Any:
-    """The slope at the start and the length of the first step, as section II.4 of Hairer, Norsett, Wanner; how it ended."""
-    size, control, scale = o.stage.size, part(z, mem.CONTROL), part(z, mem.WEIGHTS)
-    y, rtol, atol, slopes = view(z.w, z.i[2 * mem.Q], size), part(z, mem.RTOL), part(z, mem.ATOL), o.slopes
-    ended = slope(z, slopes[0], o.times[0], y, counts)
-    if ended != mem.CONVERGED:
-        return ended
-    for j in range(size):
-        scale[j] = atol[j] + abs(y[j]) * rtol[j]
-    large, fast = weighted(y, scale), weighted(slopes[0], scale)
-    h = min(1e-6 if large < 1e-5 or fast < 1e-5 else 0.01 * large / fast, abs(stop))
-    signed = math.copysign(h, stop)
-    for j in range(size):
-        o.stage[j] = y[j] + signed * slopes[0, j]
-    ended, suggested = slope(z, slopes[1], clock(o, stop, signed), o.stage, counts), math.inf
-    if ended == mem.SPENT:
-        return ended
-    if ended == mem.CONVERGED:
-        for j in range(size):
-            slopes[1, j] -= slopes[0, j]
-        bent = weighted(slopes[1], scale) / h
-        largest = max(fast, bent)
-        suggested = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -k.exponent
-    control[mem.H_NEXT] = min(100 * h, suggested, abs(stop))
-    return mem.CONVERGED
-
-
-@compiled
-def weighted(x: Any, scale: Any) -> Any:
-    """Root mean square of ``x`` over ``scale``."""
-    total = 0.0
-    for i in range(x.size):
-        total += (x[i] / scale[i]) ** 2
-    return math.sqrt(total / x.size)

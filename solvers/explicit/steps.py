@@ -16,7 +16,7 @@ from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
 from solvers._run import Halt, Run
-from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, begin, march
+from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
 from solvers.hht.linear.analysis import address_of
 from solvers.hht.loops import memory as mem
@@ -64,7 +64,7 @@ class CompiledSteps:
             mass=np.zeros(s.n**2),
             sizes=np.full(s.n, 0.0) + run.problem.scales.q,
             times=np.array([run.time(run.t0), run.time(run.t1)]),
-            progress=np.zeros(5, dtype=np.int64),
+            progress=np.zeros(6, dtype=np.int64),
         )
         self._march = march.following(z, method, self.room, run.t1)
         self.y = z.w[z.i[2 * mem.Q] : z.i[2 * mem.Q] + size]
@@ -75,8 +75,6 @@ class CompiledSteps:
         run, count = self.run, FIRST
         run.recover_many = self.recovered
         run.holds_constraints = unreduced(run.dynamics) is run.dynamics
-        if run.unfinished():
-            self._checked(self.begin())
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
         while run.unfinished():
@@ -91,21 +89,13 @@ class CompiledSteps:
             each = (time.perf_counter() - began) / max(made, found, 1)
             count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
 
-    def begin(self) -> int:
-        """Find the slope at the start and the first step; how that ended."""
-        return self._counted(partial(begin, self.z, self.method, self.room, self.run.t1))
-
     def advance(self, steps: int, asked: Vector, rows: Matrix) -> int:
-        """One call of :func:`~solvers.explicit.march.march`; how it ended."""
-        return self._counted(partial(self._march, steps, asked, rows))
-
-    def _counted(self, call: Any) -> int:
-        """How ``call(counts)`` of the loop ended; its work is counted."""
+        """How one call of :func:`~solvers.explicit.march.march` ended; its work is counted."""
         work, counts = self.run.work, np.zeros(len(mem.COUNTS), dtype=np.int64)
         limit = work.max_evaluations
         self.z.i[mem.EVALUATIONS] = UNLIMITED if limit is None else limit - work.tally["residual_evaluations"]
         with self.callbacks:
-            ended = int(call(counts))
+            ended = self._march(steps, asked, rows, counts)
         work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
         work.output["residual_evaluations"] += int(self.room.progress[OUTPUTS])
         work.add("nonfinite_evaluations", int(counts[mem.NONFINITES]))

@@ -155,7 +155,6 @@ def _scipy(run: Any, method: str) -> Any:
 def _projected(run: Any, method: str) -> None:
     """The compiled loop."""
     steps = CompiledSteps(run, method)
-    steps.begin()
     steps.advance(1, NOTHING, np.empty((1, 1 + run.form.size)))
 
 
