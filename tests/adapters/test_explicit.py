@@ -201,6 +201,9 @@ def test_more_rows_in_one_step_than_a_call_has_room_for_are_all_there():
     found = hb.solve(of, "projected", rtol=1e-8, t_eval=times)
     assert found.status is Status.success
     np.testing.assert_allclose(found.q[:, 0], np.cos(2 * times), atol=1e-6)
+    free = hb.solve(of, "projected", rtol=1e-8).counters
+    assert found.counters.steps_accepted == free.steps_accepted, "no step is made twice"
+    assert found.counters.residual_evaluations == free.residual_evaluations
 
 
 def test_the_same_bits_come_out_twice_and_as_plain_python():
