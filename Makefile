@@ -59,7 +59,7 @@ picture: bench
 		--screenshot="$(CURDIR)/reports/published/convergence.png" "file://$(CURDIR)/reports/latest/convergence.html"
 
 loops: $(STAMP)
-	$(BIN)/python -m hhtbench.lowering.compile.compiled_loops solvers.hht.run.engine
+	$(BIN)/python -m hhtbench.lowering.compile.compiled_loops solvers.hht.run.engine solvers.explicit.march
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis reports/latest

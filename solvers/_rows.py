@@ -69,25 +69,25 @@ def carried(form: Form, rows: Rows, dynamics: Dynamics) -> Mapping[str, Matrix] 
     return dict(zip(("lam", "mu"), padded(dynamics, *own), strict=True))
 
 
-def doubt_about(rows: Rows, levels: ConstraintLevels, scales: Scales, work: Work, wanted: Vector | None) -> str:
-    """What speaks against the rows of a success, in words; empty when nothing does.  ``wanted``: their times.
+def doubt_about(rows: Rows, wanted: Vector | None) -> str:
+    """What speaks against the rows of a success, in words; empty when nothing does.  ``wanted``: their times."""
+    if wanted is not None and not np.array_equal(rows.t, wanted):
+        return f"It gave {rows.t.size} of {wanted.size} rows."
+    if not np.isfinite(rows.y).all():
+        return f"The row at t = {rows.t[np.argmin(np.isfinite(rows.y).all(axis=1))]:.17g} is not finite."
+    return ""
+
+
+def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales, work: Work) -> str:
+    """The largest violation of the constraints in words, with its time; empty where all rows are believable.
 
     Raises
     ------
     BudgetSpent
         The time budget ended before all was looked at.
     """
-    if wanted is not None and not np.array_equal(rows.t, wanted):
-        return f"It gave {rows.t.size} of {wanted.size} rows."
-    if not np.isfinite(rows.y).all():
-        return f"The row at t = {rows.t[np.argmin(np.isfinite(rows.y).all(axis=1))]:.17g} is not finite."
     if not levels.structure.constrained or not rows.t.size:
         return ""
-    return worst_violation(levels, rows, scales, work)
-
-
-def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales, work: Work) -> str:
-    """The largest violation of the constraints in words, with its time; empty where all rows are believable."""
     largest, at_time = 0.0, 0.0
     for i in np.unique(np.linspace(0, rows.t.size - 1, CHECKED_ROWS).astype(int)):
         work.check_time()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, unreduced
@@ -17,10 +17,19 @@ from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
-from solvers._ending import empty_solution, solution_of, unrecovered
+from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
-from solvers._rows import Rows, carried, doubt_about, holds_integrals, make_rows, own_multipliers, rates_of
+from solvers._rows import (
+    Rows,
+    carried,
+    doubt_about,
+    holds_integrals,
+    make_rows,
+    own_multipliers,
+    rates_of,
+    worst_violation,
+)
 from solvers._start import (
     Failure,
     Place,
@@ -75,6 +84,9 @@ class Run:
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
         self.steps = 0
+        self.note = ""  #: what is said of a run beside how it ended
+        self.recover_many: RecoverMany = None  #: of a solver that finds many rows' multipliers at once
+        self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
         self._rows: list[Vector] = []
@@ -92,7 +104,9 @@ class Run:
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
         held = carried(self.form, rows, self.dynamics)
-        return solution_of(self, self._judged(rows, end), rows.motion, own, carried=held)
+        end = self._judged(rows, end)
+        end = Failure(end.status, f"{end.message} {self.note}".strip())
+        return solution_of(self, end, rows.motion, own, self.recover_many, held)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -187,6 +201,17 @@ class Run:
         self.steps += 1
         self.work.add("steps_accepted")
 
+    def accept_many(self, steps: int, t: float, y: Vector, rows: Matrix) -> None:
+        """Take ``steps`` accepted steps at once, the last of which ended at (t, y), and the ``rows`` [t, y] they reach."""
+        keep = self._keep_end if self.wanted is None else self._keep
+        for time, row in zip(rows[:, 0].tolist(), rows[:, 1:], strict=True):
+            keep(time, row, None)
+        if steps:
+            self.t, self.y = t, y.copy()
+            self.guard.step_taken(self.time(t))
+        self.steps += steps
+        self.work.add("steps_accepted", steps)
+
     def _output(self, t: float, y: Vector, between: Interpolate | None, rate: Interpolate | None) -> None:
         """Keep the rows that this step reaches: its end, or the output times within it."""
         if self.wanted is None:
@@ -245,7 +270,9 @@ class Run:
             return end
         doubt = f"It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}." if self.t != self.t1 else ""
         try:
-            doubt = doubt or doubt_about(rows, self.levels, self.problem.scales, self.work, self.request.t_eval)
+            doubt = doubt or doubt_about(rows, self.request.t_eval)
+            if not (doubt or self.holds_constraints):
+                doubt = worst_violation(self.levels, rows, self.problem.scales, self.work)
         except BudgetSpent as spent:
             return budget_failure(spent, self.now)
         if doubt:

@@ -1,38 +1,54 @@
-"""``projected(method=DOP853|RK45|RK23)``: SciPy's explicit methods on the underlying ODE, projected after every step.
+"""``projected(method=DOP853|Tsit5|RK45|RK23)``: explicit methods on the underlying ODE, projected after every step.
 
 The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
 by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
-Springer 1996, section VII.2, describes.
+Springer 1996, section VII.2, describes.  The steps are SciPy's, by its classes or, where the system's functions are machine
+code, the same in a compiled loop.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import integrate
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import compile_function, mass_at
+from hhtbench.lowering import NotNative, compile_function, mass_at
 from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._projection import closest
 from solvers._run import Halt, Run
+from solvers.explicit.steps import CompiledSteps
+from solvers.explicit.tableaux import CLASSES
 from solvers.scipy_ivp import SciPySolver, _step
 
-KNOWN = {"method": ("DOP853", "RK45", "RK23"), "form": ("ode",)}
+KNOWN = {"method": tuple(CLASSES), "form": ("ode",), "engine": ("compiled", "python")}
 MOST_ITERATIONS = 5  # of the position level; a step leaves the constraints by its error, so two are enough
 ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
 
 
+@dataclass(frozen=True)
 class ProjectedSolver(SciPySolver):
     """An explicit Runge-Kutta method whose states satisfy both levels of the constraints."""
 
     library: ClassVar[str] = "scipy"
+    engine: str = "compiled"
 
     def drive(self, run: Run) -> None:
+        """The compiled loop, or SciPy's steps in Python: those that were asked for, or where the former cannot be."""
+        if self.engine == "compiled":
+            try:
+                steps = CompiledSteps(run, self.method)
+            except NotNative as error:
+                run.note = f"The steps are made in Python: {error.reason}."
+            else:
+                return steps.drive()
+        return self._in_python(run)
+
+    def _in_python(self, run: Run) -> None:
         """One solver object, stepped to the end, its state replaced by the projected one."""
         projection = Projection(run)
         solver = self._stepper(run, run.t0, run.start.y, run.t1)
@@ -44,7 +60,7 @@ class ProjectedSolver(SciPySolver):
             run.accept(solver.t, solver.y, partial(projection.of_step, shorter))
 
     def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
-        return getattr(integrate, self.method)(run.rhs, t0, y0, t1, rtol=max(run.rtol, 3e-14), atol=run.weights, **options)
+        return CLASSES[self.method](run.rhs, t0, y0, t1, rtol=max(run.rtol, 3e-14), atol=run.weights, **options)
 
     def _shorter(self, run: Run, t0: float, y0: Any, time: float) -> Vector:
         """y at ``time`` by a shorter step from the same start: the interpolant is less accurate than the step."""
@@ -85,6 +101,9 @@ class Projection:
 
 
 def solver(**options: Any) -> ProjectedSolver:
-    """A projected method; options ``method``: DOP853 (default), RK45 or RK23, ``form``: ode."""
+    """A projected method; options ``method``: DOP853 (default), Tsit5, RK45 or RK23, ``engine``: compiled or python."""
     chosen = choose("projected", options, KNOWN)
-    return ProjectedSolver(f"projected(method={chosen['method']})", chosen["form"], chosen["method"])
+    engine = ", engine=python" if chosen["engine"] == "python" else ""
+    return ProjectedSolver(
+        f"projected(method={chosen['method']}{engine})", chosen["form"], chosen["method"], chosen["engine"]
+    )

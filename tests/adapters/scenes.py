@@ -12,7 +12,7 @@ ALL = [
     *(ida.solver(form=form) for form in ("ggl", "index1", "integrated", "index2")),
     *(cvode.solver(method=method) for method in ("bdf", "adams")),
     *(scipy_ivp.solver(method=method) for method in ("Radau", "BDF", "LSODA", "DOP853")),
-    projected.solver(),
+    *(projected.solver(engine=engine) for engine in ("compiled", "python")),
     *(diffrax_ode.solver(method=method) for method in ("Tsit5", "Dopri8", "Kvaerno5")),
 ]
 HOST = [solver for solver in ALL if solver.library != "diffrax"]  # the loop is in Python and callbacks are plain calls

@@ -21,7 +21,8 @@ from hhtbench.lowering.compile.loops import (
     entries,
     inner,
 )
-from solvers.hht.run.march import march
+from solvers.explicit import march as explicit_march
+from solvers.hht.run import march as hht_march
 
 HERE = Path(__file__)
 entry, within = entries(HERE.with_name("compiled"), HERE), inner()  # another folder in every test
@@ -151,7 +152,8 @@ def test_what_cannot_be_compiled_beforehand_is_refused():
         compiled_loops.bitcode(steps_beyond)
 
 
-def test_what_is_shipped_is_made_from_the_sources():
+@pytest.mark.parametrize("march", [hht_march.march, explicit_march.march], ids=["hht", "explicit"])
+def test_what_is_shipped_is_made_from_the_sources(march):
     """Where this fails, run ``make loops``."""
     manifest = json.loads((march.folder / MANIFEST).read_text())
     assert manifest["content"] == content_of(march.sources)

@@ -196,17 +196,10 @@ class MachineCode(Functions):
     def _of_level(self) -> dict[str, Native]:
         if not self._starts_alone():
             return {}
-        s = self.layout.structure
-        place = (), (s.n,), (s.n,)
         try:
-            codes = {"force": self.made(force_and_inverse_mass, 0, place)}
-            if s.constrained:
-                codes["start_levels"] = self.made(level_terms, 0, place)
-            if s.constrained or s.mass == "variable":
-                codes["kkt"] = self.made(kkt_terms, 0, (*place, (s.n + s.m + s.p,)))
+            return level_functions(self.dynamics)
         except NotNative:
             return {}
-        return codes
 
     def _starts_alone(self) -> bool:
         """Whether the start and guesses are machine code too: of full matrices, with no function in Python."""
@@ -310,6 +303,24 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
         return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)
+
+
+def level_functions(dynamics: Dynamics) -> dict[str, Native]:
+    """Machine code of what start, acceleration level and projection need, by its name in the loops.
+
+    Raises
+    ------
+    NotNative
+        There is none for one of them.
+    """
+    s = dynamics.structure
+    place = (), (s.n,), (s.n,)
+    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
+    if s.constrained:
+        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
+    if s.constrained or s.mass == "variable":
+        codes["kkt"] = native(kkt_terms, dynamics, shapes=(*place, (s.n + s.m + s.p,)))
+    return codes
 
 
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:

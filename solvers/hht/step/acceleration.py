@@ -73,22 +73,26 @@ def scaled_solve(z: Any) -> Any:
     """
     terms, scale = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE)
     size, least, most = scale.size, math.inf, 0.0
+    for j in range(size):
+        scale[j] = 0.0
     for i in range(size):
         row = terms[size + i * size : size + (i + 1) * size]
         size_of_row = largest(row)
         if not 0.0 < size_of_row < math.inf:
             return 0.0
+        factor = 1.0 / size_of_row
+        terms[i] *= factor
         for j in range(size):
-            row[j] /= size_of_row
-        terms[i] /= size_of_row
+            row[j] *= factor
+            scale[j] = max(scale[j], abs(row[j]))
     for j in range(size):
-        scale[j] = 0.0
-        for i in range(size):
-            scale[j] = max(scale[j], abs(terms[size + i * size + j]))
         if not scale[j] > 0.0:
             return 0.0
-        for i in range(size):
-            terms[size + i * size + j] /= scale[j]
+        scale[j] = 1.0 / scale[j]
+    for i in range(size):
+        row = terms[size + i * size : size + (i + 1) * size]
+        for j in range(size):
+            row[j] *= scale[j]
     right, order, pivots = (
         address(z, mem.LEVEL_TERMS),
         index_address(z, mem.LEVEL_LAPACK),
@@ -103,7 +107,7 @@ def scaled_solve(z: Any) -> Any:
         return 0.0
     invoke(z.i[mem.DGETRS], (transposed, order, one, matrix, order, pivots, right, order, info))
     for j in range(size):
-        terms[j] /= scale[j]
+        terms[j] *= scale[j]
     return least / most if finite(terms[:size]) else 0.0
 
 

@@ -42,7 +42,7 @@ ENTRANTS = (
     "cvode(form=ode, method=adams)",
     "minimal, scipy(method=DOP853)",
     "minimal, cvode(form=ode, method=bdf)",
-    "projected(method=RK45)",
+    "projected(method=Tsit5)",
     "cvode(form=ode, method=bdf)",
     "scipy(method=LSODA)",
     "scipy(method=Radau)",

@@ -17,8 +17,8 @@ from scipy import integrate
 import hhtbench as hb
 from hhtbench.protocol import Problem
 from hhtbench.request import make_request
+from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.hht import HHT
-from solvers.projected import Projection
 from tests.performance.engine.clock import compare, unmeasured
 
 try:
@@ -153,11 +153,9 @@ def _scipy(run: Any, method: str) -> Any:
 
 
 def _projected(run: Any, method: str) -> None:
-    """With one projection, which belongs to the step."""
-    solver = _scipy(run, method)
-    if not hasattr(run, "own_projection"):
-        run.own_projection = Projection(run)
-    run.form.rhs(solver.t, run.own_projection.of(solver.t, solver.y))
+    """The compiled loop."""
+    steps = CompiledSteps(run, method)
+    steps.advance(1, NOTHING, np.empty((1, 1 + run.form.size)))
 
 
 def _repeated(times: int, call: Callable[[], object]) -> Callable[[], None]:

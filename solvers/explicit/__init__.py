@@ -1,0 +1,1 @@
+"""Explicit Runge-Kutta methods on the underlying ODE in a compiled loop, projected onto both levels after every step."""

@@ -1,0 +1,353 @@
+"""The loop over steps of an explicit Runge-Kutta method, compiled: stages, projection, error, control, rows of output.
+
+Steps are SciPy's: its error norms, its controller and its first step, so that both can be compared step by step; the error
+is that of the step before its projection.  Accelerations come from the same machine code as HHT's, by way of its memory.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray, entries
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import SOURCES, compiled, spacing
+from solvers.hht.loops.memory import Memory
+from solvers.hht.loops.sections import address, call, finite, part, put, view
+from solvers.hht.step.acceleration import acceleration_level, scaled_solve
+
+MOST_ITERATIONS = 5  # of the projection; a step leaves the constraints by its error, so two are enough
+ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
+CLOSE = 1e3 * ROUNDOFF  # one that counts as none where it no longer shrinks
+SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
+SPACINGS = 10.0  # of floating-point times: what is shorter is no step
+
+called = entries(Path(__file__).with_name("compiled"), *SOURCES, Path(__file__))
+
+
+class Method(NamedTuple):
+    """An embedded Runge-Kutta method of s stages; its last slope, at the end of the step, is the next step's first."""
+
+    a: FloatMatrix  #: (s, s)
+    b: FloatArray  #: (s,)
+    c: FloatArray  #: (s,)
+    errors: FloatMatrix  #: (2, s + 1) weights of the slopes in the error, and in a second estimate or zero
+    exponent: float  #: of the error in the controller
+
+
+class Room(NamedTuple):
+    """What a run keeps beside the memory, where RTOL and ATOL are given and the state y = [q; v] is Q and V."""
+
+    slopes: FloatMatrix  #: (s + 1, 2n) of the stages and of the end
+    stage: FloatArray  #: (2n,)
+    end: FloatArray  #: (2n,) of the step that was accepted, while rows inside it are found
+    mass: FloatArray  #: (n*n,)
+    sizes: FloatArray  #: (n,) typical ones of q, by which violations are measured
+    times: FloatArray  #: [s]: the problem's at the loop's 0 and at its stop
+    progress: IntArray  #: STEPS and ROWS of one call, OUTPUTS: evaluations for these, and whether ...
+
+
+# ... rows are of output times, the first step is chosen, and the last step still lacks rows.
+STEPS, ROWS, OUTPUTS, OF_TIMES, BEGUN, PENDING = range(6)
+
+
+@called
+def march(
+    z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArray, rows: FloatMatrix, counts: IntArray
+) -> Any:
+    """At most ``most`` more steps towards ``stop`` [s] with their ``rows`` [t, y], as far as there is room; how it ended.
+
+    A row for every step; where the problem has output times only for those ``asked`` for, in the direction of the motion.
+    """
+    number, made, size = part(z, mem.NUMBER), o.progress, 2 * z.i[mem.N]
+    y, end = view(z.w, z.i[2 * mem.Q], size), part(z, mem.END)[:size]
+    made[STEPS] = made[ROWS] = made[OUTPUTS] = 0
+    if not made[BEGUN]:
+        ended = begin(z, k, o, stop, counts)
+        if ended != mem.CONVERGED:
+            return ended
+        made[BEGUN] = 1
+    while number[mem.T] != stop and made[STEPS] < most:
+        if not made[PENDING]:
+            ended = controlled(z, k, o, stop, counts)
+            if ended != mem.CONVERGED:
+                return ended
+            put(o.end, 0, end)
+        made[PENDING] = 1
+        t1 = part(z, mem.ATTEMPT)[mem.T_END]
+        if o.progress[OF_TIMES]:
+            ended = rows_inside(z, k, o, stop, asked, rows, counts)
+            if ended != mem.CONVERGED:
+                return ended
+            if made[ROWS] < asked.size and abs(asked[made[ROWS]]) <= abs(t1):
+                return mem.CONVERGED  # there was no room for all of them
+        else:
+            keep(o, rows, t1, o.end)
+        put(y, 0, o.end)
+        put(o.slopes[0], 0, o.slopes[k.b.size])
+        number[mem.T] = t1
+        made[PENDING] = 0
+        made[STEPS] += 1
+    return mem.CONVERGED
+
+
+@compiled
+def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
+    """The slope at the start and the length of the first step, as section II.4 of Hairer, Norsett, Wanner; how it ended."""
+    size, control, scale = o.stage.size, part(z, mem.CONTROL), part(z, mem.WEIGHTS)
+    y, rtol, atol, slopes = view(z.w, z.i[2 * mem.Q], size), part(z, mem.RTOL), part(z, mem.ATOL), o.slopes
+    ended = slope(z, slopes[0], o.times[0], y, counts)
+    if ended != mem.CONVERGED:
+        return ended
+    for j in range(size):
+        scale[j] = atol[j] + abs(y[j]) * rtol[j]
+    large, fast = weighted(y, scale), weighted(slopes[0], scale)
+    h = min(1e-6 if large < 1e-5 or fast < 1e-5 else 0.01 * large / fast, abs(stop))
+    signed = math.copysign(h, stop)
+    for j in range(size):
+        o.stage[j] = y[j] + signed * slopes[0, j]
+    ended, suggested = slope(z, slopes[1], clock(o, stop, signed), o.stage, counts), math.inf
+    if ended == mem.SPENT:
+        return ended
+    if ended == mem.CONVERGED:
+        for j in range(size):
+            slopes[1, j] -= slopes[0, j]
+        bent = weighted(slopes[1], scale) / h
+        largest = max(fast, bent)
+        suggested = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -k.exponent
+    control[mem.H_NEXT] = min(100 * h, suggested, abs(stop))
+    return mem.CONVERGED
+
+
+@compiled
+def weighted(x: Any, scale: Any) -> Any:
+    """Root mean square of ``x`` over ``scale``."""
+    total = 0.0
+    for i in range(x.size):
+        total += (x[i] / scale[i]) ** 2
+    return math.sqrt(total / x.size)
+
+
+@compiled
+def keep(o: Any, rows: Any, t: Any, y: Any) -> None:
+    """Write the next row."""
+    row = rows[o.progress[ROWS]]
+    row[0] = t
+    put(row, 1, y)
+    o.progress[ROWS] += 1
+
+
+@compiled
+def rows_inside(z: Any, k: Any, o: Any, stop: Any, asked: Any, rows: Any, counts: Any) -> Any:
+    """Rows at the times within the accepted step, each by a shorter step from its start: as accurate as the step."""
+    t, t1, made, end = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END], o.progress, part(z, mem.END)
+    while made[ROWS] < min(rows.shape[0], asked.size) and abs(asked[made[ROWS]]) <= abs(t1):
+        time = asked[made[ROWS]]
+        if time == t1:
+            keep(o, rows, time, o.end)
+            continue
+        before = counts[mem.RESIDUALS]
+        ended = stages(z, k, o, time - t, counts)
+        if ended == mem.CONVERGED:
+            ended = projected(z, o, clock(o, stop, time))
+        made[OUTPUTS] += counts[mem.RESIDUALS] - before
+        if ended != mem.CONVERGED:
+            return ended
+        keep(o, rows, time, end[: o.end.size])
+    return mem.CONVERGED
+
+
+@compiled
+def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
+    """Steps from the one proposed to shorter ones until the error of one is below 1."""
+    control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
+    least = SPACINGS * spacing(abs(t))
+    length, rejected, failed = max(control[mem.H_NEXT], least), False, mem.NO_ADVANCE
+    while length >= least:
+        t1 = t + math.copysign(length, stop - t)
+        if abs(t1) > abs(stop):
+            t1 = stop
+        h = t1 - t
+        tried[mem.H_TRIED], tried[mem.T_END] = h, t1
+        ended = attempt(z, k, o, h, clock(o, stop, t1), counts)
+        if ended == mem.SPENT:
+            return mem.SPENT
+        size = error_size(z, k, o, h) if ended == mem.CONVERGED else math.inf
+        factor = SAFETY * size**k.exponent if size > 0.0 else GROWTH
+        if size < 1.0:
+            factor = min(GROWTH, factor)
+            control[mem.H_NEXT] = abs(h) * (min(1.0, factor) if rejected else factor)
+            return mem.CONVERGED
+        failed = ended if ended != mem.CONVERGED else mem.TOO_LARGE
+        counts[mem.REJECTED] += 1
+        length, rejected = abs(h) * max(SHRINK, factor), True
+    return failed
+
+
+@compiled
+def attempt(z: Any, k: Any, o: Any, h: Any, t1: Any, counts: Any) -> Any:
+    """How a step of h [s] to the problem's t1 ended; y there and its slope are in END and the last of the slopes."""
+    ended = stages(z, k, o, h, counts)
+    if ended == mem.CONVERGED:
+        ended = projected(z, o, t1)
+    return slope(z, o.slopes[k.b.size], t1, part(z, mem.END), counts) if ended == mem.CONVERGED else ended
+
+
+@compiled
+def stages(z: Any, k: Any, o: Any, h: Any, counts: Any) -> Any:
+    """The slopes of all stages but the first, and y at the end of a step of h [s] before its projection, into END."""
+    size, y, end = o.stage.size, view(z.w, z.i[2 * mem.Q], o.stage.size), part(z, mem.END)
+    t = part(z, mem.NUMBER)[mem.T] + o.times[0]
+    for s in range(1, k.b.size):
+        advanced(o, k.a[s], s, y, h, o.stage)
+        ended = slope(z, o.slopes[s], t + k.c[s] * h, o.stage, counts)
+        if ended != mem.CONVERGED:
+            return ended
+    advanced(o, k.b, k.b.size, y, h, end)
+    scale, rtol, atol = part(z, mem.WEIGHTS), part(z, mem.RTOL), part(z, mem.ATOL)
+    for j in range(size):
+        scale[j] = atol[j] + max(abs(y[j]), abs(end[j])) * rtol[j]
+    return mem.CONVERGED if finite(end[:size]) else mem.NONFINITE
+
+
+@compiled
+def advanced(o: Any, weights: Any, count: Any, y: Any, h: Any, to: Any) -> None:
+    """Put y + h times the weighted sum of the first ``count`` slopes into ``to``."""
+    size = o.stage.size
+    for j in range(size):
+        to[j] = 0.0
+    for r in range(count):
+        weight, slope_r = weights[r], o.slopes[r]
+        if weight != 0.0:
+            for j in range(size):
+                to[j] += weight * slope_r[j]
+    for j in range(size):
+        to[j] = y[j] + h * to[j]
+
+
+@compiled
+def slope(z: Any, to: Any, t: Any, y: Any, counts: Any) -> Any:
+    """Put y' = [v; v'] at the problem's t [s] and y into ``to``; how that ended."""
+    n, constraints, place, at = z.i[mem.N], z.i[mem.M] + z.i[mem.P], part(z, mem.PLACE), address(z, mem.PLACE)
+    if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
+        return mem.SPENT
+    place[0] = t
+    put(place, 1, y[: 2 * n])
+    put(to, 0, y[n : 2 * n])
+    if constraints > 0:
+        if not acceleration_level(z, z.i[2 * mem.LAM], counts):
+            return mem.SINGULAR
+        put(to, n, part(z, mem.ACCELERATION_LEVEL)[1 + constraints :])
+    else:
+        counts[mem.RESIDUALS] += 1
+        call(z, mem.C_FORCE, mem.FORCE, (at, at + 8, at + 8 + 8 * n))
+        put(to, n, part(z, mem.FORCE)[:n])
+    if finite(to):
+        return mem.CONVERGED
+    counts[mem.NONFINITES] += 1
+    return mem.NONFINITE
+
+
+@compiled
+def clock(o: Any, stop: Any, t: Any) -> Any:
+    """The problem's time [s] at ``t``."""
+    return o.times[1] if t == stop else o.times[0] + t
+
+
+@compiled
+def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
+    """The error of the attempt over the tolerances; of two estimates as Hairer, Norsett, Wanner, section II.10."""
+    scale, a, b = part(z, mem.WEIGHTS), 0.0, 0.0
+    for j in range(scale.size):
+        first = second = 0.0
+        for r in range(k.errors.shape[1]):
+            first += k.errors[0, r] * o.slopes[r, j]
+            second += k.errors[1, r] * o.slopes[r, j]
+        a += (first / scale[j]) ** 2
+        b += (second / scale[j]) ** 2
+    if a == 0.0 and b == 0.0:
+        return 0.0
+    return abs(h) * a / math.sqrt((a + 0.01 * b) * scale.size)
+
+
+@compiled
+def projected(z: Any, o: Any, t: Any) -> Any:
+    """Move y in END onto both levels at the problem's t [s]: by the smallest change in the metric of the mass there.
+
+    First q by Newton's iteration with the Jacobian at the iterate, then v.  Returns how that ended.
+    """
+    n, m, p, place, at = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.PLACE), address(z, mem.PLACE)
+    if m + p == 0:
+        return mem.CONVERGED
+    change, end, last, ended = part(z, mem.LEVEL_TERMS), part(z, mem.END), math.inf, mem.DIVERGED
+    place[0] = t
+    put(place, 1, end[: 2 * n])
+    call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
+    size = n + m + p
+    for i in range(n):
+        put(o.mass, i * n, change[size + i * size : size + i * size + n])
+    for _ in range(MOST_ITERATIONS):
+        violation = off_position(z, o)
+        if not violation < math.inf:
+            return mem.NONFINITE
+        if violation <= ROUNDOFF or last / 2 <= violation <= CLOSE:
+            ended = mem.CONVERGED
+            break
+        if not closest(z, o, True):
+            return mem.SINGULAR
+        for i in range(n):
+            place[1 + i] -= change[i]
+        last = violation
+    if ended != mem.CONVERGED and not off_position(z, o) <= CLOSE:
+        return mem.DIVERGED
+    for again in range(1 + (p > 0)):  # velocity constraints may be nonlinear in v
+        if again:
+            off_position(z, o)
+        if not closest(z, o, False):
+            return mem.SINGULAR
+        for i in range(n):
+            place[1 + n + i] -= change[i]
+    put(end, 0, place[1:])
+    return mem.CONVERGED
+
+
+@compiled
+def off_position(z: Any, o: Any) -> Any:
+    """The largest position constraint at PLACE over its row's size; all levels there are in START_LEVELS."""
+    n, m, at, worst = z.i[mem.N], z.i[mem.M], address(z, mem.PLACE), 0.0
+    call(z, mem.C_START_LEVELS, mem.START_LEVELS, (at, at + 8, at + 8 + 8 * n))
+    terms = part(z, mem.START_LEVELS)  # g, g_t, g_q, k, k_v, and the velocity level
+    if not finite(terms):
+        return math.inf
+    for i in range(m):
+        size = 0.0
+        for j in range(n):
+            size += abs(terms[2 * m + i * n + j]) * o.sizes[j]
+        worst = max(worst, abs(terms[i]) / (size if size > 0.0 else 1.0))
+    return worst
+
+
+@compiled
+def closest(z: Any, o: Any, position: Any) -> Any:
+    """Put minus the change with the least x^T M x that undoes a level of START_LEVELS in front of LEVEL_TERMS.
+
+    The position level, or that of velocities; False where the rows are dependent.
+    """
+    n, m, p, terms, levels = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.LEVEL_TERMS), part(z, mem.START_LEVELS)
+    size, values = n + m + p, 0 if position else (2 + n) * m + (1 + n) * p
+    for i in range(size * (1 + size)):
+        terms[i] = 0.0
+    for i in range(n):
+        put(terms, size + i * size, o.mass[i * n : (i + 1) * n])
+    for i in range(m + p):
+        row, column = size + (n + i) * size, size + n + i
+        if position and i >= m:
+            terms[row + n + i] = 1.0  # velocity constraints do not bind q
+            continue
+        begin = 2 * m + i * n if i < m else (2 + n) * m + p + (i - m) * n
+        put(terms, row, levels[begin : begin + n])
+        for j in range(n):
+            terms[column + j * size] = levels[begin + j]
+        terms[n + i] = levels[values + i]
+    return scaled_solve(z) > 0.0

@@ -1,0 +1,158 @@
+"""``CompiledSteps``: one solve by the compiled loop, seen from Python: the memory, how a call ended, the rows."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import BudgetSpent
+from hhtbench.lowering import Dynamics, NotNative, route_of, unreduced
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.result import Status
+from solvers._run import Halt, Run
+from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
+from solvers.explicit.tableaux import coefficients
+from solvers.hht.linear.analysis import address_of
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view, view
+from solvers.hht.run.functions import level_functions
+from solvers.hht.run.in_python import acceleration_level
+from solvers.hht.step.acceleration import recover
+
+FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+UNLIMITED = 2**62
+LEAST_RTOL = 3e-14  # SciPy's methods take no smaller one
+NOTHING = np.zeros(0)
+
+_known = Cache(16)
+
+
+class CompiledSteps:
+    """Steps of the method ``name`` in the run ``run``, whose functions are machine code.
+
+    Raises
+    ------
+    NotNative
+        They cannot be.
+    """
+
+    def __init__(self, run: Run, name: str) -> None:
+        dynamics, method = run.dynamics, coefficients(name)
+        blank, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
+        s, size = dynamics.structure, run.form.size
+        self.run, self.method = run, method
+        run.work.library["steps_rejected_error"] = 0
+        self.z = z = Memory(blank.w.copy(), blank.i.copy())
+        z.i[mem.BASE], z.i[mem.INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
+        self.callbacks = Callbacks()
+        self.callbacks.check = run.work.check_time
+        shapes = (), (s.n,), (s.n,), (s.m,), (s.p,)
+        looked_at = self.callbacks.entry(partial(acceleration_level, run), 1 + s.n + s.m + s.p, shapes)  # type: ignore[arg-type]
+        z.i[mem.C_ACCELERATION] = looked_at
+        view(z, mem.RTOL)[:], view(z, mem.ATOL)[:] = max(run.rtol, LEAST_RTOL), run.weights
+        self.room = Room(
+            slopes=np.zeros((method.b.size + 1, size)),
+            stage=np.zeros(size),
+            end=np.zeros(size),
+            mass=np.zeros(s.n**2),
+            sizes=np.full(s.n, 0.0) + run.problem.scales.q,
+            times=np.array([run.time(run.t0), run.time(run.t1)]),
+            progress=np.zeros(6, dtype=np.int64),
+        )
+        self._march = march.following(z, method, self.room, run.t1)
+        self.y = z.w[z.i[2 * mem.Q] : z.i[2 * mem.Q] + size]
+        self.y[:] = run.start.y
+
+    def drive(self) -> None:
+        """From the start to the end of the interval."""
+        run, count = self.run, FIRST
+        run.recover_many = self.recovered
+        run.holds_constraints = unreduced(run.dynamics) is run.dynamics
+        asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
+        self.room.progress[OF_TIMES] = run.wanted is not None
+        while run.unfinished():
+            began, most = time.perf_counter(), run.request.max_num_steps
+            steps = count if most is None else min(count, most - run.steps)
+            rows = np.empty((steps if run.wanted is None else min(count, asked.size), 1 + self.y.size))
+            ended = self.advance(steps, asked, rows)
+            made, found = self.room.progress[[STEPS, ROWS]].tolist()
+            t, asked = float(view(self.z, mem.NUMBER)[mem.T]), asked[found:]
+            run.accept_many(made, t, self.y, rows[:found])
+            self._checked(ended)
+            each = (time.perf_counter() - began) / max(made, found, 1)
+            count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
+
+    def advance(self, steps: int, asked: Vector, rows: Matrix) -> int:
+        """How one call of :func:`~solvers.explicit.march.march` ended; its work is counted."""
+        work, counts = self.run.work, np.zeros(len(mem.COUNTS), dtype=np.int64)
+        limit = work.max_evaluations
+        self.z.i[mem.EVALUATIONS] = UNLIMITED if limit is None else limit - work.tally["residual_evaluations"]
+        with self.callbacks:
+            ended = self._march(steps, asked, rows, counts)
+        work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
+        work.output["residual_evaluations"] += int(self.room.progress[OUTPUTS])
+        work.add("nonfinite_evaluations", int(counts[mem.NONFINITES]))
+        work.library["steps_rejected_error"] += int(counts[mem.REJECTED])
+        return ended
+
+    def _checked(self, ended: int) -> None:
+        """Raise what a call noted, or why it ended before it was done."""
+        cause = self.callbacks.take_cause()
+        if cause is not None:
+            raise cause
+        run = self.run
+        if ended == mem.CONVERGED:
+            return
+        if ended == mem.SPENT:
+            raise BudgetSpent("evaluations", run.work.max_evaluations or 0)
+        if ended == mem.DIVERGED:
+            raise Halt(Status.newton_failed, f"the projection does not converge after t = {run.now:.17g}")
+        if ended in (mem.NONFINITE, mem.SINGULAR):
+            place = view(self.z, mem.PLACE)
+            run.guard.nonfinite = float(place[0]), place[1:].copy()
+        status = Status.step_too_small
+        raise Halt(status, f"Required step size is less than spacing between numbers. {status.text} t = {run.now:.17g}.")
+
+    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+        """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
+        done, packed = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+        first, clock, n = 0, self.run.work.clock, q.shape[1]
+        while first < times.size and clock.left() >= 0.0:
+            block, counts = slice(first, first + MOST // 64), np.zeros(len(mem.COUNTS), dtype=np.int64)
+            recover(self.z, packed[block], done[block], counts)
+            self.run.work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
+            first += MOST // 64
+        found = packed[done, 1 + 2 * n :]
+        lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
+        return done
+
+
+def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:
+    """The loops' memory with what depends on the system alone, and what owns the code that is called from it.
+
+    Raises
+    ------
+    NotNative
+        Its functions cannot be machine code.
+    """
+    reason = "the functions are plain callables" if route_of(dynamics) == "numpy" else too_large(dynamics)
+    if reason is not None:
+        raise NotNative(reason)
+    s = dynamics.structure
+    size = s.n + s.m + s.p
+    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
+    z.i[mem.LINEAR] = s.linear_reaction
+    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
+    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
+    codes = level_functions(dynamics)
+    for name, code in codes.items():
+        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
+        z.i[at : at + 2] = code.pair
+    return z, codes

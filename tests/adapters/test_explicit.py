@@ -1,0 +1,295 @@
+"""``projected(engine=compiled)``: SciPy's steps where nothing is projected, both levels at every row, orders, failures."""
+
+import signal
+import threading
+from itertools import pairwise
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.counting import Clock
+from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.protocol import System
+from hhtbench.request import Request
+from hhtbench.result import Status
+from solvers._run import Run
+from solvers.explicit.march import march
+from solvers.explicit.steps import NOTHING, CompiledSteps
+from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import view
+from tests.adapters.scenes import numpy_ring, problem
+
+METHODS = tuple(CLASSES)
+CONSTRAINED = (
+    "simple_pendulum",
+    "planar_chain(n_links=3)",
+    "andrews",
+    "bead_on_rotating_rod",
+    "knife_edge",
+    "heavy_top",
+    "position",
+    "rheonomic",
+    "variable mass",
+    "mixed",
+    "velocity",
+)
+
+
+class Swing(System):
+    """An angle, and a spring that hardens: nothing is constrained."""
+
+    def force(self, t, q, v):
+        return jnp.stack([-9.81 * jnp.sin(q[0]) + 0.3 * q[1], -q[1] - 2 * q[1] ** 3 + jnp.cos(2 * t)])
+
+
+def swing(t_span=(0.0, 10.0)):
+    return hb.Problem(name="swing", system=Swing(), t_span=t_span, q0=[1.5, 0.2], v0=[0.0, 1.0])
+
+
+def loaded(name):
+    return hb.load_problem(name) if "_" in name or name == "andrews" else problem(name)
+
+
+def begun(of, **request):
+    """A run before its first step."""
+    run = Run("test", of, Request(**request), "ode", Clock())
+    assert run._begin() is None
+    return run
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+@pytest.mark.parametrize("t_span", [(0.0, 10.0), (3.0, -4.0)])
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_are_scipys_where_nothing_is_projected(method, t_span, rtol):
+    """Each step from the same place to roundoff; over a run estimates of few digits let lengths differ a little."""
+    found = hb.solve(swing(t_span), f"projected(method={method})", rtol=rtol, atol=rtol / 10)
+    assert found.status is Status.success
+
+    def rhs(t, y):
+        return np.concatenate([y[2:], np.asarray(Swing().force(t_span[0] + t, y[:2], y[2:]))])
+
+    def scipys(k, **first_step):
+        y0, rest = np.concatenate([found.q[k], found.v[k]]), t_span[1] - t_span[0]
+        return CLASSES[method](rhs, found.t[k] - t_span[0], y0, rest, rtol=rtol, atol=rtol / 10, **first_step)
+
+    for k in range(0, found.t.size - 1, 5):
+        solver = scipys(k, first_step=abs(found.t[k + 1] - found.t[k]))
+        solver.step()
+        np.testing.assert_allclose(solver.t, found.t[k + 1] - t_span[0], rtol=1e-14)
+        np.testing.assert_allclose(solver.y, np.concatenate([found.q[k + 1], found.v[k + 1]]), rtol=1e-12, atol=1e-13)
+    whole, times = scipys(0), [0.0]
+    while whole.status == "running":
+        whole.step()
+        times.append(whole.t)
+    assert found.t.size == len(times)
+    np.testing.assert_allclose(found.t - t_span[0], times, rtol=1e-5)
+    assert found.counters.residual_evaluations == whole.nfev + 1, "the start's, for its check"
+
+
+def order_conditions(a, b, c):
+    """Residuals of the conditions of order 1 .. 5 for weights ``b``: a tree each, by Butcher."""
+    ac, ac2, aac = a @ c, a @ c**2, a @ a @ c
+    return {
+        1: [b.sum() - 1],
+        2: [b @ c - 1 / 2],
+        3: [b @ c**2 - 1 / 3, b @ ac - 1 / 6],
+        4: [b @ c**3 - 1 / 4, b @ (c * ac) - 1 / 8, b @ ac2 - 1 / 12, b @ aac - 1 / 24],
+        5: [
+            b @ c**4 - 1 / 5,
+            b @ (c**2 * ac) - 1 / 10,
+            b @ ac**2 - 1 / 20,
+            b @ (c * ac2) - 1 / 15,
+            b @ (a @ c**3) - 1 / 20,
+            b @ (c * aac) - 1 / 30,
+            b @ (a @ (c * ac)) - 1 / 40,
+            b @ (a @ ac2) - 1 / 60,
+            b @ (a @ aac) - 1 / 120,
+        ],
+    }
+
+
+def test_tsit5_is_of_order_five_and_its_second_solution_of_order_four():
+    a = np.zeros((7, 7))
+    a[:6, :5], a[6, :6] = Tsit5.A, Tsit5.B
+    b, c = a[6], np.append(Tsit5.C, 1.0)
+    np.testing.assert_allclose(a.sum(axis=1), c, atol=1e-14)
+    for order, residuals in order_conditions(a, b, c).items():
+        np.testing.assert_allclose(residuals, 0, atol=1e-14, err_msg=str(order))
+    second = order_conditions(a, b - Tsit5.E, c)
+    np.testing.assert_allclose(np.concatenate([second[order] for order in (1, 2, 3, 4)]), 0, atol=1e-13)
+    assert np.abs(second[5]).max() > 1e-4, "or the difference would be no estimate"
+
+
+@pytest.mark.parametrize(("method", "order", "counts"), [("DOP853", 8, (8, 16, 32)), ("Tsit5", 5, (32, 64, 128))])
+def test_projection_keeps_the_order_of_constant_steps(method, order, counts):
+    """On the simple pendulum, over its first second; the error is not looked at."""
+    pendulum = hb.load_problem("simple_pendulum")
+    pendulum = hb.Problem(name="p", system=pendulum.system, t_span=(0, 1), q0=pendulum.q0, v0=pendulum.v0)
+    exact = hb.solve(pendulum, "projected(engine=python)", rtol=3e-14, atol=1e-15).q[-1]
+    errors = []
+    for count in counts:
+        steps = CompiledSteps(begun(pendulum, rtol=1e-3), method)
+        view(steps.z, mem.ATOL)[:] = 1e30
+        steps.advance(0, NOTHING, np.empty((0, 5)))
+        for _ in range(count):
+            view(steps.z, mem.CONTROL)[mem.H_NEXT] = 1 / count
+            assert steps.advance(1, NOTHING, np.empty((1, 5))) == mem.CONVERGED
+        errors.append(np.abs(steps.y[:2] - exact).max())
+    orders = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
+    assert all(order - 0.5 < found < order + 1.5 for found in orders), (orders, errors)
+
+
+@pytest.mark.parametrize("output", [False, True])
+@pytest.mark.parametrize("name", CONSTRAINED)
+@pytest.mark.parametrize("method", ["DOP853", "Tsit5"])
+def test_every_row_holds_both_levels_to_roundoff(method, name, output):
+    of = loaded(name)
+    t0, t1 = of.t_span
+    times = np.linspace(t0, t1, 23) if output else None
+    found = hb.solve(of, f"projected(method={method})", rtol=1e-4, t_eval=times)
+    assert found.status is Status.success, found.message
+    assert "Python" not in found.message
+    levels, scales = ConstraintLevels(derive(of.system, t0, of.q0, of.v0)), of.scales
+    for t, q, v in list(zip(found.t, found.q, found.v, strict=True))[1:]:
+        at = levels.at(float(t), q, v)
+        assert at.scaled_position(scales.q).max(initial=0.0) < 1e-14
+        assert at.scaled_velocity(scales.v).max() < 1e-13
+
+
+@pytest.mark.filterwarnings("ignore:redundant constraints")
+def test_rows_that_depend_on_others_are_left_out_and_hold_all_the_same():
+    of = hb.load_problem("redundant_pendulum")
+    found = hb.solve(of, "projected", rtol=1e-5)
+    levels = ConstraintLevels(derive(of.system, 0.0, of.q0, of.v0))
+    assert found.status is Status.success
+    worst = [levels.at(float(t), q, v) for t, q, v in zip(found.t, found.q, found.v, strict=True)]
+    assert max(at.scaled_position(1.0).max() for at in worst) < 1e-13
+
+
+@pytest.mark.parametrize("name", ["simple_pendulum", "andrews", "heavy_top", "planar_chain(n_links=10)", "knife_edge"])
+def test_both_engines_make_the_same_steps(name):
+    of = hb.load_problem(name)
+    compiled, python = (hb.solve(of, f"projected(engine={engine})", rtol=1e-6) for engine in ("compiled", "python"))
+    assert compiled.t.size == python.t.size
+    np.testing.assert_allclose(compiled.t, python.t, rtol=0, atol=1e-8 * of.t_span[1])
+    np.testing.assert_allclose(compiled.q[-1], python.q[-1], rtol=0, atol=1e-8 * np.max(of.scales.q))
+    np.testing.assert_allclose(compiled.lam[-1], python.lam[-1], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["swing", "andrews", "mixed"])
+def test_output_times_leave_the_steps_as_they_are_and_rows_are_as_accurate(name, method):
+    of = swing() if name == "swing" else loaded(name)
+    free = hb.solve(of, f"projected(method={method})", rtol=1e-5)
+    times = np.sort(np.append(np.linspace(*of.t_span, 300), free.t[[1, -2]]))
+    asked = hb.solve(of, f"projected(method={method})", rtol=1e-5, t_eval=times)
+    exact = hb.solve(of, "projected(engine=python)", rtol=1e-11, t_eval=times)
+    np.testing.assert_array_equal(asked.t, times)
+    np.testing.assert_array_equal(asked.q[np.searchsorted(times, free.t[[1, -2]])], free.q[[1, -2]])
+    assert asked.counters.steps_accepted == free.counters.steps_accepted
+    assert asked.counters.residual_evaluations == free.counters.residual_evaluations
+    at_steps = hb.solve(of, "projected(engine=python)", rtol=1e-11, t_eval=free.t)
+    assert np.abs(asked.q - exact.q).max() <= 2 * np.abs(free.q - at_steps.q).max()
+
+
+def test_more_rows_in_one_step_than_a_call_has_room_for_are_all_there():
+    of = problem("unconstrained", t_span=(0.0, 2.0))
+    times = np.linspace(0.0, 2.0, 5000)
+    found = hb.solve(of, "projected", rtol=1e-8, t_eval=times)
+    assert found.status is Status.success
+    np.testing.assert_allclose(found.q[:, 0], np.cos(2 * times), atol=1e-6)
+    free = hb.solve(of, "projected", rtol=1e-8).counters
+    assert found.counters.steps_accepted == free.steps_accepted, "no step is made twice"
+    assert found.counters.residual_evaluations == free.residual_evaluations
+
+
+def test_the_same_bits_come_out_twice_and_as_plain_python():
+    of = hb.load_problem("planar_chain(n_links=3)")
+    first, second = (hb.solve(of, "projected", rtol=1e-6) for _ in range(2))
+    np.testing.assert_array_equal(np.hstack([first.q, first.v, first.lam]), np.hstack([second.q, second.v, second.lam]))
+    rows = []
+    for plain in (False, True):
+        steps, kept = CompiledSteps(begun(of, rtol=1e-6), "DOP853"), np.empty((4, 1 + 2 * of.q0.size))
+        counts, steps.z.i[mem.EVALUATIONS] = np.zeros(len(mem.COUNTS), dtype=np.int64), 10**6
+        entry = march.function if plain else march
+        assert entry(steps.z, steps.method, steps.room, steps.run.t1, 4, NOTHING, kept, counts) == mem.CONVERGED
+        rows.append(kept)
+    np.testing.assert_allclose(rows[0], rows[1], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("budget", [5, 40, 200])
+def test_a_budget_of_evaluations_is_never_passed_and_steps_before_it_stay(budget):
+    found = hb.solve("simple_pendulum", "projected", rtol=1e-6, max_evaluations=budget)
+    assert found.status is Status.evaluation_budget
+    assert found.counters.residual_evaluations <= budget
+    assert found.t.size == found.counters.steps_accepted + 1
+
+
+@pytest.mark.parametrize("times", [None, np.linspace(0, 5, 77)])
+def test_no_more_steps_are_taken_than_allowed(times):
+    whole = hb.solve(swing(), "projected", rtol=1e-6, t_eval=times)
+    found = hb.solve(swing(), "projected", rtol=1e-6, max_num_steps=7, t_eval=times)
+    assert found.status is Status.max_steps
+    assert found.counters.steps_accepted == 7
+    assert 1 <= found.t.size < whole.t.size
+    np.testing.assert_array_equal(found.q, whole.q[: found.t.size])
+
+
+class Ends(System):
+    """The root of what is left: no number beyond t = 1."""
+
+    def force(self, t, q, v):
+        return jnp.stack([jnp.sqrt(1.0 - t), -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1) / 2])
+
+
+def test_a_force_that_ends_is_named_and_the_rows_before_it_stay():
+    found = hb.solve(hb.Problem(name="ends", system=Ends(), t_span=(0, 2), q0=[1, 0], v0=[0, 0]), "projected", rtol=1e-5)
+    assert found.status is Status.nonfinite_callback
+    assert "force" in found.message
+    assert 0.9 < found.t[-1] <= 1.0
+    assert found.counters.nonfinite_evaluations > 0
+    assert np.isfinite(found.q).all()
+
+
+def test_an_interrupt_leaves_the_steps_before_it():
+    of = hb.Problem(name="long", system=Swing(), t_span=(0, 1e7), q0=[1.5, 0.2], v0=[0.0, 1.0])
+    hb.solve(of, "projected", rtol=1e-6, max_num_steps=1)
+    timer = threading.Timer(0.5, lambda: signal.raise_signal(signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        hb.solve(of, "projected", rtol=1e-6, t_eval=[0.0, 1e7])
+    timer.join()
+    assert caught.value.partial_solution.counters.steps_accepted > 100
+
+
+def test_a_time_budget_ends_a_long_run_soon():
+    of = hb.Problem(name="long", system=Swing(), t_span=(0, 1e7), q0=[1.5, 0.2], v0=[0.0, 1.0])
+    hb.solve(of, "projected", rtol=1e-6, max_num_steps=1)
+    found = hb.solve(of, "projected", rtol=1e-6, max_seconds=0.3)
+    assert found.status is Status.deadline
+    assert found.counters.steps_accepted > 100
+
+
+@pytest.mark.parametrize(
+    ("of", "reason"),
+    [(numpy_ring(), "plain callables"), (hb.load_problem("planar_chain(n_links=40)"), "n [+] m [+] p = ")],
+    ids=["plain callables", "large"],
+)
+def test_what_is_not_machine_code_is_stepped_in_python_and_said(of, reason):
+    found = hb.solve(of, "projected", rtol=1e-3, max_num_steps=5)
+    assert "The steps are made in Python" in found.message
+    assert hb.solve(of, "projected(engine=python)", rtol=1e-3, max_num_steps=5).t.tolist() == found.t.tolist()
+    assert reason.split(" ")[0] in found.message
+
+
+def test_coefficients_are_those_of_scipys_classes():
+    for name, of in CLASSES.items():
+        found = coefficients(name)
+        assert found.exponent == -1 / (of.error_estimator_order + 1)
+        np.testing.assert_allclose(found.a.sum(axis=1), found.c, atol=1e-14)
