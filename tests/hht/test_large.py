@@ -6,6 +6,7 @@ import pytest
 
 from hhtbench import System, load_problem
 from hhtbench.lowering import NotNative, derive, native
+from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
@@ -16,7 +17,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
 from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.loops import memory as mem
-from solvers.hht.run import functions
+from solvers.hht.run import functions, idle
 from solvers.hht.run.functions import LARGEST, SparseCode, layout_of
 
 ROUNDOFF = 1e-13  # of the largest
@@ -93,8 +94,15 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
     problem = load_problem(CHAIN)
     hht, span = HHT(problem.system), (0.0, 30 * 1e-4)
     many = hht.solve(span, problem.q0, problem.v0, step=1e-4)
-    monkeypatch.setattr("solvers.hht.run.rows.FEW", 1000)
-    one_by_one = hht.solve(span, problem.q0, problem.v0, step=1e-4)
+
+    def refuse(*_):
+        raise NotNative("none is wanted")
+
+    monkeypatch.setattr(functions, "kkt_code", refuse)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", {})
+    one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)
+    assert not np.array_equal(many.lam, one_by_one.lam), "the same way was taken"
     np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering import NotNative
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import MachineCode
@@ -46,9 +47,15 @@ def _by_blocks(engine: Engine, packed: Matrix, done: Any) -> Callable[[slice], A
         return None
     if loops.z.i[mem.C_KKT]:
         return lambda block: loops.call_noting(recover, packed[block], done[block])
-    if len(packed) < FEW or functions.kkt[1].kind == "sparse":  # Python would factorise
+    if len(packed) < FEW:
         return None
-    z, places = row_memory(*functions.kkt, s, calls_python=not engine.points)
+    try:
+        kkt, analysis = functions.kkt
+    except NotNative:  # more operations than pay, say
+        return None
+    if analysis.kind == "sparse":  # Python would factorise
+        return None
+    z, places = row_memory(kkt, analysis, s, calls_python=not engine.points)
 
     def recover_block(block: slice) -> None:
         with loops.callbacks:
