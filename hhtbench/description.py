@@ -213,7 +213,7 @@ def _without_start(system: System | NumpySystem) -> list[Statement]:
 
 def _route(system: System | NumpySystem) -> Statement:
     if isinstance(system, System):
-        text = "native (machine code without loops) for a small system, else xla"
+        text = "native (machine code) for a small system, else xla"
         return Statement("route", "native or xla", text, "functions in jax.numpy are traced; sizes need a start")
     return Statement(
         "route", "numpy", "called as they are, from Python", "the functions are plain callables on NumPy arrays"

@@ -174,6 +174,8 @@ def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
         if ended == mem.SPENT:
             return mem.SPENT
         size = error_size(z, k, o, h) if ended == mem.CONVERGED else math.inf
+        if not size < math.inf:  # NaN too, where squares of the error are no numbers any more
+            size = math.inf
         factor = SAFETY * size**k.exponent if size > 0.0 else GROWTH
         if size < 1.0:
             factor = min(GROWTH, factor)

@@ -293,3 +293,16 @@ def test_coefficients_are_those_of_scipys_classes():
         found = coefficients(name)
         assert found.exponent == -1 / (of.error_estimator_order + 1)
         np.testing.assert_allclose(found.a.sum(axis=1), found.c, atol=1e-14)
+
+
+def test_an_error_too_large_to_be_squared_shortens_the_step():
+    """Stages that are finite and huge, as those of stiff contacts: the size of their error is no number."""
+
+    class Wall(hb.System):
+        def force(self, t, q, v):
+            return 1e170 * jnp.sign(q - 1.0) * (q > 1.0) * (v > -1.0)
+
+    problem = hb.Problem(name="wall", system=Wall(), t_span=(0.0, 1.0), q0=[0.0], v0=[2.0])
+    solution = hb.solve(problem, "projected", rtol=1e-3, atol=1e-3, max_evaluations=20_000)
+    assert solution.status is Status.step_too_small
+    assert solution.t[-1] == pytest.approx(0.5)

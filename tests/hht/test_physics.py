@@ -63,6 +63,20 @@ def test_a_singular_mass_without_constraints_is_named(mass):
     assert "mass matrix is singular" in solution.message
 
 
+def test_a_singular_mass_of_a_jax_system_without_constraints_is_named_too():
+    """It has no inverse, which must not pass for the identity."""
+
+    class Massless(System):
+        mass_matrix: object = parameter([1.0, 0.0])
+
+        def force(self, t, q, v):
+            return jnp.array([0.0, -GRAVITY])
+
+    solution = HHT(Massless()).solve((0.0, 0.1), Q0, V0, step=0.01)
+    assert solution.status is Status.singular_iteration_matrix
+    assert "mass matrix is singular" in solution.message
+
+
 def test_a_mass_that_becomes_singular_without_constraints_is_named():
     system = NumpySystem(mass_matrix=lambda t, q: np.diag([1.0, max(0.0, 0.5 - t)]), force=lambda t, q, v: np.zeros(2))
     solution = HHT(system).solve((0.0, 1.0), Q0, V0, step=0.1)

@@ -76,7 +76,7 @@ def too_large(dynamics: Compilable) -> str | None:
     unknowns = s.n + s.m + s.p
     if unknowns <= MOST_UNKNOWNS:
         return None
-    return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code without loops would be long"
+    return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code would be long"
 
 
 def compile_function(

@@ -290,6 +290,7 @@ class Engine:
 
 
 def plain_mass(dynamics: Dynamics) -> bool:
-    """Whether nothing is said of a start for its mass but where that varies: it is that of the system, and symmetric."""
+    """Whether nothing is said of a start for its mass but where that varies: the system's, symmetric, with an inverse."""
     mass = dynamics.constant_mass
-    return type(dynamics) is JaxDynamics and (mass is None or not asymmetry(np.asarray(mass))[1])
+    regular = mass is None or (dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
+    return type(dynamics) is JaxDynamics and regular

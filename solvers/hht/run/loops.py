@@ -66,7 +66,8 @@ class Loops:
         self._blank = z.w.copy()
         self._kept, self._parts = state_sections(z)
         self._entries: dict[Any, Callable[..., Any]] = {}
-        self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON])
+        looks_closer = engine.structure.constrained and not z.i[mem.C_KKT]  # acceleration levels are Python's
+        self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
         self._start_checks = self.section(mem.START_CHECKS)
 
     def again(self, work: Work) -> None:
@@ -117,7 +118,9 @@ class Loops:
     def start(self, row: Vector) -> State | None:
         """The state before the first step at ``row``, [t, q, v, guesses of lam and mu]; None: not plainly a good start."""
         self.held, checks = None, self._start_checks
-        if not self._entry(start)(row) or not (checks <= GOOD_START).all():
+        with np.errstate(all="ignore") if self._plain else NOTHING:
+            found = self._entry(start)(row)
+        if not found or not (checks <= GOOD_START).all():
             return None
         return self.store(controlled=False)
 

@@ -16,10 +16,8 @@ from solvers.hht.linear.matrix import factor_band, factor_dense, solve, step_bac
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, indices, largest, part, put
-
-MAX_ITERATIONS = 25
-CONVERGED = 1e-13
+from solvers.hht.loops.sections import address, call, finite, indices, part, put
+from solvers.hht.step.acceleration import MAX_ITERATIONS, small
 
 
 @called
@@ -44,12 +42,6 @@ def recover_entries(z: Memory, linear: bool, places: IntMatrix, rows: FloatMatri
                 done[i] = True
                 put(row, 1 + 2 * n, x[n:])
                 break
-
-
-@compiled
-def small(increment: Any, x: Any) -> Any:
-    """Whether the increment has converged, against the largest entry: of accelerations, or of multipliers."""
-    return largest(increment) <= CONVERGED * largest(x)
 
 
 @compiled

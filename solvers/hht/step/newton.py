@@ -33,7 +33,7 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
-    constraint_cost: float = 5.0  #: the same, in iterations of the constraint rows alone, which evaluate no force
+    constraint_cost: float = 5.0  #: the same, of the constraint rows alone, whose machine code evaluates no force
     remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
     stiff: float = 10.0  #: of an increment: a larger imbalance is of stiff directions, which may have turned since
     finest: float = 1e-5  #: relative tolerance below which they go to roundoff all the same: that takes hardly more

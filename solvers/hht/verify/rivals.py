@@ -84,7 +84,7 @@ FIRST_ORDER = {"heavy_top": ("hht_i3",)}  # M a at one end and forces at two are
 
 
 def verify_rivals(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Orders, drift, first steps and changing steps of generalised-alpha, HHT-I3 and RATTLE; two minutes on one core."""
+    """Orders, drift, first steps and changing steps of generalised-alpha, HHT-I3 and RATTLE; a minute on two cores."""
     return verify("The field's own methods beside the extended HHT", STUDIES, progress, jobs)
 
 
