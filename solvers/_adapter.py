@@ -6,6 +6,7 @@ each counted and guarded, and takes the steps; the subclass of :class:`Adapter` 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -13,8 +14,9 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
@@ -27,6 +29,7 @@ from solvers._run import Halt, Run
 from solvers._start import Failure
 from solvers._sundials import overheard
 
+LAPACK = 100  # unknowns from which LAPACK's blocked LU is faster than SUNDIALS' own
 TOO_ACCURATE = -2
 SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
     -1: Status.max_steps,
@@ -126,6 +129,30 @@ def _structure(problem: Problem) -> Structure | None:
     linear = not there["reaction"] and not there["velocity_reaction"]
     m, p = int(there["constraint"]), int(there["velocity_constraint"])  # how many, only the functions know
     return Structure(n=problem.q0.size, m=m, p=p, mass="variable", linear_reaction=linear)
+
+
+class SundialsMatrix:
+    """Newton's matrix as SUNDIALS takes it: by which of its linear solvers, and its values in their order."""
+
+    def __init__(self, form: forms.Form) -> None:
+        self._order: Any = ...
+        self._options: dict[str, Any] = {"linsolver": "dense" if form.size < LAPACK else "lapackdense"}
+        if form.pattern is not None:
+            rows, columns = form.pattern.rows, form.pattern.columns
+            self._order = np.lexsort((rows, columns))
+            pattern = csc_matrix((np.ones(rows.size), (rows, columns)), shape=form.pattern.shape)
+            self._options = {"linsolver": "sparse", "sparsity": pattern}
+
+    def solver(self, library: Any, function: Any, **options: Any) -> Any:
+        """An IDA or CVODE for this matrix."""
+        with warnings.catch_warnings():
+            text = "Custom sparse Jacobian approximation will be ignored"  # as it should: the Jacobian is given
+            warnings.filterwarnings("ignore", message=text)
+            return library(function, **self._options, **options)
+
+    def values(self, found: Vector | Matrix) -> Vector | Matrix:
+        """What a Jacobian of the form gives: the full matrix, or of a pattern the entries column by column."""
+        return found[self._order]
 
 
 def step_sundials(run: Run, solver: Any) -> None:

@@ -122,8 +122,8 @@ class Collocation:
         s, size = self.nodes.c.size, y.size
         middle = s // 2
         place = t + self.nodes.c[middle] * h, y + guess[middle], self.nodes.slope[middle] @ guess / h
-        direct = self.run.jacobian(*place, 0.0)
-        matrix = np.kron(self.nodes.slope / h, self.run.jacobian(*place, 1.0) - direct)
+        direct, other = (self.run.form.matrix(self.run.jacobian(*place, c)) for c in (0.0, 1.0))
+        matrix = np.kron(self.nodes.slope / h, other - direct)
         for i in range(s):
             block = slice(i * size, (i + 1) * size)
             matrix[block, block] += direct

@@ -150,7 +150,8 @@ class Run:
         self.first = found
         self.start = form.start(place.q, place.v, found.vdot, found.lam, found.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
-        vector, matrix = (form.size,), (form.size, form.size)
+        vector = (form.size,)
+        matrix = (form.size, form.size) if form.pattern is None else (form.pattern.rows.size,)
         self.residual = self.guard.wrap(form.residual, vector, residuals=form.points)
         self.jacobian = self.guard.wrap(form.jacobian, matrix, jacobians=1)
         self.rhs = self.guard.wrap(form.rhs, vector, residuals=form.points)

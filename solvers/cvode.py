@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from solvers._adapter import Adapter, choose, step_sundials
+from solvers._adapter import Adapter, SundialsMatrix, choose, step_sundials
 from solvers._run import Run
 
 try:
@@ -19,7 +19,7 @@ KNOWN = {"form": ("ode",), "method": ("bdf", "adams")}
 
 
 class CVODESolver(Adapter):
-    """CVODE with Newton's iteration, the form's exact Jacobian and dense linear algebra, for both methods."""
+    """CVODE with Newton's iteration, and the form's exact Jacobian, for both methods."""
 
     library: ClassVar[str] = "scikit-sundae"
     installed: ClassVar[bool] = CVODE is not None
@@ -30,10 +30,13 @@ class CVODESolver(Adapter):
         def rhs(t: float, y: Any, result: Any) -> None:
             result[:] = run.rhs(t, y)
 
-        def jacobian(t: float, y: Any, _: Any, result: Any) -> None:
-            result[:] = run.rhs_jacobian(t, y)
+        matrix = SundialsMatrix(run.form)
 
-        solver = CVODE(rhs, method=self.method, jacfn=jacobian, rtol=run.rtol, atol=run.weights)
+        def jacobian(t: float, y: Any, _: Any, result: Any) -> None:
+            result[:] = matrix.values(run.rhs_jacobian(t, y))
+
+        options = {"method": self.method, "rtol": run.rtol, "atol": run.weights}
+        solver = matrix.solver(CVODE, rhs, jacfn=jacobian, **options)
         solver.init_step(run.t0, run.start.y)
         step_sundials(run, solver)
 

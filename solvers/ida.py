@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from solvers._adapter import Adapter, choose, step_sundials
+from solvers._adapter import Adapter, SundialsMatrix, choose, step_sundials
 from solvers._run import Run
 
 try:
@@ -24,7 +24,7 @@ KNOWN = {"form": ("ggl", "index1", "integrated", "index2", "index3")}
 
 
 class IDASolver(Adapter):
-    """IDA on one DAE form, with the form's exact Jacobian and dense linear algebra."""
+    """IDA on one DAE form, with the form's exact Jacobian."""
 
     library: ClassVar[str] = "scikit-sundae"
     installed: ClassVar[bool] = IDA is not None
@@ -35,11 +35,14 @@ class IDASolver(Adapter):
         def residual(t: float, y: Any, yp: Any, result: Any) -> None:
             result[:] = run.residual(t, y, yp)
 
+        matrix = SundialsMatrix(run.form)
+
         def jacobian(t: float, y: Any, yp: Any, _: Any, c: float, result: Any) -> None:
-            result[:] = run.jacobian(t, y, yp, c)
+            result[:] = matrix.values(run.jacobian(t, y, yp, c))
 
         algebraic = [int(i) for i in np.flatnonzero(~run.form.differential)]
-        solver = IDA(residual, jacfn=jacobian, algebraic_idx=algebraic, rtol=run.rtol, atol=run.weights)
+        options = {"algebraic_idx": algebraic, "rtol": run.rtol, "atol": run.weights}
+        solver = matrix.solver(IDA, residual, jacfn=jacobian, **options)
         solver.init_step(run.t0, run.start.y, run.start.yp)
         step_sundials(run, solver)
 

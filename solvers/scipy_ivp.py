@@ -37,9 +37,13 @@ class SciPySolver(Adapter):
 
     def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
         if self.method != "DOP853":
-            options["jac"] = run.rhs_jacobian
+            options["jac"] = partial(self._jacobian, run)
         method = getattr(integrate, self.method)
         return method(run.rhs, t0, y0, t1, rtol=max(run.rtol, SMALLEST_RTOL), atol=run.weights, **options)
+
+    def _jacobian(self, run: Run, t: float, y: Any) -> Any:
+        """dy'/dy; LSODA takes only full matrices."""
+        return run.form.matrix(run.rhs_jacobian(t, y), full=self.method == "LSODA")
 
     def _between(self, run: Run, solver: Any, time: float) -> Any:
         """y at ``time`` within the last step.

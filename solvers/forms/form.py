@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
+from hhtbench.lowering import Dynamics, Structure, route_of
 from hhtbench.lowering.caching import ById, Cache
-from solvers.forms.layout import RECIPES, SOURCES, Layout, jacobian_function, residual_function
-from solvers.forms.underlying import rhs_function, rhs_jacobian_function
+from hhtbench.lowering.compile.coloured import Pattern
+from solvers.forms.functions import dae_functions, ode_functions
+from solvers.forms.layout import RECIPES, SOURCES, Layout
 
 FORMS = tuple(RECIPES)
 MASKED = 1e8  # atol that takes an entry out of an error test: far above a multiplier times any rtol in use
@@ -61,6 +62,7 @@ class Form:
     jacobian: Callable[[float, Vector, Vector, float], Matrix] = _no_dae  #: dae: dF/dy + c dF/dyp at (t, y, yp, c)
     rhs: Callable[[float, Vector], Vector] = _no_ode  #: ode: y' (size,) at (t, y); not finite where (F9) is singular
     rhs_jacobian: Callable[[float, Vector], Matrix] = _no_ode  #: ode: dy'/dy (size, size) at (t, y)
+    pattern: Pattern | None = None  #: where there is one, both Jacobians give its entries (entries,) only
 
     def start(self, q: Vector, v: Vector, vdot: Vector, lam: Vector, mu: Vector) -> Start:
         """Start vectors from a consistent state and its acceleration level: ``q, v, vdot`` (n,), ``lam`` (m,), ``mu`` (p,).
@@ -76,6 +78,13 @@ class Form:
             if name in self.blocks:
                 yp[self.blocks[name]] = values
         return Start(y, yp)
+
+    def matrix(self, jacobian: Vector | Matrix, *, full: bool = True) -> Any:
+        """The matrix (size, size) of what a Jacobian gives; of a pattern a csc_array where it is not to be ``full``."""
+        if self.pattern is None:
+            return jacobian
+        found = self.pattern.matrix(jacobian)
+        return found.toarray() if full else found.tocsc()
 
     def state(self, y: NDArray[np.float64]) -> State:
         """Views of q and v in ``y``: (size,), or time first (k, size)."""
@@ -150,10 +159,10 @@ def _make_form(name: str, dynamics: Dynamics) -> Form:
         "points": 0 if route_of(dynamics) == "numpy" else 1,
     }
     if name == "ode":
-        rhs, jacobian = compile_function(rhs_function, dynamics), compile_function(rhs_jacobian_function, dynamics)
-        return Form(kind="ode", rhs=rhs, rhs_jacobian=jacobian, **common)
-    residual = compile_function(residual_function, dynamics, layout)
-    return Form(kind="dae", residual=residual, jacobian=compile_function(jacobian_function, dynamics, layout), **common)
+        rhs, jacobian, pattern = ode_functions(dynamics)
+        return Form(kind="ode", rhs=rhs, rhs_jacobian=jacobian, pattern=pattern, **common)
+    residual, jacobian, pattern = dae_functions(dynamics, layout)
+    return Form(kind="dae", residual=residual, jacobian=jacobian, pattern=pattern, **common)
 
 
 def _check_name(name: str) -> None:

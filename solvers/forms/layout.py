@@ -103,6 +103,11 @@ def residual_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: An
     return dynamics.xp.concatenate([ROWS[name].value(at) for name in layout.rows])
 
 
+def residual_along(dynamics: Dynamics, layout: Layout, y: Any, t: Any, place: Any, yp: Any, c: Any) -> Any:
+    """F(t, y, y' + c (y - place)) (size,): at ``place``, its derivative by y is :func:`jacobian_function`."""
+    return residual_function(dynamics, layout, t, y, yp + c * (y - place))
+
+
 def jacobian_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: Any, c: Any) -> Any:
     """dF/dy + c dF/dy' (size, size) of a DAE form; ``c`` [1/s] comes from the integrator."""
     at = layout.point(dynamics, t, y, yp)

@@ -48,7 +48,7 @@ class Point:
 def kinematics(at: Point) -> Any:
     """(F1) as q' - v + g_q^T eta, (n,)."""
     rate = at.qdot - at.v
-    return rate if at.eta is None else rate + at.eta @ at.constraint_jacobian
+    return rate if at.eta is None else rate + at.dynamics.position_column(at.t, at.q, at.eta)
 
 
 def kinematics_derivatives(at: Point) -> Blocks:
@@ -109,7 +109,8 @@ def velocity_derivatives(at: Point) -> Blocks:
 
 def acceleration(at: Point) -> Any:
     """(F5), (m,)."""
-    return at.constraint_jacobian @ at.vdot + at.dynamics.constraint_acceleration(at.t, at.q, at.v)
+    dynamics = at.dynamics
+    return dynamics.position_row(at.t, at.q, at.vdot) + dynamics.constraint_acceleration(at.t, at.q, at.v)
 
 
 def acceleration_derivatives(at: Point) -> Blocks:
@@ -136,7 +137,8 @@ def velocity_constraint_derivatives(at: Point) -> Blocks:
 
 def velocity_constraint_rate(at: Point) -> Any:
     """(F7), (p,)."""
-    return at.velocity_constraint_jacobian @ at.vdot + at.dynamics.velocity_constraint_acceleration(at.t, at.q, at.v)
+    along = at.dynamics.velocity_row(at.t, at.q, at.v, at.vdot)
+    return along + at.dynamics.velocity_constraint_acceleration(at.t, at.q, at.v)
 
 
 def velocity_constraint_rate_derivatives(at: Point) -> Blocks:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
 from solvers.forms.rows import ROWS, Point
 
 
@@ -16,6 +16,17 @@ def rhs_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
     n = dynamics.structure.n
     right, matrix = _acceleration_level(dynamics, t, y[:n], y[n:])
     return dynamics.xp.concatenate([y[n:], _solve(dynamics, matrix, right)[:n]])
+
+
+def rhs_along(dynamics: Dynamics, y: Any, t: Any) -> Any:
+    """:func:`rhs_function` with y first, by which it is differentiated."""
+    return rhs_function(dynamics, t, y)
+
+
+def kkt_along(dynamics: Any, z: Any, t: Any) -> Any:
+    """Residual (N,) of (F9) at ``z = [q; v; v'; lam; mu]`` (2n + N,)."""
+    n = dynamics.structure.n
+    return kkt_residual(dynamics, z[2 * n :], t, z[:n], z[n : 2 * n])
 
 
 def rhs_jacobian_function(dynamics: Dynamics, t: Any, y: Any) -> Any:

@@ -27,6 +27,8 @@ from hhtbench.lowering.flattening import Flat, flat_function
 
 Indices = npt.NDArray[np.integer[Any]]
 
+MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
+
 _patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
 
 
@@ -39,6 +41,11 @@ class Pattern:
     columns: Indices  #: (entries,) int32, ascending within a row
     colour: Indices  #: (columns,) int32: columns of one colour have no row in common
     colours: int  #: directional derivatives that one evaluation costs
+
+    @property
+    def computed(self) -> int:
+        """Products of the derivative by one unknown that one evaluation costs."""
+        return self.colours * self.shape[0]
 
     @property
     def places(self) -> Indices:
@@ -110,14 +117,26 @@ def by_pattern(
 class Coloured:
     """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x.
 
-    ``example``: arrays of the shapes of x and of the rest.
+    ``example``: arrays of the shapes of x and of the rest.  ``route``: as :func:`~.compiling.compile_function`; what is
+    called a few times only is compiled sooner by XLA.
     """
 
-    def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
-        self.pattern = find_pattern(function, dynamics, *static, example=example)
-        compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
-        where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
-        self.packed = partial(compiled, *where)  #: arrays -> values (rows,), then entries (entries,)
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        dynamics: Compilable,
+        *static: Any,
+        example: tuple[Any, ...],
+        route: str | None = "xla",
+    ) -> None:
+        self.pattern = pattern = find_pattern(function, dynamics, *static, example=example)
+        #: arrays -> values (rows,), then entries (entries,)
+        self.packed: Callable[..., Vector]
+        if route == "xla" or pattern.computed > MOST_COMPUTED:
+            compiled = compile_function(value_and_entries, dynamics, function, static, pattern.colours, route="xla")
+            self.packed = partial(compiled, jnp.asarray(pattern.colour), jnp.asarray(pattern.places))
+        else:
+            self.packed = compile_function(by_pattern, dynamics, pattern, function, static, route=route)
 
     def __call__(self, *arrays: Any) -> tuple[Vector, sp.csr_array]:
         """Values (rows,) and derivative (rows, size)."""

@@ -64,6 +64,10 @@ class Compilable(Protocol):
     def xp(self) -> Any:
         """The array namespace of the functions: ``numpy`` or ``jax.numpy``."""
 
+    @property
+    def matrices(self) -> bool:
+        """Whether its functions hold full matrices."""
+
 
 def route_of(dynamics: Compilable) -> str:
     """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
@@ -74,7 +78,7 @@ def too_large(dynamics: Compilable) -> str | None:
     """Why the native route would not pay for a system of this size, or None."""
     s = dynamics.structure
     unknowns = s.n + s.m + s.p
-    if unknowns <= MOST_UNKNOWNS:
+    if unknowns <= MOST_UNKNOWNS or not dynamics.matrices:
         return None
     return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code would be long"
 

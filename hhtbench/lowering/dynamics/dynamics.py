@@ -68,6 +68,7 @@ class Dynamics:
     xp: Any  #: the array namespace: ``numpy`` or ``jax.numpy``
     constant_mass: Any  #: M (n, n) [kg, kg m^2] where it is constant, or a ``Diagonal``; None: identity or variable
     inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
+    matrices: bool = True  #: whether its functions hold full matrices
     gives: Callable[[str], bool]  #: whether the function of that name is called, not derived
     call: Callable[..., Any]  #: (name, *arguments): the value of a function that is given
     jacobian: Callable[..., Array]  #: (function, x, pattern, order): derivative (rows, k) of a function (rows,) at x (k,)
@@ -113,6 +114,14 @@ class Dynamics:
         """g_q (m, n)."""
         return self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian")
 
+    def position_row(self, t: Array, q: Array, x: Array) -> Array:
+        """g_q x (m,)."""
+        return self.constraint_jacobian(t, q) @ x
+
+    def position_column(self, t: Array, q: Array, x: Array) -> Array:
+        """g_q^T x (n,)."""
+        return x @ self.constraint_jacobian(t, q)
+
     @unless_given
     def constraint_time_derivative(self, t: Array, q: Array) -> Array:
         """g_t (m,) [m/s, rad/s]."""
@@ -143,6 +152,10 @@ class Dynamics:
     def velocity_constraint_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """k_v (p, n)."""
         return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian")
+
+    def velocity_row(self, t: Array, q: Array, v: Array, x: Array) -> Array:
+        """k_v x (p,)."""
+        return self.velocity_constraint_jacobian(t, q, v) @ x
 
     @unless_given
     def velocity_constraint_position_jacobian(self, t: Array, q: Array, v: Array) -> Array:

@@ -58,12 +58,22 @@ class MatrixFree(Wrapper):
     constant_mass: Diagonal | None  #: None: the identity
     inverse_mass: Diagonal | None
 
+    @property
+    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
+        return False
+
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
 
+    def position_row(self, t: Any, q: Any, x: Any) -> Any:
+        return jax.jvp(lambda y: self.constraint(t, y), (q,), (x,))[1]
+
+    def position_column(self, t: Any, q: Any, x: Any) -> Any:
+        return jax.vjp(lambda y: self.constraint(t, y), q)[1](x)[0]
+
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
         if not self.structure.rheonomic:
-            return jax.jvp(lambda y: self.constraint(t, y), (q,), (v,))[1]
+            return self.position_row(t, q, v)
         return self.rate(self.constraint, t, q, v)
 
     def constraint_time_derivative(self, t: Any, q: Any) -> Any:
@@ -72,14 +82,13 @@ class MatrixFree(Wrapper):
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         return self.rate(lambda s, y: self.constraint_velocity(s, y, v), t, q, v)
 
-    def velocity_row(self, t: Any, q: Any, v: Any, w: Any) -> Any:
-        """k_v w (p,)."""
-        return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (w,))[1]
+    def velocity_row(self, t: Any, q: Any, v: Any, x: Any) -> Any:
+        return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (x,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
         if self.inner.gives("reaction"):
             return self.inner.reaction(t, q, lam)
-        return -jax.vjp(lambda y: self.constraint(t, y), q)[1](lam)[0]
+        return -self.position_column(t, q, lam)
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
         if self.inner.gives("velocity_reaction"):

@@ -77,8 +77,7 @@ def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
     vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
     rows = [dynamics.residual(t, q, v, dynamics.mass_product(t, q, vdot), lam, mu)]
     if s.m:
-        along = lambda y: dynamics.constraint_velocity(t, q, y)  # noqa: E731 - g_q vdot is linear in vdot, up to g_t
-        rows.append(along(vdot) - along(0.0 * vdot) + dynamics.constraint_acceleration(t, q, v))
+        rows.append(dynamics.position_row(t, q, vdot) + dynamics.constraint_acceleration(t, q, v))
     if s.p:
         rows.append(dynamics.velocity_row(t, q, v, vdot) + dynamics.velocity_constraint_acceleration(t, q, v))
     return dynamics.xp.concatenate(rows)

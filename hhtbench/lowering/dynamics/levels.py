@@ -97,7 +97,7 @@ class ConstraintLevels:
             self._sparse, self._terms = None, compile_function(level_terms, dynamics)
         else:
             self._sparse = Coloured(stacked_levels, products, example=(np.zeros(2 * s.n), 0.0, np.zeros(s.n)))
-            self._rates = compile_function(level_rates, products)
+            self._rates = compile_function(level_rates, products, route="xla")
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
         """The levels at (t, q, v)."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.coloured import Coloured, find_pattern
+from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
@@ -42,7 +42,6 @@ from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
-MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
 SPARSE = NewtonOptions(matrix_cost=4.0, max_iterations=25)  # a matrix costs chains of 100 links and more four iterations
 FULL = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
 
@@ -230,7 +229,7 @@ class SparseCode(MachineCode):
             pattern = find_pattern(equations_of(self.method).residual_and_ends, self.dynamics, *static, example=example)
         except NotImplementedError as error:
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
-        if pattern.colours * pattern.shape[0] > MOST_COMPUTED:
+        if pattern.computed > MOST_COMPUTED:
             raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
         early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)

@@ -1,0 +1,137 @@
+"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering import AccelerationLevel, Dynamics, Native, NotNative, Structure
+from hhtbench.lowering.compile.coloured import Coloured, Indices
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+from solvers.forms.underlying import kkt_along
+from solvers.hht.linear.analysis import Analysis
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import view
+from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
+
+TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
+Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
+
+
+class Eliminated:
+    """y' of y = [q; v], not finite where (F9) is singular."""
+
+    def __init__(self, dynamics: Dynamics, products: MatrixFree | None) -> None:
+        """``products``: the same without full matrices, where there is such."""
+        self.n = dynamics.structure.n
+        self.solve = _solver(dynamics if products is None else products, dynamics)
+
+    def rhs(self, t: float, y: Vector) -> Vector:
+        """y' (2n,)."""
+        n = self.n
+        return np.concatenate([y[n:], self.solve(t, y[:n], y[n:])[:n]])
+
+
+class Differentiated:
+    """dy'/dy of y = [q; v]: (F9) differentiated by its unknowns and by y, at once."""
+
+    def __init__(self, eliminated: Eliminated, products: MatrixFree) -> None:
+        s = products.structure
+        self._solve, self._products = eliminated.solve, products
+        self._n, self._size = s.n, s.n + s.m + s.p
+
+    def rhs_jacobian(self, t: float, y: Vector) -> Matrix:
+        """dy'/dy (2n, 2n), not finite where (F9) is singular."""
+        n, (packed, places) = self._n, self._compiled
+        entries = packed(np.concatenate([y, self._solve(t, y[:n], y[n:])]), t)[self._size :]
+        result = np.zeros((2 * n, 2 * n))
+        result[:n, n:] = np.eye(n)
+        result[n:] = self._solved(entries, places)[:n]
+        return result
+
+    @cached_property
+    def _compiled(self) -> tuple[Callable[..., Vector], _Places]:
+        example = np.zeros(2 * self._n + self._size), 0.0
+        made = Coloured(kkt_along, self._products, example=example, route=None)
+        rows, columns = made.pattern.rows, made.pattern.columns - 2 * self._n
+        order = np.lexsort((rows, columns))  # column by column, those of y first
+        right, matrix = np.split(order, [np.searchsorted(columns[order], 0)])
+        starts = np.searchsorted(columns[matrix], np.arange(self._size + 1)).astype(np.int32)
+        return made.packed, _Places(right, (rows[right], columns[right] + 2 * self._n), matrix, rows[matrix], starts)
+
+    def _solved(self, entries: Vector, places: _Places) -> Matrix:
+        """The derivative of [v'; lam; mu] by y, (N, 2n)."""
+        right = np.zeros((self._size, 2 * self._n), order="F")
+        right[places.where] = -entries[places.right]
+        if not np.isfinite(entries).all():
+            return np.full_like(right, np.nan)
+        compressed = entries[places.matrix], places.rows, places.starts
+        matrix: Any = sp.csc_array(compressed, shape=(self._size, self._size))
+        try:
+            factor = splu(matrix)
+        except RuntimeError:  # SuperLU's word for a pivot of exactly zero
+            return np.full_like(right, np.nan)
+        for first in range(0, right.shape[1], TOGETHER):
+            part = np.s_[:, first : first + TOGETHER]
+            right[part] = factor.solve(right[part])
+        return right
+
+
+class _Places(NamedTuple):
+    """Which entries of the derivative by [y; v'; lam; mu] are where."""
+
+    right: Indices  #: those by y ...
+    where: tuple[Indices, Indices]  #: ... and their rows and columns
+    matrix: Indices  #: the others, which are the KKT matrix, column by column
+    rows: Indices  #: of these
+    starts: Indices  #: (N + 1,) of its columns
+
+
+def _solver(source: Dynamics, dynamics: Dynamics) -> Solve:
+    """(F9) solved by compiled loops, or where there is no machine code for them, in Python."""
+    try:
+        kkt, analysis = kkt_code(source)
+    except NotNative:
+        return _in_python(dynamics)
+    if analysis.kind == "sparse":  # SuperLU's, which the loops would call back for
+        return _in_python(dynamics)
+    s = dynamics.structure
+    local = _Loops(kkt, analysis, s)
+
+    def solve(t: float, q: Vector, v: Vector) -> Vector:
+        row = local.row
+        row[0], row[1 : 1 + s.n], row[1 + s.n : 1 + 2 * s.n] = t, q, v
+        local.done[0] = False
+        local.call()
+        return local.x.copy() if local.done[0] else np.full(local.x.size, np.nan)
+
+    return solve
+
+
+class _Loops(threading.local):
+    """Memory of each thread."""
+
+    def __init__(self, kkt: Native, analysis: Analysis, s: Structure) -> None:
+        self.z, places = row_memory(kkt, analysis, s, calls_python=False)
+        self.x = view(self.z, mem.X)
+        rows, self.done = np.zeros((1, 1 + 2 * s.n + s.m + s.p)), np.zeros(1, dtype=bool)
+        self.row = rows[0]
+        self.call = recover_entries.bound(self.z, True, places, rows, self.done)
+
+
+def _in_python(dynamics: Dynamics) -> Solve:
+    level = AccelerationLevel(dynamics)
+
+    def solve(t: float, q: Vector, v: Vector) -> Vector:
+        found = level.solve(t, q, v)
+        x = np.concatenate([found.vdot, found.lam, found.mu])
+        return x if found.converged else np.full(x.size, np.nan)
+
+    return solve

@@ -1,0 +1,85 @@
+"""Which code computes a form's functions: one table for all libraries.
+
+====================================  ========================================  ====================================
+system                                residual F, right-hand side y'            Jacobians
+====================================  ========================================  ====================================
+plain callables                       NumPy                                     full matrices, NumPy
+up to FULL unknowns n + m + p         code of full matrices                     full matrices, the same
+larger, mass constant and diagonal    code of products                          entries, likewise; dy'/dy is full
+larger, any other                     code of full matrices                     full matrices, the same
+====================================  ========================================  ====================================
+
+Code is machine code, of more than 5,000 operations in loops, or XLA's where that would be too long or does not know a
+primitive.  The accelerations of larger constrained systems are solved with the entries of the KKT matrix, by
+:class:`~solvers.forms.eliminated.Eliminated`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhtbench.lowering import Dynamics, compile_function, route_of
+from hhtbench.lowering.compile.coloured import Coloured, Pattern
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, matrix_free
+from solvers.forms.eliminated import Differentiated, Eliminated
+from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
+from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_function
+
+FULL = 40  # unknowns n + m + p up to which formulas of full matrices are the fastest
+CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
+
+
+class Functions(NamedTuple):
+    """Of one form."""
+
+    value: Callable[..., Any]  #: F(t, y, y') or y'(t, y), (size,)
+    jacobian: Callable[..., Any]  #: at (t, y, y', c) or (t, y): (size, size), or of a pattern the entries (entries,)
+    pattern: Pattern | None = None
+
+
+def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
+    """Residual and Jacobian of a DAE form."""
+    products = matrix_free(dynamics) if _large(dynamics) else None
+    source = dynamics if products is None else products
+    residual = compile_function(residual_function, source, layout)
+    if products is not None:
+        example = np.zeros(layout.size), 0.0, np.zeros(layout.size), np.zeros(layout.size), 0.0
+        entries = _coloured(residual_along, products, layout, example=example)
+        if entries is not None:
+            packed = entries.packed
+            return Functions(residual, lambda t, y, yp, c: packed(y, t, y, yp, c)[layout.size :], entries.pattern)
+    return Functions(residual, compile_function(jacobian_function, dynamics, layout))
+
+
+def ode_functions(dynamics: Dynamics) -> Functions:
+    """Right-hand side and Jacobian of the underlying ODE."""
+    jacobian = compile_function(rhs_jacobian_function, dynamics)
+    products = matrix_free(dynamics) if _large(dynamics) else None
+    if _large(dynamics) and dynamics.structure.constrained:
+        eliminated = Eliminated(dynamics, products)
+        return Functions(eliminated.rhs, jacobian if products is None else Differentiated(eliminated, products).rhs_jacobian)
+    if products is None:
+        return Functions(compile_function(rhs_function, dynamics), jacobian)
+    rhs, size = compile_function(rhs_function, products), 2 * dynamics.structure.n
+    entries = _coloured(rhs_along, products, example=(np.zeros(size), 0.0))
+    if entries is None:
+        return Functions(rhs, jacobian)
+    packed = entries.packed
+    return Functions(rhs, lambda t, y: packed(y, t)[size:], entries.pattern)
+
+
+def _large(dynamics: Dynamics) -> bool:
+    s = dynamics.structure
+    return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
+
+
+def _coloured(function: Callable[..., Any], products: MatrixFree, *static: Any, example: tuple[Any, ...]) -> Coloured | None:
+    """``function`` with the entries of its derivative, or None where its pattern is crowded or cannot be read."""
+    try:
+        found = Coloured(function, products, *static, example=example, route=None)
+    except NotImplementedError:  # a primitive whose sparsity asdex does not know
+        return None
+    return None if found.pattern.rows.size > CROWDED * example[0].size ** 2 else found

@@ -1,0 +1,135 @@
+"""Functions of larger systems, by products and entries, against those of full matrices."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench
+from hhtbench.lowering import NotNative, compile_function, derive
+from hhtbench.lowering.caching import Cache
+from hhtbench.protocol import Problem, System
+from hhtbench.result import Status
+from solvers.forms import eliminated, form, functions, make_form
+from solvers.forms.layout import Layout, jacobian_function, residual_function
+from solvers.forms.underlying import rhs_function, rhs_jacobian_function
+from tests.forms.scenes import C, moment_of
+from tests.lowering.systems import Pendulum
+
+ROUNDOFF = 1e-12
+CONSTRAINED = ("bead_chain", "four_bars", "planar_chain", "rolling_disk_incline")
+DAES = [(name, form) for name in (*CONSTRAINED, "fekete") for form in ("ggl", "index1", "integrated")]
+FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
+
+
+@pytest.fixture(autouse=True)
+def every_system_counts_as_large(monkeypatch):
+    monkeypatch.setattr(functions, "FULL", 0)
+    monkeypatch.setattr(form, "_made", Cache(64))
+
+
+def difference(found, expected):
+    """The largest, in units of the largest entry."""
+    return np.abs(np.asarray(found) - expected).max() / np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("name", "form_name"), [*DAES, ("oscillator_chain", "index1")])
+def test_a_dae_form_by_products_is_that_of_full_matrices(name, form_name):
+    moment = moment_of(hhtbench.load_problem(name))
+    layout, made = Layout(form_name, moment.dynamics.structure), make_form(form_name, moment.dynamics)
+    y, yp = moment.random.normal(size=(2, layout.size))
+    full = [compile_function(f, moment.dynamics, layout) for f in (residual_function, jacobian_function)]
+    assert made.pattern is not None
+    assert difference(made.residual(moment.t, y, yp), full[0](moment.t, y, yp)) < ROUNDOFF
+    jacobian = made.jacobian(moment.t, y, yp, C)
+    assert jacobian.shape == made.pattern.rows.shape
+    assert difference(made.matrix(jacobian), full[1](moment.t, y, yp, C)) < ROUNDOFF
+    assert difference(made.matrix(jacobian, full=False).toarray(), full[1](moment.t, y, yp, C)) < ROUNDOFF
+
+
+@pytest.mark.parametrize("name", [*CONSTRAINED, "oscillator_chain", "fput_chain"])
+def test_the_underlying_ode_by_entries_is_that_of_full_matrices(name):
+    """Unconstrained too: then its Jacobian is sparse."""
+    moment = moment_of(hhtbench.load_problem(name))
+    made, y = make_form("ode", moment.dynamics), np.concatenate([moment.q, moment.v])
+    assert (made.pattern is None) == moment.dynamics.structure.constrained
+    full = [compile_function(f, moment.dynamics)(moment.t, y) for f in (rhs_function, rhs_jacobian_function)]
+    assert difference(made.rhs(moment.t, y), full[0]) < ROUNDOFF
+    assert difference(made.matrix(made.rhs_jacobian(moment.t, y)), full[1]) < ROUNDOFF
+
+
+@pytest.mark.parametrize("name", [*FULL_MASS, "planar_chain"])
+@pytest.mark.parametrize("compiled", [True, False])
+def test_masses_that_are_no_diagonal_and_systems_without_machine_code_have_the_same_ode(name, compiled, monkeypatch):
+    moment = moment_of(hhtbench.load_problem(name))
+    if not compiled:
+        monkeypatch.setattr(eliminated, "kkt_code", refuse)
+    made, y = make_form("ode", moment.dynamics), np.concatenate([moment.q, moment.v])
+    assert difference(made.rhs(moment.t, y), compile_function(rhs_function, moment.dynamics)(moment.t, y)) < ROUNDOFF
+
+
+def refuse(*_):
+    """As machine code that is not known how to make."""
+    raise NotNative("refused")
+
+
+def test_a_singular_kkt_matrix_gives_values_that_are_not_finite_and_no_exception():
+    """At the pivot the rod has no direction, and the matrix of (F9) a row of zeros."""
+    made = make_form("ode", derive(Pendulum(), 0.0, np.array([0.6, 0.8]), np.zeros(2)))
+    y = np.array([0.0, 0.0, 1.0, 2.0])
+    assert not np.isfinite(made.rhs(0.0, y)[2:]).any()
+    assert not np.isfinite(made.rhs_jacobian(0.0, y)[2:]).any()
+
+
+def test_threads_share_a_form():
+    problem = hhtbench.load_problem("planar_chain")
+    made = make_form("ode", derive(problem.system, 0.0, problem.q0, problem.v0))
+    places = [np.concatenate([problem.q0 + 1e-2 * i, problem.v0 + i]) for i in range(8)]
+    alone = [made.rhs(0.0, y) for y in places]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda i: made.rhs(0.0, places[i % 8]), range(800)))
+    for i, found in enumerate(together):
+        np.testing.assert_array_equal(found, alone[i % 8])
+
+
+SOLVERS = ("ida(form=index1)", "cvode", "scipy(method=Radau)", "scipy(method=BDF)", "scipy(method=LSODA)")
+RUNS = [(name, solver) for name in ("planar_chain", "oscillator_chain") for solver in SOLVERS]
+
+
+@pytest.mark.parametrize(("name", "solver"), [*RUNS, ("planar_chain", "ida(form=ggl)")])
+def test_a_library_with_sparse_functions_goes_the_way_it_goes_with_full_ones(name, solver, monkeypatch):
+    """The same steps but for roundoff, with sparse matrices where it takes them."""
+    problem = hhtbench.load_problem(name)
+
+    def solved():
+        return hhtbench.solve(problem, solver, rtol=1e-6, max_num_steps=60)
+
+    sparse = solved()
+    monkeypatch.setattr(functions, "FULL", 10**6)
+    monkeypatch.setattr(form, "_made", Cache(64))
+    full = solved()
+    assert sparse.status is full.status
+    assert sparse.counters.residual_evaluations == full.counters.residual_evaluations
+    np.testing.assert_allclose(sparse.t, full.t, rtol=1e-6)
+    np.testing.assert_allclose(sparse.q, full.q, rtol=0, atol=1e-9)
+
+
+class Falling(System):
+    """Four weights on rods, until one has fallen too far."""
+
+    def force(self, t, q, v):
+        """Gravity, and NaN below a height."""
+        return jnp.where(q[3] < -0.1, jnp.nan, -9.81) * jnp.tile(jnp.array([0.0, 1.0]), 4)
+
+    def constraint(self, t, q):
+        """Lengths of the rods."""
+        return (jnp.sum(q.reshape(4, 2) ** 2, axis=1) - 1.0) / 2
+
+
+@pytest.mark.parametrize("solver", ["ida(form=ggl)", "cvode", "scipy(method=DOP853)", "diffrax(method=Tsit5)"])
+def test_a_force_that_is_not_finite_is_named(solver):
+    problem = Problem(name="falling", system=Falling(), t_span=(0.0, 1.0), q0=np.tile([1.0, 0.0], 4), v0=np.zeros(8))
+    found = hhtbench.solve(problem, solver, rtol=1e-6)
+    assert found.status is Status.nonfinite_callback
+    assert "force" in found.message
