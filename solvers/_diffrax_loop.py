@@ -15,11 +15,14 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from hhtbench.lowering import Dynamics
+from solvers._xla_call import called
 from solvers.forms import rhs_function
 
 SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short against a time budget
 AT_START = 3  # evaluations for the length of the first step and for its first stage
 CLIP = 2e-14  # relative: a step that ends this close to the end goes to the end, as diffrax has it
+
+WITHIN, COUNTED, OUTSIDE = "within", "counted", "outside"  # where y' is computed: in this code, the same counted, in Python
 
 evaluations: Counter[int] = Counter()  # ticket of a counted solve -> evaluations so far
 
@@ -34,12 +37,27 @@ def _tick(ticket: Any) -> None:
     evaluations[int(ticket)] += 1
 
 
-def _method(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
+@jax.custom_jvp
+def rhs_outside(ticket: Any, t: Any, y: Any) -> Any:
+    """y' by the functions of Python that belong to ``ticket``: y' where a vector is asked for, dy'/dy where a matrix is."""
+    return called(ticket, y.shape, t, y)
+
+
+@rhs_outside.defjvp
+def _along(primals: Any, tangents: Any) -> Any:
+    """No method here differentiates by t."""
+    ticket, t, y = primals
+    return rhs_outside(ticket, t, y), called(ticket, (y.size, y.size), t, y) @ tangents[2]
+
+
+def _method(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
     """Terms, solver and step size controller; time runs forward in s = direction * (t - t0)."""
     direction, ticket, t0, rtol = fixed[0], fixed[1], fixed[2], fixed[4]
 
     def field(s: Any, y: Any, _: Any) -> Any:
-        if counted:
+        if where == OUTSIDE:
+            return direction * rhs_outside(ticket, direction * s, y)
+        if where == COUNTED:
             jax.debug.callback(_tick, ticket)
         return direction * rhs_function(dynamics, t0 + direction * s, y)
 
@@ -51,9 +69,9 @@ def _method(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: A
     return diffrax.ODETerm(field), getattr(diffrax, name)(**options), controller
 
 
-def _first(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
+def _first(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
     """The state of the loop before the first step."""
-    terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
+    terms, solver, controller = _method(dynamics, name, where, fixed, weights)
     s, end = jnp.zeros_like(fixed[2]), fixed[3]
     following, control = controller.init(terms, s, end, y, None, None, solver.func, solver.error_order(terms))
     following = jnp.minimum(following, end)
@@ -61,19 +79,19 @@ def _first(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: An
     return {"s": s, "next": following, "y": y, "memory": memory, "control": control}
 
 
-def start_steps(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, y: Any) -> Any:
+def start_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, y: Any) -> Any:
     """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
-    return ravel_pytree(_first(dynamics, name, counted, fixed, weights, y))[0]
+    return ravel_pytree(_first(dynamics, name, where, fixed, weights, y))[0]
 
 
-def take_steps(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
+def take_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
     """Attempt SEGMENT steps or until ``most`` are accepted: the state, three numbers and a row per step, as one vector.
 
     The numbers: steps accepted, steps attempted, and the end of the first attempt since the last step whose error was not
     finite.  A row holds a step: its start and end, then y at its end and at its start.
     """
-    terms, solver, controller = _method(dynamics, name, counted, fixed, weights)
-    shapes = jax.eval_shape(lambda y: _first(dynamics, name, counted, fixed, weights, y), weights)
+    terms, solver, controller = _method(dynamics, name, where, fixed, weights)
+    shapes = jax.eval_shape(lambda y: _first(dynamics, name, where, fixed, weights, y), weights)
     unravel = ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes))[1]
     end = fixed[3]
 
@@ -105,12 +123,12 @@ def take_steps(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights
     return jnp.concatenate([ravel_pytree(state)[0], jnp.stack([accepted, attempted, bad]), rows.ravel()])
 
 
-def step_to(dynamics: Dynamics, name: str, counted: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
+def step_to(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
     """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
 
     The interpolants of these methods are less accurate than their steps, up to forty times at rtol 1e-9.
     """
-    terms, solver, _ = _method(dynamics, name, counted, fixed, weights)
+    terms, solver, _ = _method(dynamics, name, where, fixed, weights)
     begin, y = row[0], row[2 + weights.size :]
     reached, _, _, _, result = solver.step(terms, begin, s, y, None, solver.init(terms, begin, s, y, None), False)
     return jnp.where(result == diffrax.RESULTS.successful, reached, jnp.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from solvers import forms
 from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
+from solvers._multipliers import recovered
 from solvers._rows import (
     Rows,
     carried,
@@ -106,7 +108,8 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        return solution_of(self, end, rows.motion, own, self.recover_many, held)
+        recover_many = self.recover_many or partial(recovered, self.dynamics, self.work)
+        return solution_of(self, end, rows.motion, own, recover_many, held)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -19,11 +20,13 @@ import numpy as np
 
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import compile_function
+from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Status
 from solvers._adapter import Adapter, choose
 from solvers._run import Halt, Run
+from solvers._xla_call import functions
 
 try:
     from solvers import _diffrax_loop as loop
@@ -62,21 +65,34 @@ class DiffraxSolver(Adapter):
 
     def drive(self, run: Run) -> None:
         """Compiled segments until the end."""
-        implicit = loop.evaluations_per_step(self.method) is None
-        counted = implicit and run.request.max_evaluations is not None
-        evaluations = ["residual_evaluations", "output_evaluations"]
-        run.work.unseen = evaluations * (implicit and not counted) + ["jacobian_evaluations"] * implicit
-        ticket = next(_tickets)
+        where = self._place_of_rhs(run)
+        if loop.evaluations_per_step(self.method) is None and where != loop.OUTSIDE:
+            evaluations = ["residual_evaluations", "output_evaluations"] * (where == loop.WITHIN)
+            run.work.unseen = [*evaluations, "jacobian_evaluations"]
+        ticket, called = next(_tickets), _Called(run)
+        functions[ticket] = called
         try:
-            self._segments(run, counted, ticket)
+            self._segments(run, where, ticket, called)
         finally:
             loop.evaluations.pop(ticket, None)
+            del functions[ticket]
 
-    def _segments(self, run: Run, counted: bool, ticket: int) -> None:
-        functions = loop.start_steps, loop.take_steps, loop.step_to
-        start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted, route="xla") for f in functions)
+    def _place_of_rhs(self, run: Run) -> str:
+        """Where y' is computed."""
+        implicit = loop.evaluations_per_step(self.method) is None
+        if run.form.outside(implicit):
+            return loop.OUTSIDE
+        return loop.COUNTED if implicit and run.request.max_evaluations is not None else loop.WITHIN
+
+    def _segments(self, run: Run, where: str, ticket: int, called: _Called) -> None:
+        parts = loop.start_steps, loop.take_steps, loop.step_to
+        start, segment, step_to = (
+            called.watched(compile_function(part, run.dynamics, self.method, where, route="xla")) for part in parts
+        )
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-(t - t0)
-        per_step = loop.evaluations_per_step(self.method) or 0
+        counted, per_step = where == loop.COUNTED, loop.evaluations_per_step(self.method) or 0
+        if where == loop.OUTSIDE:  # what is called counts itself
+            per_step = 0
         fixed = np.array([run.direction, ticket, run.time(run.t0), s1, run.rtol]), run.weights
         state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
         room = loop.SEGMENT if run.request.max_seconds is None else 1
@@ -105,6 +121,37 @@ class DiffraxSolver(Adapter):
                 run.look_ahead(run.direction * lost)
                 status = Status.step_too_small
                 raise Halt(status, f"diffrax accepts no step from t = {run.now:.17g}. {status.text}")
+
+
+class _Called:
+    """y' and dy'/dy for compiled code that computes them outside; NaN after the first exception."""
+
+    def __init__(self, run: Run) -> None:
+        self._run, self._interrupts = run, Callbacks()
+        form, counted = run.form, run.work.counted
+        self._functions = {1: counted(form.rhs, residuals=form.points), 2: counted(form.rhs_jacobian, jacobians=1)}
+
+    def __call__(self, shape: tuple[int, ...], t: Any, y: Any) -> Any:
+        guard = self._run.guard
+        if guard.cause is None and self._interrupts.cause is None:
+            try:
+                return self._functions[len(shape)](self._run.time(float(t)), y)
+            except BaseException as error:  # noqa: BLE001 - it is raised again after the compiled code has returned
+                guard.cause = error
+        return np.nan
+
+    def watched(self, compiled: Callable[..., Any]) -> Callable[..., Any]:
+        """``compiled`` code that calls these: an interrupt is noted meanwhile, and raised after it."""
+
+        def call(*arguments: Any) -> Any:
+            with self._interrupts:
+                found = compiled(*arguments)
+            cause = self._interrupts.take_cause()
+            if cause is not None:
+                raise cause
+            return found
+
+        return call
 
 
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:

@@ -15,6 +15,7 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
+from solvers._multipliers import in_blocks
 from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
@@ -122,16 +123,12 @@ class CompiledSteps:
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
-        done, packed = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
-        first, clock, n = 0, self.run.work.clock, q.shape[1]
-        while first < times.size and clock.left() >= 0.0:
-            block, counts = slice(first, first + MOST // 64), np.zeros(len(mem.COUNTS), dtype=np.int64)
-            recover(self.z, packed[block], done[block], counts)
-            self.run.work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
-            first += MOST // 64
-        found = packed[done, 1 + 2 * n :]
-        lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
-        return done
+        return in_blocks(self._recover, self.run.work, times, q, v, lam, mu)
+
+    def _recover(self, rows: Matrix, done: Any) -> int:
+        counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
+        recover(self.z, rows, done, counts)
+        return int(counts[mem.RESIDUALS])
 
 
 def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:

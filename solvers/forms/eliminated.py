@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import AccelerationLevel, Dynamics, Native, NotNative, Structure
-from hhtbench.lowering.compile.coloured import Coloured, Indices
+from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
 from solvers.hht.linear.analysis import Analysis
@@ -30,8 +30,11 @@ class Eliminated:
 
     def __init__(self, dynamics: Dynamics, products: MatrixFree | None) -> None:
         """``products``: the same without full matrices, where there is such."""
-        self.n = dynamics.structure.n
-        self.solve = _solver(dynamics if products is None else products, dynamics)
+        self.n, self.native = dynamics.structure.n, True  #: native: no code of XLA is called
+        try:
+            self.solve = _in_loops(dynamics if products is None else products)
+        except NotNative:
+            self.solve, self.native = _in_python(dynamics), False
 
     def rhs(self, t: float, y: Vector) -> Vector:
         """y' (2n,)."""
@@ -49,25 +52,33 @@ class Differentiated:
 
     def rhs_jacobian(self, t: float, y: Vector) -> Matrix:
         """dy'/dy (2n, 2n), not finite where (F9) is singular."""
-        n, (packed, places) = self._n, self._compiled
-        entries = packed(np.concatenate([y, self._solve(t, y[:n], y[n:])]), t)[self._size :]
+        n = self._n
+        entries = self._derivative.packed(np.concatenate([y, self._solve(t, y[:n], y[n:])]), float(t))[self._size :]
         result = np.zeros((2 * n, 2 * n))
         result[:n, n:] = np.eye(n)
-        result[n:] = self._solved(entries, places)[:n]
+        result[n:] = self._solved(entries)[:n]
         return result
 
-    @cached_property
-    def _compiled(self) -> tuple[Callable[..., Vector], _Places]:
-        example = np.zeros(2 * self._n + self._size), 0.0
-        made = Coloured(kkt_along, self._products, example=example, route=None)
-        rows, columns = made.pattern.rows, made.pattern.columns - 2 * self._n
-        order = np.lexsort((rows, columns))  # column by column, those of y first
-        right, matrix = np.split(order, [np.searchsorted(columns[order], 0)])
-        starts = np.searchsorted(columns[matrix], np.arange(self._size + 1)).astype(np.int32)
-        return made.packed, _Places(right, (rows[right], columns[right] + 2 * self._n), matrix, rows[matrix], starts)
+    @property
+    def native(self) -> bool:
+        """Whether no code of XLA is called; compiles."""
+        return self._derivative.native
 
-    def _solved(self, entries: Vector, places: _Places) -> Matrix:
+    @cached_property
+    def _derivative(self) -> OftenCalled:
+        return OftenCalled(kkt_along, self._products, example=(np.zeros(2 * self._n + self._size), 0.0))
+
+    @cached_property
+    def _places(self) -> _Places:
+        rows, columns = self._derivative.pattern.rows, self._derivative.pattern.columns
+        order = np.lexsort((rows, columns))  # column by column, those of y first
+        right, matrix = np.split(order, [np.searchsorted(columns[order], 2 * self._n)])
+        starts = np.searchsorted(columns[matrix], 2 * self._n + np.arange(self._size + 1)).astype(np.int32)
+        return _Places(right, (rows[right], columns[right]), matrix, rows[matrix], starts)
+
+    def _solved(self, entries: Vector) -> Matrix:
         """The derivative of [v'; lam; mu] by y, (N, 2n)."""
+        places = self._places
         right = np.zeros((self._size, 2 * self._n), order="F")
         right[places.where] = -entries[places.right]
         if not np.isfinite(entries).all():
@@ -94,14 +105,17 @@ class _Places(NamedTuple):
     starts: Indices  #: (N + 1,) of its columns
 
 
-def _solver(source: Dynamics, dynamics: Dynamics) -> Solve:
-    """(F9) solved by compiled loops, or where there is no machine code for them, in Python."""
-    try:
-        kkt, analysis = kkt_code(source)
-    except NotNative:
-        return _in_python(dynamics)
-    if analysis.kind == "sparse":  # SuperLU's, which the loops would call back for
-        return _in_python(dynamics)
+def _in_loops(dynamics: Dynamics) -> Solve:
+    """(F9) solved by compiled loops.
+
+    Raises
+    ------
+    NotNative
+        There is no machine code for its entries, or Python would factorise their matrix.
+    """
+    kkt, analysis = kkt_code(dynamics)
+    if analysis.kind == "sparse":
+        raise NotNative(analysis.reason)
     s = dynamics.structure
     local = _Loops(kkt, analysis, s)
 
@@ -127,6 +141,7 @@ class _Loops(threading.local):
 
 
 def _in_python(dynamics: Dynamics) -> Solve:
+    """(F9) solved by LAPACK, or SuperLU where the system is large."""
     level = AccelerationLevel(dynamics)
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:

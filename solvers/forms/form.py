@@ -47,6 +47,10 @@ def _no_ode(*_: Any) -> Any:
     raise ProblemError("a dae form has no right-hand side; call residual, or take the form ode.")
 
 
+def _never(_: bool) -> bool:
+    return False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Form:
     """One form of one system.  The functions return fresh arrays, read-only for JAX systems."""
@@ -63,6 +67,8 @@ class Form:
     rhs: Callable[[float, Vector], Vector] = _no_ode  #: ode: y' (size,) at (t, y); not finite where (F9) is singular
     rhs_jacobian: Callable[[float, Vector], Matrix] = _no_ode  #: ode: dy'/dy (size, size) at (t, y)
     pattern: Pattern | None = None  #: where there is one, both Jacobians give its entries (entries,) only
+    #: (whether dy'/dy is needed too) -> whether ``rhs`` is faster than code of XLA for (F9), and calls none
+    outside: Callable[[bool], bool] = _never
 
     def start(self, q: Vector, v: Vector, vdot: Vector, lam: Vector, mu: Vector) -> Start:
         """Start vectors from a consistent state and its acceleration level: ``q, v, vdot`` (n,), ``lam`` (m,), ``mu`` (p,).
@@ -159,9 +165,9 @@ def _make_form(name: str, dynamics: Dynamics) -> Form:
         "points": 0 if route_of(dynamics) == "numpy" else 1,
     }
     if name == "ode":
-        rhs, jacobian, pattern = ode_functions(dynamics)
-        return Form(kind="ode", rhs=rhs, rhs_jacobian=jacobian, pattern=pattern, **common)
-    residual, jacobian, pattern = dae_functions(dynamics, layout)
+        rhs, jacobian, pattern, outside = ode_functions(dynamics)
+        return Form(kind="ode", rhs=rhs, rhs_jacobian=jacobian, pattern=pattern, outside=outside or _never, **common)
+    residual, jacobian, pattern, _ = dae_functions(dynamics, layout)
     return Form(kind="dae", residual=residual, jacobian=jacobian, pattern=pattern, **common)
 
 

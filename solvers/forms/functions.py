@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.lowering import Dynamics, compile_function, route_of
-from hhtbench.lowering.compile.coloured import Coloured, Pattern
+from hhtbench.lowering.compile.coloured import OftenCalled, Pattern
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, matrix_free
 from solvers.forms.eliminated import Differentiated, Eliminated
 from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
@@ -38,37 +38,54 @@ class Functions(NamedTuple):
     value: Callable[..., Any]  #: F(t, y, y') or y'(t, y), (size,)
     jacobian: Callable[..., Any]  #: at (t, y, y', c) or (t, y): (size, size), or of a pattern the entries (entries,)
     pattern: Pattern | None = None
+    outside: Callable[[bool], bool] | None = None  #: see :attr:`~solvers.forms.form.Form.outside`
 
 
 def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
     """Residual and Jacobian of a DAE form."""
-    products = matrix_free(dynamics) if _large(dynamics) else None
-    source = dynamics if products is None else products
-    residual = compile_function(residual_function, source, layout)
-    if products is not None:
-        example = np.zeros(layout.size), 0.0, np.zeros(layout.size), np.zeros(layout.size), 0.0
-        entries = _coloured(residual_along, products, layout, example=example)
-        if entries is not None:
-            packed = entries.packed
-            return Functions(residual, lambda t, y, yp, c: packed(y, t, y, yp, c)[layout.size :], entries.pattern)
-    return Functions(residual, compile_function(jacobian_function, dynamics, layout))
+    products = products_of(dynamics)
+    if products is None:
+        jacobian = compile_function(jacobian_function, dynamics, layout)
+        return Functions(compile_function(residual_function, dynamics, layout), jacobian)
+    residual, size = compile_function(residual_function, products, layout), layout.size
+    entries = _sparse(residual_along, products, layout, example=(np.zeros(size), 0.0, np.zeros(size), np.zeros(size), 0.0))
+    if entries is None:
+        return Functions(residual, compile_function(jacobian_function, dynamics, layout))
+    packed = entries.packed
+    return Functions(residual, lambda t, y, yp, c: packed(y, float(t), y, yp, float(c))[size:], entries.pattern)
 
 
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
     jacobian = compile_function(rhs_jacobian_function, dynamics)
-    products = matrix_free(dynamics) if _large(dynamics) else None
+    products = products_of(dynamics)
     if _large(dynamics) and dynamics.structure.constrained:
-        eliminated = Eliminated(dynamics, products)
-        return Functions(eliminated.rhs, jacobian if products is None else Differentiated(eliminated, products).rhs_jacobian)
+        return _eliminated(dynamics, products, jacobian)
     if products is None:
         return Functions(compile_function(rhs_function, dynamics), jacobian)
     rhs, size = compile_function(rhs_function, products), 2 * dynamics.structure.n
-    entries = _coloured(rhs_along, products, example=(np.zeros(size), 0.0))
+    entries = _sparse(rhs_along, products, example=(np.zeros(size), 0.0))
     if entries is None:
         return Functions(rhs, jacobian)
     packed = entries.packed
-    return Functions(rhs, lambda t, y: packed(y, t)[size:], entries.pattern)
+    return Functions(rhs, lambda t, y: packed(y, float(t))[size:], entries.pattern)
+
+
+def _eliminated(dynamics: Dynamics, products: MatrixFree | None, jacobian: Callable[..., Any]) -> Functions:
+    eliminated = Eliminated(dynamics, products)
+    if products is None:
+        return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
+    derivative = Differentiated(eliminated, products)
+
+    def outside(differentiated: bool) -> bool:
+        return eliminated.native and (not differentiated or derivative.native)
+
+    return Functions(eliminated.rhs, derivative.rhs_jacobian, outside=outside)
+
+
+def products_of(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without full matrices where that pays, and is known how."""
+    return matrix_free(dynamics) if _large(dynamics) else None
 
 
 def _large(dynamics: Dynamics) -> bool:
@@ -76,10 +93,12 @@ def _large(dynamics: Dynamics) -> bool:
     return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
 
 
-def _coloured(function: Callable[..., Any], products: MatrixFree, *static: Any, example: tuple[Any, ...]) -> Coloured | None:
+def _sparse(
+    function: Callable[..., Any], products: MatrixFree, *static: Any, example: tuple[Any, ...]
+) -> OftenCalled | None:
     """``function`` with the entries of its derivative, or None where its pattern is crowded or cannot be read."""
     try:
-        found = Coloured(function, products, *static, example=example, route=None)
+        found = OftenCalled(function, products, *static, example=example)
     except NotImplementedError:  # a primitive whose sparsity asdex does not know
         return None
     return None if found.pattern.rows.size > CROWDED * example[0].size ** 2 else found

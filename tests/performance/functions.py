@@ -27,7 +27,7 @@ from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from problems import planar_chain
 from solvers._run import Run
-from solvers.forms import FORMS
+from solvers.forms import FORMS, rhs_function
 
 LINKS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 1000)
 LIMITS = {("ode: y'", 32): 0.3e-3, **{(f"{form}: F", 32): 50e-6 for form in FORMS if form != "ode"}}  # [s]
@@ -143,14 +143,18 @@ def _least(call: Callable[[], Any]) -> float:
 
 
 def cost_in_xla(run: Run) -> Cost:
-    """Of y' where diffrax evaluates it: in the compiled loop over its steps."""
-    from solvers.forms import rhs_function
+    """Of y' in a compiled loop, as diffrax evaluates it."""
+    from solvers import _diffrax_loop, _xla_call
 
-    turns = 20
+    turns, outside, rhs = 20, run.form.outside(False), run.form.rhs
+    _xla_call.functions[0] = lambda _, t, y: rhs(float(t), y)
+
+    def of_turn(t: Any, y: Any) -> Any:
+        return _diffrax_loop.rhs_outside(0.0, t, y) if outside else rhs_function(run.dynamics, t, y)
 
     @jax.jit
     def many(y: Any, count: Any) -> Any:
-        return jax.lax.fori_loop(0, count, lambda i, x: y + 1e-9 * rhs_function(run.dynamics, 1e-3 * i, x), y)
+        return jax.lax.fori_loop(0, count, lambda i, x: y + 1e-9 * of_turn(1e-3 * i, x), y)
 
     def call(count: int) -> None:
         many(jnp.asarray(run.start.y), count).block_until_ready()

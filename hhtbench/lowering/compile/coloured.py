@@ -24,6 +24,7 @@ from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.compiling import Compilable, compile_function
 from hhtbench.lowering.flattening import Flat, flat_function
+from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 
 Indices = npt.NDArray[np.integer[Any]]
 
@@ -115,31 +116,41 @@ def by_pattern(
 
 
 class Coloured:
-    """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x.
+    """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x, compiled by XLA.
 
-    ``example``: arrays of the shapes of x and of the rest.  ``route``: as :func:`~.compiling.compile_function`; what is
-    called a few times only is compiled sooner by XLA.
+    ``example``: arrays of the shapes of x and of the rest.
     """
 
-    def __init__(
-        self,
-        function: Callable[..., Any],
-        dynamics: Compilable,
-        *static: Any,
-        example: tuple[Any, ...],
-        route: str | None = "xla",
-    ) -> None:
-        self.pattern = pattern = find_pattern(function, dynamics, *static, example=example)
-        #: arrays -> values (rows,), then entries (entries,)
-        self.packed: Callable[..., Vector]
-        if route == "xla" or pattern.computed > MOST_COMPUTED:
-            compiled = compile_function(value_and_entries, dynamics, function, static, pattern.colours, route="xla")
-            self.packed = partial(compiled, jnp.asarray(pattern.colour), jnp.asarray(pattern.places))
-        else:
-            self.packed = compile_function(by_pattern, dynamics, pattern, function, static, route=route)
+    pattern: Pattern
+    packed: Callable[..., Vector]  #: arrays -> values (rows,), then entries (entries,)
+
+    def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
+        self.pattern = find_pattern(function, dynamics, *static, example=example)
+        compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
+        where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
+        self.packed = partial(compiled, *where)
 
     def __call__(self, *arrays: Any) -> tuple[Vector, sp.csr_array]:
         """Values (rows,) and derivative (rows, size)."""
         values = np.asarray(self.packed(*arrays))
         rows = self.pattern.shape[0]
         return values[:rows], self.pattern.matrix(values[rows:])
+
+
+class OftenCalled(Coloured):
+    """The same as machine code where that is known how, which takes longer to compile: for arrays and floats only."""
+
+    native = True  #: whether no code of XLA is called
+
+    def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
+        self.pattern = pattern = find_pattern(function, dynamics, *static, example=example)
+        shapes = tuple(map(np.shape, example))
+        try:
+            if pattern.computed > MOST_COMPUTED:
+                raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
+            made: Any = native_call(native(by_pattern, dynamics, pattern, function, static, shapes=shapes), shapes)
+        except NotNative:
+            super().__init__(function, dynamics, *static, example=example)
+            self.native = False
+        else:
+            self.packed = made

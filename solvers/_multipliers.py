@@ -1,0 +1,63 @@
+"""Multipliers of many rows by compiled loops, instead of one acceleration level in Python for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Work
+from hhtbench.lowering import Dynamics, Native, NotNative, route_of
+from hhtbench.lowering.caching import ById, Cache
+from solvers.forms.functions import products_of
+from solvers.hht.linear.analysis import Analysis
+from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
+
+FEW = 20  # rows below which machine code is not made for them
+BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
+
+_known = Cache(16)  # ordering a matrix takes a millisecond and more
+
+RecoverBlock = Callable[[Matrix, Any], int]  # (rows [t, q, v, lam, mu], done) -> evaluations; marks rows and fills them
+
+
+def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
+    done, packed = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+    for first in range(0, times.size, BLOCK):
+        if work.clock.left() < 0.0:
+            break
+        block = slice(first, first + BLOCK)
+        work.add("residual_evaluations", recover(packed[block], done[block]))
+    found = packed[done, 1 + 2 * q.shape[1] :]
+    lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
+    return done
+
+
+def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+    """The same by the entries of the KKT matrix; none where there is no machine code for them."""
+    none = np.zeros(times.size, dtype=bool)
+    if route_of(dynamics) == "numpy" or times.size < FEW:
+        return none
+    code = _known.find(ById(dynamics), lambda: _code_of(dynamics))
+    if code is None:
+        return none
+    kkt, analysis = code
+    z, places = row_memory(kkt, analysis, dynamics.structure, calls_python=False)
+    linear = dynamics.structure.linear_reaction
+
+    def recover(rows: Matrix, done: Any) -> int:
+        recover_entries(z, linear, places, rows, done)
+        return int(done.sum())
+
+    return in_blocks(recover, work, times, q, v, lam, mu)
+
+
+def _code_of(dynamics: Dynamics) -> tuple[Native, Analysis] | None:
+    try:
+        kkt, analysis = kkt_code(products_of(dynamics) or dynamics)
+    except NotNative:
+        return None
+    return None if analysis.kind == "sparse" else (kkt, analysis)  # which Python would factorise

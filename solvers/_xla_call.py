@@ -1,0 +1,102 @@
+"""Calls from XLA's compiled code to functions of Python, by its stable C interface: 5 us each.
+
+``jax.pure_callback`` costs 150 us: it makes arrays of JAX and a task of its thread pool for every call.  The structures are
+those of ``xla/ffi/api/c_api.h``, which lies in ``jax.ffi.include_dir()``, in words of eight bytes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+TARGET = "hhtbench_call"
+FRAME = struct.Struct("15q")  # XLA_FFI_CallFrame up to its results, and where in it ...
+EXTENSION, API, STAGE, COUNT, ARGUMENTS, RESULTS = 1, 2, 4, 7, 9, 14  # ... things are; the last two: arrays of buffers
+EXECUTE = 3  # the stage that is a call, XLA_FFI_ExecutionStage_EXECUTE
+BUFFER = struct.Struct("6q")  # XLA_FFI_Buffer, and where in it ...
+DATA, RANK, SHAPE = 3, 4, 5  # ... things are
+METADATA = 1  # the extension that asks what a handler is, XLA_FFI_Extension_Metadata
+MOST_PLACES = 256  # in memory at which arrays are remembered to have been
+
+functions: dict[int, Callable[..., Any]] = {}  #: ticket -> what is called: (shape of the result, *arrays) -> array
+_known: dict[
+    tuple[tuple[int, bytes], ...], list[Any]
+] = {}  # places and shapes of the buffers -> arrays there, the result first
+
+
+class _Version(ctypes.Structure):
+    _fields_ = (("size", ctypes.c_size_t), ("extension", ctypes.c_void_p), ("major", ctypes.c_int), ("minor", ctypes.c_int))
+
+
+class _Api(ctypes.Structure):
+    _fields_ = (("size", ctypes.c_size_t), ("extension", ctypes.c_void_p), ("version", _Version))
+
+
+class _Metadata(ctypes.Structure):
+    _fields_ = (("size", ctypes.c_size_t), ("version", _Version), ("traits", ctypes.c_uint32))
+
+
+class _Extension(ctypes.Structure):
+    _fields_ = (
+        ("size", ctypes.c_size_t),
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("metadata", ctypes.POINTER(_Metadata)),
+    )
+
+
+@ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+def _handler(address: int) -> None:
+    """Answers what XLA asks of a handler, and carries out a call."""
+    frame = FRAME.unpack(ctypes.string_at(address, FRAME.size))
+    if frame[EXTENSION] and _Extension.from_address(frame[EXTENSION]).type == METADATA:
+        metadata = _Extension.from_address(frame[EXTENSION]).metadata.contents
+        running = _Api.from_address(frame[API]).version
+        metadata.version.major, metadata.version.minor, metadata.traits = running.major, running.minor, 0
+    elif frame[STAGE] & 0xFFFFFFFF == EXECUTE:
+        count = frame[COUNT]
+        places = ctypes.string_at(frame[RESULTS], 8) + ctypes.string_at(frame[ARGUMENTS], 8 * count)
+        result, ticket, *arrays = _arrays(struct.unpack(f"{1 + count}q", places))
+        result[...] = functions[int(ticket)](result.shape, *arrays)
+
+
+def _arrays(buffers: tuple[int, ...]) -> list[Any]:
+    """float64 memory of XLA."""
+    fields = [BUFFER.unpack(ctypes.string_at(buffer, BUFFER.size)) for buffer in buffers]
+    key = tuple((field[DATA], ctypes.string_at(field[SHAPE], 8 * field[RANK])) for field in fields)
+    found = _known.get(key)
+    if found is None:
+        if len(_known) >= MOST_PLACES:
+            _known.clear()
+        found = _known[key] = [_array(*place) for place in key]
+    return found
+
+
+def _array(data: int, shape_in_bytes: bytes) -> Any:
+    shape = struct.unpack(f"{len(shape_in_bytes) // 8}q", shape_in_bytes)
+    memory = (ctypes.c_double * math.prod(shape)).from_address(data)
+    return np.frombuffer(memory).reshape(shape)
+
+
+def called(ticket: Any, shape: tuple[int, ...], *arrays: Any) -> Any:
+    """What the function of ``ticket`` returns, traced: an array of ``shape`` from float64 ``arrays``, which it may not keep.
+
+    It may not raise.
+    """
+    return jax.ffi.ffi_call(TARGET, jax.ShapeDtypeStruct(shape, np.float64))(ticket, *arrays)
+
+
+def _register() -> None:
+    make: Any = ctypes.pythonapi.PyCapsule_New
+    make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+    capsule = make(ctypes.cast(_handler, ctypes.c_void_p).value, b"xla._CUSTOM_CALL_TARGET", None)
+    jax.ffi.register_ffi_target(TARGET, capsule, platform="cpu")
+
+
+_register()
