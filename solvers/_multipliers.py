@@ -9,16 +9,13 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.lowering import Dynamics, Native, NotNative, route_of
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering import Dynamics, route_of
+from solvers.forms.eliminated import kkt_made, kkt_of
 from solvers.forms.functions import products_of
-from solvers.hht.linear.analysis import Analysis
-from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
+from solvers.hht.run.recover import recover_entries, row_memory
 
 FEW = 20  # rows below which machine code is not made for them
 BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
-
-_known = Cache(16)  # ordering a matrix takes a millisecond and more
 
 RecoverBlock = Callable[[Matrix, Any], int]  # (rows [t, q, v, lam, mu], done) -> evaluations; marks rows and fills them
 
@@ -39,9 +36,9 @@ def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Ma
 def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
     """The same by the entries of the KKT matrix; none where there is no machine code for them."""
     none = np.zeros(times.size, dtype=bool)
-    if route_of(dynamics) == "numpy" or times.size < FEW:
+    if route_of(dynamics) == "numpy":
         return none
-    code = _known.find(ById(dynamics), lambda: _code_of(dynamics))
+    code = kkt_of(dynamics, products_of(dynamics)) if times.size >= FEW else kkt_made(dynamics)
     if code is None:
         return none
     kkt, analysis = code
@@ -53,11 +50,3 @@ def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matri
         return int(done.sum())
 
     return in_blocks(recover, work, times, q, v, lam, mu)
-
-
-def _code_of(dynamics: Dynamics) -> tuple[Native, Analysis] | None:
-    try:
-        kkt, analysis = kkt_code(products_of(dynamics) or dynamics)
-    except NotNative:
-        return None
-    return None if analysis.kind == "sparse" else (kkt, analysis)  # which Python would factorise

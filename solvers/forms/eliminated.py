@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import AccelerationLevel, Dynamics, Native, NotNative, Structure
+from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
@@ -22,6 +23,9 @@ from solvers.hht.loops.memory import view
 from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
 
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
+_known = Cache(16)  # ordering a matrix takes a millisecond and more
+
+KKT = tuple[Native, Analysis]
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
 
 
@@ -30,11 +34,9 @@ class Eliminated:
 
     def __init__(self, dynamics: Dynamics, products: MatrixFree | None) -> None:
         """``products``: the same without full matrices, where there is such."""
-        self.n, self.native = dynamics.structure.n, True  #: native: no code of XLA is called
-        try:
-            self.solve = _in_loops(dynamics if products is None else products)
-        except NotNative:
-            self.solve, self.native = _in_python(dynamics), False
+        self.n, code = dynamics.structure.n, kkt_of(dynamics, products)
+        self.native = code is not None  #: whether no code of XLA is called
+        self.solve = _in_python(dynamics) if code is None else _in_loops(*code, dynamics.structure)
 
     def rhs(self, t: float, y: Vector) -> Vector:
         """y' (2n,)."""
@@ -105,18 +107,30 @@ class _Places(NamedTuple):
     starts: Indices  #: (N + 1,) of its columns
 
 
-def _in_loops(dynamics: Dynamics) -> Solve:
-    """(F9) solved by compiled loops.
+def kkt_of(dynamics: Dynamics, products: MatrixFree | None) -> KKT | None:
+    """Code for the entries of the KKT matrix, by the ``products`` where there are such; remembered.
 
-    Raises
-    ------
-    NotNative
-        There is no machine code for its entries, or Python would factorise their matrix.
+    None where there is no machine code for them, or Python would factorise their matrix.
     """
-    kkt, analysis = kkt_code(dynamics)
-    if analysis.kind == "sparse":
-        raise NotNative(analysis.reason)
-    s = dynamics.structure
+    found: list[KKT] = _known.find(ById(dynamics), lambda: _kkt_of(dynamics if products is None else products))
+    return found[0] if found else None
+
+
+def kkt_made(dynamics: Dynamics) -> KKT | None:
+    """The same where it is there already."""
+    return (_known.kept(ById(dynamics)) or [None])[0]
+
+
+def _kkt_of(dynamics: Dynamics) -> list[KKT]:
+    try:
+        code = kkt_code(dynamics)
+    except NotNative:
+        return []
+    return [] if code[1].kind == "sparse" else [code]
+
+
+def _in_loops(kkt: Native, analysis: Analysis, s: Structure) -> Solve:
+    """(F9) solved by compiled loops."""
     local = _Loops(kkt, analysis, s)
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:

@@ -43,7 +43,7 @@ SOLVERS = (
     *(f"diffrax(method={method})" for method in ("Tsit5", "Kvaerno5")),
     "projected(method=DOP853)",
 )
-RTOL, FEW, MANY = 1e-4, 5, 45  # steps of two solves, whose difference is that of their steps
+RTOL, FEW, MANY = 1e-4, 20, 60  # steps of two solves, whose difference is that of their steps
 
 
 @dataclass(frozen=True)
@@ -177,9 +177,10 @@ def solve_costs(links: int, only: list[str], left_out: Iterable[str]) -> Iterabl
             found = hb.solve(problem, name, rtol=RTOL, max_num_steps=most, max_seconds=60.0)
             return time.perf_counter() - began, found.counters.steps_accepted
 
-        first = solve(FEW)[0]
-        pairs = [(solve(FEW), solve(MANY)) for _ in range(3 if first < 10 else 1)]
-        yield name, Cost(min((b[0] - a[0]) / max(b[1] - a[1], 1) for a, b in pairs), first)
+        first, (once, _) = solve(MANY)[0], solve(MANY)
+        rounds = [(solve(FEW), solve(MANY)) for _ in range(ROUNDS if once < SLOW else 1)]
+        (few, least), (many, most) = (min(pair[i] for pair in rounds) for i in range(2))
+        yield name, Cost((many - few) / max(most - least, 1), first)
 
 
 def printed(found: dict[str, dict[int, Cost]], links: Iterable[int], unit: float) -> str:
