@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from typing import Any
@@ -165,15 +164,9 @@ class Work:
         self.max_evaluations, self.clock.kept_back = None, 0.0
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
-    @contextmanager
-    def for_output(self) -> Iterator[None]:
-        """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
-        before = [self.tally[name] for name in OF_OUTPUT]
-        try:
-            yield
-        finally:
-            for name, count in zip(OF_OUTPUT, before, strict=True):
-                self.output[name] += self.tally[name] - count
+    def for_output(self) -> ForOutput:
+        """``with work.for_output():`` what is evaluated inside is for output rows, not for the steps; budgets count it."""
+        return ForOutput(self)
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
@@ -189,3 +182,19 @@ class Work:
             raise BudgetSpent("evaluations", self.max_evaluations)
         self.check_time()
         self.tally["residual_evaluations"] += 1
+
+
+class ForOutput:
+    """Between its two ends everything that ``work`` counts is work for output rows."""
+
+    def __init__(self, work: Work) -> None:
+        self._work, self._before = work, [work.tally.get(name, 0) for name in OF_OUTPUT]
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *_: object) -> None:
+        tally, output = self._work.tally, self._work.output
+        for name, count in zip(OF_OUTPUT, self._before, strict=True):
+            if tally.get(name, 0) > count:
+                output[name] += tally[name] - count

@@ -47,9 +47,15 @@ def solution_of(
     rows: Rows,
     own: OwnMultipliers,
     recover_many: RecoverMany = None,
+    note: str = "",
+    *,
     carried: Mapping[str, Matrix] | None = None,
+    **more: Any,
 ) -> Solution:
-    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``."""
+    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
+
+    ``note`` ends its message; ``more`` are other fields of it.
+    """
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
         t, q, v = (array[: len(found.lam)] for array in rows)
@@ -57,9 +63,9 @@ def solution_of(
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    counters = run.work.counters()
     held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=counters, carried=held)
+    of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, carried=held, **of_run, **more)
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -147,13 +153,14 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
         raise
 
 
-def unrecovered(
-    run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, carried: Mapping[str, Matrix] | None = None
-) -> Solution:
-    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called."""
+def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
+    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
+
+    ``more`` are other fields of it.
+    """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
     message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, carried=carried)
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, **more)
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

@@ -106,7 +106,7 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        return solution_of(self, end, rows.motion, own, self.recover_many, held)
+        return solution_of(self, end, rows.motion, own, self.recover_many, carried=held)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -114,7 +114,7 @@ class Run:
             return self._nothing(end)
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        return unrecovered(self, end, rows.motion, own, carried(self.form, rows, self.dynamics))
+        return unrecovered(self, end, rows.motion, own, carried=carried(self.form, rows, self.dynamics))
 
     def _nothing(self, failure: Failure) -> Solution:
         return empty_solution(self.problem.q0.size, failure, self.work.counters())

@@ -18,9 +18,10 @@ from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import asymmetry
 from hhtbench.protocol import DERIVATIVES, declared
 from solvers._finite import explain_nonfinite
-from solvers._start import of_dynamics, points_of
+from solvers._start import Guesses, of_dynamics, points_of
+from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.first_step import plan_first_step
-from solvers.hht.control.plan import ByError, Plan
+from solvers.hht.control.plan import Plan
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
@@ -53,13 +54,14 @@ class Engine:
         method: Method,
         work: Work,
         functions: Functions,
+        control: ControlOptions,
         *,
         fallback: Callable[[], Functions] | None = None,
         plain: bool = False,
     ) -> None:
         self.dynamics, self.method, self.work = dynamics, method, work
         self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
-        self.functions, self.layout = functions, functions.layout
+        self.functions, self.layout, self.control = functions, functions.layout, control
         self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
         self._force = work.counted(self.bare_force, residuals=self.points)
         self.acceleration = of_dynamics(dynamics).acceleration
@@ -156,7 +158,7 @@ class Engine:
         else:
             self._load(state, values, controlled=plan.by_error is not None)
             loops.held = None  # until it is stored: an interrupt may come before
-            made = loops.call_noting(march, plan.options, stop, lengths, ends, rows)
+            made = loops.call_noting(march, stop, lengths, ends, rows)
             if not made:
                 loops.raise_noted()
             ended = int(loops.z.i[mem.ENDED])
@@ -169,27 +171,27 @@ class Engine:
             loops.held = state
         return state, made, self._unless_spent(ended)
 
-    def started(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> State | None:
+    def started(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
         work, count = self.work, self.points * (1 + self.structure.constrained)
         work.check_time()
         if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
             return None
-        state = self.loops.start(np.concatenate([[t], q, v, lam, mu]))
+        state = self.loops.start(t, q, v, guesses)
         if state is not None:
             work.add("residual_evaluations", count)
         if state is not None and self.method.coefficients.total:
             return replace(state, a=state.vdot, f=state.vdot)
         return state
 
-    def prepared(self, state: State, plan: ByError, stop: float) -> State:
+    def prepared(self, state: State, stop: float) -> State:
         """``state`` with what step control needs to begin or to begin again there, (H27)."""
         if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
             state = self.with_multipliers(state) if self.structure.constrained else replace(state, vdot=state.f)
         loops, start = self.loops, self.method.start
         loops.load(state, None, controlled=True, suspicious=False)
         loops.held = None  # until it is stored
-        loops.call(plan_first_step, plan.options, stop, start == "f0")
+        loops.call(plan_first_step, stop, start == "f0")
         state = loops.store(controlled=True)
         if start != "shifted" or state.memory is None:
             return state

@@ -42,7 +42,7 @@ class History:
 
     def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
         self._n, self._parts = structure.n, parts_of(structure)
-        self._rows = np.empty((ROOM, columns(structure)))
+        self._rows = np.empty((ROOM, self._parts[-1].stop))
         self._count = self._changes = self._dropped = 0
         self._elapsed, self._begin = 0.0, start.t
         self._ahead = t_eval  # those that are not in ``_output`` yet
@@ -95,15 +95,17 @@ class History:
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
-    def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
-        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
+    def output_rows(self, output: HermiteOutput, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
+        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were.
+
+        ``output``: the :meth:`dense_output` by now.
+        """
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
             return OutputRows(t[:, 0], q, v, lam, mu), self._count
-        output, rows = self.dense_output(), [*self._output]
-        low, high = sorted((output.t[0], output.t[-1]))
+        rows, (low, high) = [*self._output], sorted((output.t[0], output.t[-1]))
         times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]
-        asked = times.size + sum(part.t.size for part in rows)
+        asked = times.size + sum([part.t.size for part in rows])
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
         return rows[0] if len(rows) == 1 else OutputRows(*(np.concatenate(x) for x in zip(*rows, strict=True))), asked
@@ -130,13 +132,12 @@ class History:
         """Which rows are ends of steps."""
         return slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
 
-    def kept(self) -> dict[str, Any]:
-        """``steps_data`` and ``interpolant`` of the Solution, if the steps were kept."""
-        if self._dropped:
-            return {}
-        return {"steps_data": self.steps_data(), "interpolant": self.dense_output()}
+    def kept(self, output: HermiteOutput) -> dict[str, Any]:
+        """What the Solution says of events and, if the steps were kept, of these; ``output``: the dense output."""
+        steps = {} if self._dropped else {"steps_data": self._steps_data(), "interpolant": output}
+        return steps | self._events()
 
-    def steps_data(self) -> StepsData:
+    def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
         made = self._made()
         t, h, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns(0, 1, 4, 5, 6, 7))
@@ -147,7 +148,7 @@ class History:
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
 
-    def events(self) -> dict[str, Any]:
+    def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
         found, n = self._occurrences, self._n
         return {

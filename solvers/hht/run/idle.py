@@ -19,7 +19,7 @@ _lock = threading.Lock()
 
 def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, controlled: bool) -> Hashable:
     """What an engine for ``system`` with ``n`` coordinates depends on; parameters that their owner may change by bytes."""
-    return ById(system), parameters_of(system), n, options.method(controlled=controlled), options.linsolver, options.engine
+    return ById(system), parameters_of(system), n, options, controlled
 
 
 def take(purpose: Hashable) -> Engine | None:

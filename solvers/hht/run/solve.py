@@ -70,30 +70,26 @@ class Integration:
         """What was accepted before an exception; no function of the system is called for it."""
         if self.stepper is None:
             return self._nothing(end)
-        rows, _ = self.history.output_rows(lambda: False)
-        left = unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows))
-        return self._complete(left)
+        output = self.history.dense_output()
+        rows, _ = self.history.output_rows(output, lambda: False)
+        more = self.history.kept(output)
+        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
-        rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        own = own_multipliers(rows)
-        stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
-        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine))
-        status, message, carried = solution.status, solution.message, None
-        if rows.t.size < asked:
-            message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
-            status = Status.deadline if status is Status.success else status
-        if stages is not None and engine.structure.constrained:
-            both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
+        output = self.history.dense_output()
+        rows, asked = self.history.output_rows(output, lambda: self.work.clock.left() < 0.0)
+        own, carried = own_multipliers(rows), None
+        if self.request.t_eval is None and engine.structure.constrained:
+            both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
-
-    def _complete(self, solution: Solution, **more: Any) -> Solution:
-        """With stage values, dense output and events, and what else is given."""
-        return replace(solution, **self.history.kept(), **self.history.events(), **more)
+        if rows.t.size < asked:
+            note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
+            end = replace(end, status=Status.deadline) if end.status is Status.success else end
+        more = self.history.kept(output) | {"carried": carried}
+        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine), note, **more)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""

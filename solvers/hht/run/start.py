@@ -121,9 +121,8 @@ def begin(
 def plain_start(engine: Engine, place: Place, guesses: Guesses) -> State | None:
     """The state before the first step by machine code; None where Python has to look closer."""
     s = engine.structure
-    lam, mu = (np.zeros(size) if guess is None else guess for guess, size in zip(guesses, (s.m, s.p), strict=True))
-    fits = lam.shape == (s.m,) and mu.shape == (s.p,)
-    return engine.started(place.t, place.q, place.v, lam, mu) if fits else None
+    fits = all(guess is None or guess.size == size for guess, size in zip(guesses, (s.m, s.p), strict=True))
+    return engine.started(place.t, place.q, place.v, guesses) if fits else None
 
 
 def make_engine(
@@ -148,7 +147,7 @@ def make_engine(
         return functions_for(usable(without, place, work), method, options.linsolver)
 
     fallback: Callable[[], Any] | None = derived if names and not functions.newton.matrix_cost else None
-    return Engine(dynamics, method, work, functions, fallback=fallback, plain=options.engine == "python")
+    return Engine(dynamics, method, work, functions, options.control, fallback=fallback, plain=options.engine == "python")
 
 
 def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
