@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
@@ -130,8 +130,8 @@ class Work:
 
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
-    tally: Counter[str] = field(default_factory=Counter)
-    output: Counter[str] = field(default_factory=Counter)  #: of ``tally``, what output rows have cost
+    tally: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: by the names of ``Counters``
+    output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: of ``tally``, what output rows have cost
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""
@@ -170,8 +170,10 @@ class Work:
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
-        spent = {name: count - self.output[name] for name, count in self.tally.items() if count > self.output[name]}
-        return spent | {"output_evaluations": self.output["residual_evaluations"]}
+        spent, output = self.tally.copy(), self.output
+        for name, count in output.items():
+            spent[name] -= count
+        return spent | {"output_evaluations": output["residual_evaluations"]}
 
     def counters(self) -> Counters:
         """The tally, frozen."""

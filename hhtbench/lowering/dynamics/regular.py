@@ -92,9 +92,9 @@ def minimum_norm(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
 
 def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
     inner: Any = dynamics
-    while isinstance(inner, Wrapper) and not isinstance(inner, ReducedDynamics):
+    while type(inner).wraps and type(inner) is not ReducedDynamics:
         inner = inner.inner
-    return inner if isinstance(inner, ReducedDynamics) else None
+    return inner if type(inner) is ReducedDynamics else None
 
 
 class AugmentedDynamics(Wrapper):

@@ -112,10 +112,9 @@ class History:
 
     def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
-        lam, mu = self._columns(6, 7)
         row = output.rows_before(times)
-        index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
-        return OutputRows(times, *output.at(times, row), lam[index], mu[index])
+        ends = self._rows[row + (output.t[row] != times)]
+        return OutputRows(times, *output.at(times, row), ends[:, self._parts[6]].copy(), ends[:, self._parts[7]].copy())
 
     @property
     def span(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
-from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
+from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, plan_steps
 from hhtbench.result import Solution, Status
 from hhtbench.trust import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
@@ -39,15 +39,18 @@ class Integration:
     stepper: Stepper | None = None  #: None before the first state
     history: History
 
-    def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses, clock: Clock) -> None:
-        self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
+    def __init__(
+        self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
+    ) -> None:
+        """``steps``: those that ``request`` prescribes; None: error control."""
+        self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
+        self.place, self.guesses = place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
 
     def solution(self) -> Solution:
         """The whole solve."""
-        request, t0 = self.request, self.place.t
-        steps = plan_steps(request, t0, self.t1) if request.fixed else None
-        h = self.t1 - t0 if steps is None else steps.length(0)
+        request, steps = self.request, self.steps
+        h = self.t1 - self.place.t if steps is None else steps.length(0)
         started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=steps is None)
         if isinstance(started, Failure):
             return self._nothing(started)
@@ -151,16 +154,15 @@ def end_times(tspan: Any) -> tuple[float, float]:
     return t0, t1
 
 
-def check_request(request: Request, n: int, t0: float, t1: float) -> None:
-    """Raise unless ``request`` fits HHT, ``n`` coordinates and the interval from ``t0`` to ``t1`` [s]."""
+def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
+    """The steps that ``request`` prescribes; raises unless it fits HHT, ``n`` coordinates and the interval [t0, t1] [s]."""
     if request.options:
         raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={request.options}.")
     check_accuracy(request, n)
     if request.t_eval is not None:
         check_output_times(request.t_eval, t0, t1)
     check_interval("tspan", t0, t1)
-    if request.fixed:
-        plan_steps(request, t0, t1)
+    return plan_steps(request, t0, t1) if request.fixed else None
 
 
 def check_accuracy(request: Request, n: int) -> None:
