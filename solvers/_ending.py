@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, minimum_norm, padded, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
@@ -111,7 +111,7 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
         try:
             found = run.acceleration.solve(t, q, v, *guess)
             run.work.add("residual_evaluations", points_of(run.dynamics))
-            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
+            if not (all_finite(found.lam) and all_finite(found.mu)):
                 explain_nonfinite(run.dynamics, t, q, v)
             break
         except NonFiniteValue:

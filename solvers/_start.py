@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Vector, all_finite
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
@@ -261,7 +261,7 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     if found.singular:
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)
-    if not np.all(np.isfinite(found.vdot)):
+    if not all_finite(found.vdot):
         explain_nonfinite(run.dynamics, t, q, v)
     if not found.converged:
         message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
