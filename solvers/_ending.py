@@ -10,11 +10,11 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, minimum_norm, padded, unreduced
+from hhtbench.lowering import minimum_norm, padded, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
-from solvers._start import Failure, Solving, points_of
+from solvers._start import Failure, Solving, of_dynamics, points_of
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
@@ -130,7 +130,7 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> M
     if whole is run.dynamics:
         return multipliers
     lam, mu = padded(run.dynamics, *multipliers)
-    levels, m, rank = ConstraintLevels(whole), whole.structure.m, reduced.m + reduced.p
+    levels, m, rank = of_dynamics(whole).levels, whole.structure.m, reduced.m + reduced.p
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
         try:
             run.work.check_time()
