@@ -26,6 +26,7 @@ from solvers.hht import HHT
 ROOT = Path(__file__).parents[2]
 ROOMS = ROOT / "solvers/hht", ROOT / "hhtbench/lowering"
 PAIRS = 5
+ROUNDS = 15
 TIMES = """
 import json, time, numpy as np
 from hhtbench import load_problem
@@ -87,7 +88,9 @@ def callbacks() -> list[tuple[str, float, float]]:
     arguments = {
         name: (0.0, q, v[:1] if "reaction" in name else v)[: f.__code__.co_argcount] for name, f in functions.items()
     }
-    own = {name: timed(function, *arguments[name]) for name, function in functions.items()}
+
+    def own(name: str) -> float:
+        return timed(functions[name], *arguments[name], repeat=1000)
 
     def counted(name, function):
         def call(*arguments):
@@ -100,16 +103,20 @@ def callbacks() -> list[tuple[str, float, float]]:
     counting = HHT(NumpySystem(**{name: counted(name, function) for name, function in functions.items()}))
     rows = []
     for name, how in {"constant": {"step": 1e-3}, "controlled": {"rtol": 1e-6}}.items():
-        calls, seconds = Counter[str](), []
+        calls = Counter[str]()
         for sign, span in ((-1, 0.2), (1, 2.0)):
             count.clear()
             steps = counting.solve((0.0, span), q, v, t_eval=[0.0, span], **how).counters.steps_accepted
             calls.update({called: sign * number for called, number in count.items()} | {"steps": sign * steps})
-            seconds.append(min(timed(plain.solve, (0.0, span), q, v, t_eval=[0.0, span], repeat=1, **how) for _ in range(3)))
         made = calls.pop("steps")
-        limit = sum(number * (1.5 + own[called]) for called, number in calls.items()) / made + 20.0
+        fastest = dict.fromkeys([*calls, 0.2, 2.0], np.inf)  # in turn: the processor's pace changes by half within seconds
+        for _ in range(ROUNDS):
+            found = {called: own(called) for called in calls}
+            found |= {end: timed(plain.solve, (0.0, end), q, v, t_eval=[0.0, end], repeat=1, **how) for end in (0.2, 2.0)}
+            fastest = {key: min(fastest[key], value) for key, value in found.items()}
+        limit = sum(number * (1.5 + fastest[called]) for called, number in calls.items()) / made + 20.0
         rows.append((f"callbacks of a NumPy pendulum's step, {name}", calls.total() / made, 30.0))
-        rows.append((f"its time [us], {name}", (seconds[1] - seconds[0]) / made, limit))
+        rows.append((f"its time [us], {name}", (fastest[2.0] - fastest[0.2]) / made, limit))
     return rows
 
 
