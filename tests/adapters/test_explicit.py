@@ -14,7 +14,7 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import System
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._run import Run
+from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
@@ -226,6 +226,25 @@ def test_a_budget_of_evaluations_is_never_passed_and_steps_before_it_stay(budget
     assert found.status is Status.evaluation_budget
     assert found.counters.residual_evaluations <= budget
     assert found.t.size == found.counters.steps_accepted + 1
+
+
+LIES = {
+    "not finite": (1.0, np.array([np.nan, 0.0, 0.0, 0.0]), Status.unreliable),
+    "too short": (1.0, np.zeros(3), Status.unreliable),
+    "time goes back": (-1.0, np.zeros(4), Status.unreliable),
+    "past the end": (9.0, np.zeros(4), Status.unreliable),
+    "nowhere": (0.0, np.zeros(4), Status.time_resolution),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_many_steps_at_once_are_looked_at_like_single_ones(lie):
+    t, y, status = LIES[lie]
+    run = begun(hb.load_problem("simple_pendulum"), rtol=1e-3)
+    with pytest.raises(Halt) as caught:
+        run.accept_many(3, t, y, np.empty((0, 5)))
+    assert caught.value.status is status
+    assert run.work.counters().steps_accepted == 0
 
 
 @pytest.mark.parametrize("times", [None, np.linspace(0, 5, 77)])
