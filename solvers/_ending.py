@@ -58,7 +58,7 @@ def solution_of(
     """
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
-        t, q, v = (array[: len(found.lam)] for array in rows)
+        t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
         lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
@@ -78,8 +78,9 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
-    with suppress(BudgetSpent):  # nothing more can be compiled
-        done = done if recover_many is None else recover_many(times, q, v, lam, mu)
+    if recover_many is not None:
+        with suppress(BudgetSpent):  # nothing more can be compiled
+            done = recover_many(times, q, v, lam, mu)
     if np.count_nonzero(done) == done.size:  # in a fifth of the time of all()
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
@@ -126,9 +127,10 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> M
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.
     """
-    whole, reduced = unreduced(run.dynamics), run.dynamics.structure
+    whole = unreduced(run.dynamics)
     if whole is run.dynamics:
         return multipliers
+    reduced = run.dynamics.structure
     lam, mu = padded(run.dynamics, *multipliers)
     levels, m, rank = of_dynamics(whole).levels, whole.structure.m, reduced.m + reduced.p
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):

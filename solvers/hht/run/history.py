@@ -103,8 +103,9 @@ class History:
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
             return OutputRows(t[:, 0], q, v, lam, mu), self._count
-        rows, (low, high) = [*self._output], sorted((output.t[0], output.t[-1]))
-        times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]
+        rows, times, (low, high) = [*self._output], self._ahead, sorted((output.t[0], output.t[-1]))
+        if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
+            times = times[(times >= low) & (times <= high)]
         asked = times.size + sum([part.t.size for part in rows])
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
@@ -138,9 +139,10 @@ class History:
 
     def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
-        made = self._made()
-        t, h, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns(0, 1, 4, 5, 6, 7))
-        return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
+        rows = self._rows[: self._count][self._made()]
+        _, _, _, _, a, lam_start, lam_end, mu = self._parts
+        stages = {"a": rows[:, a], "lam_start": rows[:, lam_start], "lam_end": rows[:, lam_end], "mu_half": rows[:, mu]}
+        return StepsData(t=rows[:, 0], h=rows[:, 1], **stages)
 
     def dense_output(self) -> HermiteOutput:
         """Interpolant through all rows; parts of them."""
@@ -150,6 +152,8 @@ class History:
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
         found, n = self._occurrences, self._n
+        if not found:
+            return {}
         return {
             "t_events": tuple(np.array([o.t for o in each]) for each in found),
             "q_events": tuple(np.array([o.q for o in each]).reshape(-1, n) for each in found),

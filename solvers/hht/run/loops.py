@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
-NOTHING = nullcontext()
 # Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
 GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
@@ -81,7 +79,7 @@ class Loops:
         self.held = self.nonfinite = None
         self.callbacks.take_cause()
         self.callbacks.take_nonfinite()
-        np.copyto(self.z.w, self._blank)
+        self.z.w[:] = self._blank
         self._counts[:] = 0
 
     def section(self, name: int) -> Vector:
@@ -127,9 +125,7 @@ class Loops:
         place[0], place[1 : 1 + n], place[1 + n :] = t, q, v
         for section, guess in zip(self._multipliers, guesses, strict=True):
             section[:] = 0.0 if guess is None else guess
-        with np.errstate(all="ignore") if self._plain else NOTHING:
-            found = self._entry(start)()
-        return self.store(controlled=False) if found else None
+        return self.store(controlled=False) if self._entry(start)() else None
 
     def store(self, *, controlled: bool) -> State:
         """The state that the loops left in their memory."""
@@ -164,21 +160,23 @@ class Loops:
         limit, spent = self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
-        noting = self.callbacks if entry is march or self.call_python else NOTHING
-        with noting, np.errstate(all="ignore") if self._plain else NOTHING:
-            result = int(self._entry(entry)(*arguments) or 0)
+        if entry is march or self.call_python:
+            with self.callbacks:
+                result = self._entry(entry)(*arguments)
+        else:
+            result = self._entry(entry)(*arguments)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
             self._counts[mem.RESIDUALS], self._counts[mem.NONFINITES] = 0, len(nonfinite)
         self.count()
-        return result
+        return result or 0
 
     def _entry(self, entry: Any) -> Callable[..., Any]:
         """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
         if entry not in self._entries:
             first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
-            self._entries[entry] = partial(entry.function, *first) if self._plain else entry.following(*first)
+            self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
         return self._entries[entry]
 
     def count(self) -> None:
@@ -197,9 +195,8 @@ class Loops:
 
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
-        cause = self.callbacks.take_cause()
-        if cause is not None:
-            raise cause
+        if self.callbacks.cause is not None:
+            raise self.callbacks.take_cause()  # type: ignore[misc] # it is there
 
     def _put(self, codes: Codes) -> None:
         for name, pair in codes.items():
@@ -236,6 +233,12 @@ class Loops:
     def _factorised(self, slot: int) -> Factorised:
         record, at = self._made[slot]
         return Factorised(at=at.copy(), rate=float(record[mem.RATE]), uses=int(record[mem.USES]))
+
+
+def in_plain_python(entry: Any, *arguments: Any) -> Any:
+    """What ``entry`` does, and as quietly as compiled code."""
+    with np.errstate(all="ignore"):
+        return entry.function(*arguments)
 
 
 def state_sections(z: Memory) -> tuple[slice, dict[int, slice]]:

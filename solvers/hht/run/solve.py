@@ -24,10 +24,13 @@ from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.rows import recovered
+from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
 
+STAGES = "stage values (first order)"
+IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
@@ -141,8 +144,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
 def own_multipliers(rows: OutputRows) -> OwnMultipliers:
     """Lam1 (k, m) and mu of the midpoint (k, p), as ``rows`` have them."""
-    name, first = "stage values (first order)", (np.zeros(0), np.zeros(0))
-    return OwnMultipliers(rows.lam, rows.mu, first, every=name, rest=f"{name} stand in the rest", some=f"{name} stand there")
+    return OwnMultipliers(rows.lam, rows.mu, (NOTHING, NOTHING), **IN_WORDS)
 
 
 def end_times(tspan: Any) -> tuple[float, float]:

@@ -121,7 +121,8 @@ def begin(
 def plain_start(engine: Engine, place: Place, guesses: Guesses) -> State | None:
     """The state before the first step by machine code; None where Python has to look closer."""
     s = engine.structure
-    fits = all(guess is None or guess.size == size for guess, size in zip(guesses, (s.m, s.p), strict=True))
+    lam, mu = guesses
+    fits = (lam is None or lam.size == s.m) and (mu is None or mu.size == s.p)
     return engine.started(place.t, place.q, place.v, guesses) if fits else None
 
 
