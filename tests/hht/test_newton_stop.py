@@ -42,7 +42,7 @@ def all_to_roundoff(monkeypatch):
     def switch():
         monkeypatch.setattr(functions, "NewtonOptions", lambda **given: NewtonOptions(**given, remaining=0.0))
         monkeypatch.setattr(functions, "_known", Cache(16))
-        monkeypatch.setattr(idle, "_idle", {})
+        monkeypatch.setattr(idle, "_idle", [])
 
     return switch
 
