@@ -17,7 +17,7 @@ from solvers.hht.run.recover import recover_entries, row_memory
 FEW = 20  # rows below which machine code is not made for them
 BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
 
-RecoverBlock = Callable[[Matrix, Any], int]  # (rows [t, q, v, lam, mu], done) -> evaluations; marks rows and fills them
+RecoverBlock = Callable[[Matrix, Any], None]  # (rows [t, q, v, lam, mu], done): fills rows, marks them and counts
 
 
 def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
@@ -27,7 +27,7 @@ def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Ma
         if work.clock.left() < 0.0:
             break
         block = slice(first, first + BLOCK)
-        work.add("residual_evaluations", recover(packed[block], done[block]))
+        recover(packed[block], done[block])
     found = packed[done, 1 + 2 * q.shape[1] :]
     lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
     return done
@@ -45,8 +45,8 @@ def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matri
     z, places = row_memory(kkt, analysis, dynamics.structure, calls_python=False)
     linear = dynamics.structure.linear_reaction
 
-    def recover(rows: Matrix, done: Any) -> int:
+    def recover(rows: Matrix, done: Any) -> None:
         recover_entries(z, linear, places, rows, done)
-        return int(done.sum())
+        work.add("residual_evaluations", int(done.sum()))
 
     return in_blocks(recover, work, times, q, v, lam, mu)

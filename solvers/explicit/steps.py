@@ -67,7 +67,7 @@ class CompiledSteps:
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
         )
-        self._march = march.following(z, method, self.room, run.t1)
+        self._march, self._counts = march.following(z, method, self.room, run.t1), integer_view(z, mem.COUNTED)
         self.y = z.w[z.i[2 * mem.Q] : z.i[2 * mem.Q] + size]
         self.y[:] = run.start.y
 
@@ -92,16 +92,22 @@ class CompiledSteps:
 
     def advance(self, steps: int, asked: Vector, rows: Matrix) -> int:
         """How one call of :func:`~solvers.explicit.march.march` ended; its work is counted."""
-        work, counts = self.run.work, np.zeros(len(mem.COUNTS), dtype=np.int64)
+        work = self.run.work
         limit = work.max_evaluations
         self.z.i[mem.EVALUATIONS] = UNLIMITED if limit is None else limit - work.tally["residual_evaluations"]
         with self.callbacks:
-            ended = self._march(steps, asked, rows, counts)
-        work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
+            ended = self._march(steps, asked, rows)
+        self._count()
         work.output["residual_evaluations"] += int(self.room.progress[OUTPUTS])
+        return ended
+
+    def _count(self) -> None:
+        """Count the work of the loops since the last call."""
+        work, counts = self.run.work, self._counts
+        work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
         work.add("nonfinite_evaluations", int(counts[mem.NONFINITES]))
         work.library["steps_rejected_error"] += int(counts[mem.REJECTED])
-        return ended
+        counts[:] = 0
 
     def _checked(self, ended: int) -> None:
         """Raise what a call noted, or why it ended before it was done."""
@@ -125,10 +131,9 @@ class CompiledSteps:
         """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
         return in_blocks(self._recover, self.run.work, times, q, v, lam, mu)
 
-    def _recover(self, rows: Matrix, done: Any) -> int:
-        counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
-        recover(self.z, rows, done, counts)
-        return int(counts[mem.RESIDUALS])
+    def _recover(self, rows: Matrix, done: Any) -> None:
+        recover(self.z, rows, done)
+        self._count()
 
 
 def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:

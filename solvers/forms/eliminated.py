@@ -151,7 +151,7 @@ class _Loops(threading.local):
         self.x = view(self.z, mem.X)
         rows, self.done = np.zeros((1, 1 + 2 * s.n + s.m + s.p)), np.zeros(1, dtype=bool)
         self.row = rows[0]
-        self.call = recover_entries.bound(self.z, True, places, rows, self.done)
+        self.call = recover_entries.following(self.z, True, places, rows, self.done)
 
 
 def _in_python(dynamics: Dynamics) -> Solve:
