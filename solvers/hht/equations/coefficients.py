@@ -29,6 +29,7 @@ class Coefficients:
     b: float
 
     total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
+    both_levels: ClassVar[bool] = True  #: whether steps end on both levels of the constraints
 
     @property
     def beta(self) -> float:

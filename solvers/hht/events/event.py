@@ -98,6 +98,7 @@ class Occurrence:
     t: float  #: [s]
     q: Vector  #: (n,) before a change
     v: Vector  #: (n,) before a change
+    note: str = ""  #: where no state on the constraints was found, by how much this one is off them
 
 
 def make_events(given: Any) -> tuple[Event, ...]:

@@ -31,6 +31,7 @@ class OutputRows(NamedTuple):
     v: Matrix  #: (k, n)
     lam: Matrix  #: (k, m)
     mu: Matrix  #: (k, p)
+    between: Any  #: (k,) whether it lies between the ends of steps
 
 
 class History:
@@ -47,6 +48,7 @@ class History:
         self._elapsed, self._begin = 0.0, start.t
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[OutputRows] = []
+        self._largest = np.zeros(2 * self._n)  # of q and v in the steps that were dropped
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -92,6 +94,7 @@ class History:
         passed = int(np.searchsorted(direction * ahead, direction * output.t[-1], "left"))
         self._output.append(self._output_rows(output, ahead[:passed]))
         self._dropped, self._elapsed = self.steps
+        self._largest = self.sizes()
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
@@ -99,7 +102,7 @@ class History:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
-            return OutputRows(t[:, 0], q, v, lam, mu), self._count
+            return OutputRows(t[:, 0], q, v, lam, mu, np.zeros(self._count, dtype=bool)), self._count
         output, rows = self.dense_output(), [*self._output]
         low, high = sorted((output.t[0], output.t[-1]))
         times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]
@@ -112,8 +115,15 @@ class History:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
         lam, mu = self._columns(6, 7)
         row = output.rows_before(times)
-        index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
-        return OutputRows(times, *output.at(times, row), lam[index], mu[index])
+        between = output.t[row] != times
+        index = np.minimum(row + between, output.t.size - 1)
+        return OutputRows(times, *output.at(times, row), lam[index], mu[index], between)
+
+    def sizes(self) -> Vector:
+        """Largest magnitudes of q and v over all steps, (2n,)."""
+        q, v = self._columns(2, 3)
+        largest = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in (q, v)]
+        return np.maximum(self._largest, np.concatenate(largest))
 
     @property
     def span(self) -> tuple[float, float]:
@@ -146,6 +156,10 @@ class History:
         """Interpolant through all rows; parts of them."""
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
+
+    def remarks(self) -> list[str]:
+        """What is to be said of the states at events."""
+        return [f"Event {o.name!r}: {o.note}" for each in self._occurrences for o in each if o.note]
 
     def events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""

@@ -22,7 +22,9 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
+from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
@@ -79,6 +81,7 @@ class Integration:
         engine = stepper.engine
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
+        unmet = self._put_on_constraints(engine, rows)
         own = own_multipliers(rows)
         stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
         solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine))
@@ -86,10 +89,22 @@ class Integration:
         if rows.t.size < asked:
             message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
             status = Status.deadline if status is Status.success else status
+        note = " ".join(text for text in (unmet, *self.history.remarks(), note) if text)
         if stages is not None and engine.structure.constrained:
             both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
+        whole = self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
+        return whole if whole.interpolant is None else replace(whole, projection=projection_of(engine, whole.interpolant))
+
+    def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
+        """Rows between steps on both levels, as the steps are, (H45); what could not be put there, in words."""
+        which = rows.between
+        if not which.any():
+            return ""
+        q, v = rows.q[which], rows.v[which]
+        unmet = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
+        rows.q[which], rows.v[which] = q, v
+        return str(unmet)
 
     def _complete(self, solution: Solution, **more: Any) -> Solution:
         """With stage values, dense output and events, and what else is given."""
