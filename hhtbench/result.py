@@ -152,8 +152,8 @@ class Solution:
         """
         if self.interpolant is None:
             raise ValueError(
-                "this solution has no dense output: no step was accepted, the solver keeps none, or with t_eval "
-                "there were more steps than it keeps."
+                "this solution has no dense output: no step was accepted, the solver is a library's that was not asked "
+                "for it (dense_output=True), or with t_eval there were more steps than it keeps."
             )
         found = self.interpolant(t)
         if not project:

@@ -25,6 +25,7 @@ from solvers._start import finite_levels
 DEPENDENT = 1e-13  # singular values below this of the scaled matrix are roundoff of dependent rows
 PROJECTED = 1e-12  # scaled violation that a projected state must reach
 MOST_ITERATIONS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
+FAR = 0.1  # of the largest coordinate: a row is off the constraints by its error; what lies further away is another place
 SMALL, STALLED = 1e-15, 1e-12  # increments of such a size change nothing; or nothing if they are no longer halved
 
 
@@ -91,6 +92,11 @@ class Unmet:
         return text.strip()
 
 
+def near(q: Matrix, moved: Matrix, sizes: Vector) -> Any:
+    """Whether coordinates (..., n) were moved by no more than ``FAR``; ``sizes`` (2n,) are typical of q and v."""
+    return np.abs(moved - q).max(axis=-1) <= FAR * sizes[: q.shape[-1]].max()
+
+
 class OneByOne:
     """States of one system put onto both levels of its constraints, one after the other."""
 
@@ -100,6 +106,10 @@ class OneByOne:
     @cached_property
     def _projection(self) -> Projection:
         return Projection(self._dynamics)
+
+    def put_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
+        """:meth:`put` of all rows."""
+        return self.put(np.arange(t.size), t, q, v, sizes, lambda: True)
 
     def put(self, which: Any, t: Vector, q: Matrix, v: Matrix, sizes: Vector, going: Callable[[], bool]) -> Unmet:
         """Move the rows ``which`` of q and v (k, n) at ``t`` (k,), as long as it is ``going`` on."""
@@ -112,7 +122,7 @@ class OneByOne:
                 found = self._projection.nearest(time, q[i], v[i])
             except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
                 found = q[i], v[i]
-            if self._violated(time, *found, sizes) <= PROJECTED:
+            if near(q[i], found[0], sizes) and self._violated(time, *found, sizes) <= PROJECTED:
                 q[i], v[i] = found
             else:
                 times.append(time)

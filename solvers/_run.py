@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,11 @@ from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
+from solvers._dense import OnConstraints, Pieces
 from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
+from solvers._projection import OneByOne
 from solvers._rows import (
     Rows,
     carried,
@@ -36,6 +38,7 @@ from solvers._start import (
     absolute_tolerances,
     budget_failure,
     check_start,
+    counted,
     dynamics_for,
     of_dynamics,
     start_acceleration,
@@ -90,6 +93,7 @@ class Run:
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
         self._rows: list[Vector] = []
+        self.pieces: Pieces | None = None  #: dense output, where it was asked for
         self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
 
     def solution(self, drive: Callable[[Run], None]) -> Solution:
@@ -106,7 +110,12 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        return solution_of(self, end, rows.motion, own, self.recover_many, held)
+        solution = solution_of(self, end, rows.motion, own, self.recover_many, held)
+        if self.pieces is None or not self.steps:
+            return solution
+        put = OneByOne(counted(self.dynamics, Work())).put_all
+        projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
+        return replace(solution, interpolant=self.pieces, projection=projection)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -157,6 +166,8 @@ class Run:
         self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
+        if self.request.dense_output:
+            self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
 
     def look_ahead(self, lost: float) -> None:
@@ -184,8 +195,11 @@ class Run:
         self.work.check_time()
         return True
 
-    def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None) -> None:
-        """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end."""
+    def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None, dense: Any = None) -> None:
+        """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end.
+
+        ``dense()`` makes the library's own interpolant in it, to be kept.
+        """
         t, y = float(t), np.array(y, dtype=np.float64)
         now, end = self.now, self.time(t)
         if t == self.t:
@@ -196,6 +210,9 @@ class Run:
         if y.shape != (self.form.size,) or not np.isfinite(y).all():
             raise Halt(Status.unreliable, f"the step to t = {end:.17g} was reported as good but its state is not finite")
         self._output(t, y, between, rate)
+        if self.pieces is not None and dense is not None:
+            with self.work.for_output():
+                self.pieces.append(t, end, y, dense())
         self.t, self.y = t, y
         self.guard.step_taken(end)
         self.steps += 1

@@ -23,6 +23,7 @@ from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Status
 from solvers._adapter import Adapter, choose
+from solvers._dense import NODES, Polynomial
 from solvers._run import Halt, Run
 
 try:
@@ -73,8 +74,10 @@ class DiffraxSolver(Adapter):
             loop.evaluations.pop(ticket, None)
 
     def _segments(self, run: Run, counted: bool, ticket: int) -> None:
-        functions = loop.start_steps, loop.take_steps, loop.step_to
-        start, segment, step_to = (compile_function(f, run.dynamics, self.method, counted, route="xla") for f in functions)
+        functions = loop.start_steps, loop.take_steps, loop.step_to, loop.inside
+        start, segment, step_to, interpolate = (
+            compile_function(f, run.dynamics, self.method, counted, route="xla") for f in functions
+        )
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-(t - t0)
         per_step = loop.evaluations_per_step(self.method) or 0
         fixed = np.array([run.direction, ticket, run.time(run.t0), s1, run.rtol]), run.weights
@@ -96,7 +99,8 @@ class DiffraxSolver(Adapter):
             for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
                 t = run.t1 if row[1] == s1 else run.direction * row[1]
                 between = partial(_between, run, step_to, fixed, row, per_step)
-                run.accept(t, row[2 : 2 + run.form.size], between)
+                dense = partial(_sampled, run, interpolate, fixed, row, per_step)
+                run.accept(t, row[2 : 2 + run.form.size], between, dense=dense)
             if counted:
                 inside = _ticked(ticket)  # of the shorter steps to output times
                 run.work.output["residual_evaluations"] += inside
@@ -110,6 +114,13 @@ class DiffraxSolver(Adapter):
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:
     _book(run, per_step + 1 if per_step else 0)
     return step_to(*fixed, row, fixed[0][0] * at)
+
+
+def _sampled(run: Run, inside: Any, fixed: Any, row: Any, per_step: int) -> Polynomial:
+    """The method's polynomial over the step in ``row``: values of it, which need no compiled code later."""
+    _book(run, per_step + 1 if per_step else 0)
+    times = row[0] + (row[1] - row[0]) * NODES
+    return Polynomial(fixed[0][0] * times, np.asarray(inside(*fixed, row, times)))
 
 
 def _ticked(ticket: int) -> int:

@@ -33,6 +33,7 @@ class ProjectedSolver(SciPySolver):
     """An explicit Runge-Kutta method whose states satisfy both levels of the constraints."""
 
     library: ClassVar[str] = "scipy"
+    interpolates: ClassVar[bool] = False  # SciPy's polynomial ends where the step was before it was moved
     engine: str = "compiled"
 
     def drive(self, run: Run) -> None:

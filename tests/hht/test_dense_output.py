@@ -90,8 +90,8 @@ def test_output_times_change_no_bit_of_the_steps(route, how):
     assert np.array_equal(bound.t, asked)
     for name in ("t", "h", "a", "lam_start", "lam_end"):
         assert getattr(free.steps_data, name).tobytes() == getattr(bound.steps_data, name).tobytes()
-    assert bound.q.tobytes() == free(asked).q.tobytes()
-    assert bound.v.tobytes() == free(asked).v.tobytes()
+    np.testing.assert_allclose(bound.q, free(asked, project=True).q, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(bound.v, free(asked, project=True).v, rtol=0, atol=4e-15)
     row = int(np.flatnonzero(asked == free.t[3])[0])
     assert bound.q[row].tobytes() == free.q[3].tobytes()
     for name in ("residual_evaluations", "newton_iterations", "factorisations", "steps_accepted"):

@@ -16,7 +16,7 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.protocol import declared
 from solvers._dense import OnConstraints
-from solvers._projection import OneByOne, Unmet
+from solvers._projection import OneByOne, Unmet, near
 from solvers._start import counted
 from solvers.hht.equations.local_error import levels
 from solvers.hht.linear.analysis import address_of
@@ -77,7 +77,9 @@ def put(
             )
         if callbacks is not None and (cause := callbacks.take_cause()) is not None:
             raise cause
-        q[done], v[done] = packed[done, 1 : 1 + q.shape[1]], packed[done, 1 + q.shape[1] :]
+        moved_q, moved_v = np.split(packed[:, 1:], 2, axis=1)
+        done &= near(q, moved_q, sizes)
+        q[done], v[done] = moved_q[done], moved_v[done]
     return OneByOne(dynamics).put(np.flatnonzero(~done), t, q, v, sizes, going)
 
 
