@@ -12,7 +12,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics
 from hhtbench.result import DenseOutput
-from solvers._projection import Unmet
+from solvers._projection import Unmet, sizes_from
 
 Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet]  # times (k,), q and v (k, n) to be moved, sizes (2n,)
 
@@ -56,8 +56,8 @@ class OnConstraints:
         times, steps = np.atleast_1d(np.asarray(t, dtype=np.float64)), self._steps
         q, v = (np.array(x, dtype=np.float64).reshape(times.size, -1) for x in found)
         which = ~np.isin(times, steps.t) if self._held else np.ones(times.size, dtype=bool)
-        moved, sizes = (q[which], v[which]), np.concatenate([np.abs(x).max(axis=0) for x in (steps.q, steps.v)])
-        if text := str(self._put(times[which], *moved, sizes)):
+        moved = q[which], v[which]
+        if text := str(self._put(times[which], *moved, sizes_from(steps.q, steps.v))):
             warnings.warn(text, UserWarning, stacklevel=3)
         q[which], v[which] = moved
         return DenseOutput(q.reshape(np.shape(found.q)), v.reshape(np.shape(found.v)))

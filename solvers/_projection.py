@@ -25,6 +25,7 @@ from solvers._start import finite_levels
 DEPENDENT = 1e-13  # singular values below this of the scaled matrix are roundoff of dependent rows
 PROJECTED = 1e-12  # scaled violation that a projected state must reach
 MOST_ITERATIONS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
+BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
 FAR = 0.1  # of the largest coordinate: a row is off the constraints by its error; what lies further away is another place
 SMALL, STALLED = 1e-15, 1e-12  # increments of such a size change nothing; or nothing if they are no longer halved
 
@@ -90,6 +91,15 @@ class Unmet:
         if self.late:
             text += f" The time budget ended before {self.late} rows were put onto the constraints."
         return text.strip()
+
+
+def sizes_from(q: Matrix, v: Matrix) -> Vector:
+    """Typical sizes (2n,) for what constraints are measured by, from states (k, n) of a motion.
+
+    A coordinate that stays near zero carries the roundoff of the largest beside it.
+    """
+    largest = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in (q, v)]
+    return np.concatenate([np.maximum(x, BESIDE * x.max()) for x in largest])
 
 
 def near(q: Matrix, moved: Matrix, sizes: Vector) -> Any:

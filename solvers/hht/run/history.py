@@ -12,6 +12,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
 from hhtbench.result import StepsData
+from solvers._projection import sizes_from
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
 from solvers.hht.step.state import State
@@ -48,7 +49,7 @@ class History:
         self._elapsed, self._begin = 0.0, start.t
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[OutputRows] = []
-        self._largest = np.zeros(2 * self._n)  # of q and v in the steps that were dropped
+        self._sizes = np.zeros(2 * self._n)  # of the steps that were dropped
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -94,7 +95,7 @@ class History:
         passed = int(np.searchsorted(direction * ahead, direction * output.t[-1], "left"))
         self._output.append(self._output_rows(output, ahead[:passed]))
         self._dropped, self._elapsed = self.steps
-        self._largest = self.sizes()
+        self._sizes = self.sizes()
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
@@ -120,10 +121,8 @@ class History:
         return OutputRows(times, *output.at(times, row), lam[index], mu[index], between)
 
     def sizes(self) -> Vector:
-        """Largest magnitudes of q and v over all steps, (2n,)."""
-        q, v = self._columns(2, 3)
-        largest = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in (q, v)]
-        return np.maximum(self._largest, np.concatenate(largest))
+        """Typical sizes of q and v over all steps, (2n,)."""
+        return np.maximum(self._sizes, sizes_from(*self._columns(2, 3)))
 
     @property
     def span(self) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
+from solvers._projection import sizes_from
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
@@ -218,10 +219,9 @@ class Stepper:
     def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
         """q and v (n,) at ``t`` of the dense output of one step, on the constraints as its ends are; what to say of them."""
         q, v = (np.atleast_2d(x) for x in output(t))
-        note, sizes = "", np.abs(np.concatenate([output.q, output.v], axis=1)).max(axis=0)
-        if t not in output.t:
-            note = str(put_on_constraints(self.engine, np.array([t]), q, v, sizes))
-        return q[0], v[0], note
+        inside = t not in output.t
+        note = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v)) if inside else ""
+        return q[0], v[0], str(note)
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
