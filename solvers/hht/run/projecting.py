@@ -47,10 +47,14 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
 
 
 def projection_of(engine: Engine, steps: Any) -> OnConstraints:
-    """What puts dense output through the ``steps`` of ``engine`` onto the constraints: uncounted, when the run is over."""
-    dynamics = counted(engine.dynamics, Work())
-    move = partial(put, dynamics, engine.functions if engine.functions.alone else None)
-    return OnConstraints(dynamics, move, steps, held=engine.method.coefficients.both_levels)
+    """What puts dense output through the ``steps`` of ``engine`` onto the constraints, when the run is over."""
+    move = partial(_put_later, engine.dynamics, engine.functions if engine.functions.alone else None)
+    return OnConstraints(engine.dynamics, move, steps, held=engine.method.coefficients.both_levels)
+
+
+def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
+    """:func:`put` without the counts and budgets of the run."""
+    return put(counted(dynamics, Work()), functions, t, q, v, sizes)
 
 
 def put(

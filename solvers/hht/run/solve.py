@@ -93,8 +93,7 @@ class Integration:
         if stages is not None and engine.structure.constrained:
             both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        whole = self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
-        return whole if whole.interpolant is None else replace(whole, projection=projection_of(engine, whole.interpolant))
+        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H45); what could not be put there, in words."""
@@ -108,7 +107,10 @@ class Integration:
 
     def _complete(self, solution: Solution, **more: Any) -> Solution:
         """With stage values, dense output and events, and what else is given."""
-        return replace(solution, **self.history.kept(), **self.history.events(), **more)
+        kept = self.history.kept()
+        if kept and self.stepper is not None:
+            more["projection"] = projection_of(self.stepper.engine, kept["interpolant"])
+        return replace(solution, **kept, **self.history.events(), **more)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
