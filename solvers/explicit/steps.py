@@ -44,7 +44,7 @@ class CompiledSteps:
 
     def __init__(self, run: Run, name: str) -> None:
         dynamics, method = run.dynamics, coefficients(name)
-        blank, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
+        blank, mass, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
         s, size = dynamics.structure, run.form.size
         self.run, self.method = run, method
         run.work.library["steps_rejected_error"] = 0
@@ -59,7 +59,7 @@ class CompiledSteps:
             slopes=np.zeros((method.b.size + 1, size)),
             stage=np.zeros(size),
             end=np.zeros(size),
-            mass=constant_mass(dynamics),
+            mass=mass.copy(),
             sizes=sizes_of(run.problem.scales.q, run.problem.scales.v, s.n),
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
@@ -132,8 +132,8 @@ class CompiledSteps:
         return done
 
 
-def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:
-    """The loops' memory with what depends on the system alone, and what owns the code that is called from it.
+def _memory(dynamics: Dynamics) -> tuple[Memory, Vector, Any]:
+    """The loops' memory with what depends on the system alone, a constant mass, and what owns the code that is called.
 
     Raises
     ------
@@ -143,4 +143,5 @@ def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:
     reason = "the functions are plain callables" if route_of(dynamics) == "numpy" else too_large(dynamics)
     if reason is not None:
         raise NotNative(reason)
-    return level_memory(dynamics)
+    z, codes = level_memory(dynamics)
+    return z, constant_mass(dynamics), codes

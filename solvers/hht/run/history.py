@@ -32,7 +32,7 @@ class OutputRows(NamedTuple):
     v: Matrix  #: (k, n)
     lam: Matrix  #: (k, m)
     mu: Matrix  #: (k, p)
-    between: Any  #: (k,) whether it lies between the ends of steps
+    between: Any  #: (k,) whether it lies between the ends of steps; None: they are those ends
 
 
 class History:
@@ -103,7 +103,7 @@ class History:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
-            return OutputRows(t[:, 0], q, v, lam, mu, np.zeros(self._count, dtype=bool)), self._count
+            return OutputRows(t[:, 0], q, v, lam, mu, None), self._count
         output, rows = self.dense_output(), [*self._output]
         low, high = sorted((output.t[0], output.t[-1]))
         times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]

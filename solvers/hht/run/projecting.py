@@ -145,4 +145,6 @@ def constant_mass(dynamics: Dynamics) -> Vector:
 
 def sizes_of(q: Any, v: Any, n: int) -> Vector:
     """(2n,) from typical sizes of q and v, each a number or (n,)."""
-    return np.concatenate([np.broadcast_to(x, n) for x in (q, v)]).astype(np.float64)
+    sizes = np.empty(2 * n)
+    sizes[:n], sizes[n:] = q, v
+    return sizes

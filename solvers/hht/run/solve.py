@@ -89,7 +89,7 @@ class Integration:
         if rows.t.size < asked:
             message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
             status = Status.deadline if status is Status.success else status
-        note = " ".join(text for text in (unmet, *self.history.remarks(), note) if text)
+        note = " ".join(filter(None, (unmet, *self.history.remarks(), note)))
         if stages is not None and engine.structure.constrained:
             both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
             carried = dict(zip(("lam", "mu"), both, strict=True))
@@ -98,7 +98,7 @@ class Integration:
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H45); what could not be put there, in words."""
         which = rows.between
-        if not which.any():
+        if which is None or not which.any():
             return ""
         q, v = rows.q[which], rows.v[which]
         unmet = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
