@@ -12,7 +12,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
-from solvers._projection import OneByOne
+from solvers._projection import OneByOne, sizes_from
 from solvers.hht import HHT, Event
 from solvers.hht.run import projecting, solve
 from solvers.hht.verify.outputs import GROWTH, MET, output, outputs, violation
@@ -105,6 +105,12 @@ def test_rows_of_many_are_moved_in_the_loops_and_as_one_by_one(scene, monkeypatc
     assert by_one[0] == 0
     square = np.abs(moved.q - plain.q).max() ** 2 + 1e-14
     np.testing.assert_allclose(found.q, moved.q, rtol=0, atol=100 * square)
+
+
+def test_a_coordinate_near_zero_is_measured_by_the_largest_beside_it():
+    """Where Bricard's bars stand across one another, rows of constraints hold only coordinates that vanish there."""
+    q, v = np.array([[0.5, 1e-9], [-1.0, 0.0]]), np.array([[0.0, 3.0], [0.2, 2.0]])
+    np.testing.assert_array_equal(sizes_from(q, v), [1.0, 0.01, 0.2, 3.0])
 
 
 def test_rows_at_the_ends_of_steps_keep_their_bits():
