@@ -6,6 +6,7 @@ import threading
 import time
 import warnings
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -74,8 +75,8 @@ class HHT:
         self._locks()
 
     @classmethod
-    def declined(cls, problem: Problem, request: Request) -> str | None:
-        """Why this method does not take ``request`` for ``problem``; None: it does."""
+    def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
+        """Why this method with ``options`` does not take ``request`` for ``problem``; None: it does."""
         return None
 
     def solve(
@@ -92,7 +93,8 @@ class HHT:
         Solution
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
             the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
-            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.
+            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.  Rows at ``t_eval`` between steps
+            are put onto both levels of the constraints, (H46); where none is near a row, ``message`` says so.
         """
         began = time.perf_counter()
         asked = make_request(**request)

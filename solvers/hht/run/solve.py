@@ -96,7 +96,7 @@ class Integration:
         return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
-        """Rows between steps on both levels, as the steps are, (H45); what could not be put there, in words."""
+        """Rows between steps on both levels, as the steps are, (H46); what could not be put there, in words."""
         which = rows.between
         if which is None or not which.any():
             return ""
