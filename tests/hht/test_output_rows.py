@@ -222,13 +222,17 @@ def test_a_time_budget_that_ends_while_rows_are_moved_is_told(monkeypatch):
 
 
 def test_an_exception_of_a_constraint_while_rows_are_moved_is_raised_as_it_is():
+    raised_before = []
+
     def constraint(t, q):
-        if abs(t - 0.415) < 1e-4:
+        if abs(t - 0.415) < 1e-4 and not raised_before:
+            raised_before.append(t)
             raise ZeroDivisionError("of the user")
         return np.array([(q @ q - 1.0) / 2.0])
 
     system = NumpySystem(force=gravity, constraint=constraint, constraint_jacobian=lambda t, q: q[None])
     for times in (np.linspace(0.4, 0.43, 31), [0.415]):
+        raised_before.clear()
         with pytest.raises(ZeroDivisionError, match="of the user") as raised:
             HHT(system).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=times)
         assert raised.value.partial_solution.status is Status.user_exception
