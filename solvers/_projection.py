@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, mass_at
 from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
@@ -125,19 +125,28 @@ class OneByOne:
         """Move the rows ``which`` of q and v (k, n) at ``t`` (k,), as long as it is ``going`` on."""
         times, worst = list[float](), 0.0
         for count, i in enumerate(which.tolist()):
+            late = Unmet(tuple(times), worst, which.size - count)
             if not going():
-                return Unmet(tuple(times), worst, which.size - count)
-            time = float(t[i])
+                return late
             try:
-                found = self._projection.nearest(time, q[i], v[i])
-            except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
-                found = q[i], v[i]
-            if near(q[i], found[0], sizes) and self._violated(time, *found, sizes) <= PROJECTED:
-                q[i], v[i] = found
-            else:
-                times.append(time)
-                worst = max(worst, self._violated(time, q[i], v[i], sizes))
+                left = self._move(float(t[i]), q[i], v[i], sizes)
+            except BudgetSpent:
+                return late
+            if left > 0.0:
+                times.append(float(t[i]))
+                worst = max(worst, left)
         return Unmet(tuple(times), worst)
+
+    def _move(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
+        """0.0 after q and v (n,) were moved, or what is violated there where they stay."""
+        try:
+            found = self._projection.nearest(t, q, v)
+        except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
+            found = q, v
+        if not (near(q, found[0], sizes) and self._violated(t, *found, sizes) <= PROJECTED):
+            return self._violated(t, q, v, sizes)
+        q[:], v[:] = found
+        return 0.0
 
     def _violated(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
         """The largest constraint of both levels over its row's size; infinite where one is not finite."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
+from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, native
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import too_large
@@ -68,7 +69,10 @@ def put(
 ) -> Unmet:
     """The same for ``dynamics``, of whose ``functions`` some may be machine code, as long as it is ``going`` on."""
     done = np.zeros(t.size, dtype=bool)
-    found = None if functions is None or (t.size < FEW and not functions.alone) else _memory_for(functions)
+    found = None
+    if functions is not None and (t.size >= FEW or functions.alone):
+        with suppress(BudgetSpent):  # nothing more can be compiled
+            found = _memory_for(functions)
     if found is not None and functions is not None:
         packed, callbacks = np.concatenate([t[:, None], q, v], axis=1), functions.callbacks
         call = project.following(copied(found[0]), found[1].copy(), sizes)
@@ -79,7 +83,8 @@ def put(
                 lambda block: call(packed[block], done[block]),
                 lambda: going() and (callbacks is None or callbacks.cause is None),
             )
-        if callbacks is not None and (cause := callbacks.take_cause()) is not None:
+        cause = None if callbacks is None else callbacks.take_cause()
+        if cause is not None and not isinstance(cause, BudgetSpent):  # rows that were reached are handed over all the same
             raise cause
         moved_q, moved_v = np.split(packed[:, 1:], 2, axis=1)
         done &= near(q, moved_q, sizes)
