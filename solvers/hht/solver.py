@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
+from solvers.hht.run.solve import Integration, check_accuracy, end_times, planned
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
@@ -94,15 +94,15 @@ class HHT:
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
             the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
             fill more than 24 MB are not kept: ``steps_data`` and dense output are None.  Rows at ``t_eval`` between steps
-            are put onto both levels of the constraints, (H46); where none is near a row, ``message`` says so.
+            are put onto both levels of the constraints, (H47); where none is near a row, ``message`` says so.
         """
         began = time.perf_counter()
         asked = make_request(**request)
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
-        check_request(asked, place.q.size, t0, t1)
+        steps = planned(asked, place.q.size, t0, t1)
         with self._alone(), timed(asked.max_seconds, began) as clock:
-            integration = Integration(self, asked, t1, place, guesses, clock)
+            integration = Integration(self, asked, steps, t1, place, guesses, clock)
             return solved(integration.solution, integration.left_over)
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
@@ -316,4 +316,4 @@ class HHT:
 
 def _work_of(integrator: IntegratorState) -> Work:
     """The work that was done before it."""
-    return Work(tally=Counter(integrator.tally), output=Counter(integrator.output))
+    return Work(tally=defaultdict(int, integrator.tally), output=defaultdict(int, integrator.output))

@@ -39,7 +39,7 @@ class Event:
     zero has.  A function that jumps is fine.
 
     Where an event neither stops the integration nor changes the state, its time is a zero along the dense output, and its
-    state the dense output's, put onto both levels of the constraints, (H46).  Where it does, the step is taken again with
+    state the dense output's, put onto both levels of the constraints, (H47).  Where it does, the step is taken again with
     the length at which the function is zero at the step's own end (or has just crossed it), to the last bits of time: the
     state there is as good as at every step.
 

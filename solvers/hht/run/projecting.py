@@ -1,4 +1,4 @@
-"""States between steps put onto both levels of the constraints, (H46): many in one call of the loops, else one by one."""
+"""States between steps put onto both levels of the constraints, (H47): many in one call of the loops, else one by one."""
 
 from __future__ import annotations
 

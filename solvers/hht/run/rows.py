@@ -32,7 +32,7 @@ def recovered(engine: Engine, times: Vector, q: Matrix, v: Matrix, lam: Matrix, 
     going = lambda: clock.left() >= 0.0 and loops.callbacks.cause is None  # noqa: E731
     in_blocks(times.size, FIRST if engine.points else FEW, recover_block, going)
     found, m = packed[:, 1 + 2 * engine.structure.n :], engine.structure.m
-    which = slice(None) if done.all() else done
+    which = slice(None) if np.count_nonzero(done) == done.size else done
     lam[which], mu[which] = found[which, :m], found[which, m:]
     loops.raise_noted()
     return done

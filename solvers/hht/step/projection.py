@@ -1,4 +1,4 @@
-"""States moved onto both levels of the constraints by the smallest change in the metric of the mass, (H46).
+"""States moved onto both levels of the constraints by the smallest change in the metric of the mass, (H47).
 
 For steps of explicit methods and for rows of output between steps.  The linear systems are those of the acceleration level:
 full, solved by LAPACK, or where a system is large by the entries of their matrix.
@@ -162,7 +162,7 @@ def factor(z: Any, mass: Any, position: Any) -> Any:
 
 @compiled
 def move(z: Any, position: Any) -> Any:
-    """Change q, or v, at PLACE by the x of least x^T M x that undoes a level, (H46); False where it is not finite."""
+    """Change q, or v, at PLACE by the x of least x^T M x that undoes a level, (H47); False where it is not finite."""
     n, m, p, place, entries = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.PLACE), by_entries(z)
     change = part(z, mem.COMPUTED) if entries else part(z, mem.LEVEL_TERMS)
     for i in range(n + m + p):
