@@ -33,6 +33,7 @@ class Request:
     step: float | None = None  #: constant step [s], positive; its sign follows from the interval
     steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
     t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
+    dense_output: bool = False  #: of libraries, whose ``solution(t)`` costs work at every step; HHT's is always there
     max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
     max_evaluations: int | None = None  #: most residual evaluations
     max_seconds: float | None = None  #: most wall-clock time [s]
@@ -192,6 +193,12 @@ def _output_times(name: str, value: Any) -> Vector:
     return times
 
 
+def _switch(name: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be True or False; got {value!r}.")
+    return bool(value)
+
+
 KNOWN = tuple(f.name for f in fields(Request))
 CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "rtol": _rtol,
@@ -199,6 +206,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "step": _seconds,
     "steps": _steps,
     "t_eval": _output_times,
+    "dense_output": _switch,
     "max_seconds": _seconds,
     "max_num_steps": positive_integer,
     "max_evaluations": positive_integer,

@@ -76,8 +76,9 @@ class Counters:
     """Work done; None means not reported, never zero instead.
 
     One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.  Those that
-    output rows cost, for their multipliers or to reach them inside a step, are ``output_evaluations`` and in no other
-    counter, so that work does not depend on how much output is asked for; budgets count both.
+    output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each), are
+    ``output_evaluations`` and in no other counter, so that work does not depend on how much output is asked for; budgets
+    count both.
     ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
     """
 
@@ -137,20 +138,30 @@ class Solution:
     q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
     interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
+    projection: Callable[[Any, DenseOutput], DenseOutput] | None = None  #: what puts it onto the constraints; not pickled
 
     @property
     def success(self) -> bool:
         """True when the interval's end (or a terminal event) was reached."""
         return self.status in (Status.success, Status.event)
 
-    def __call__(self, t: Any) -> DenseOutput:
-        """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays."""
+    def __call__(self, t: Any, *, project: bool = False) -> DenseOutput:
+        """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.
+
+        ``project``: on both levels of the constraints, which an interpolant leaves by its error; where no state near it
+        meets them it stays as it is, with a warning.
+        """
         if self.interpolant is None:
             raise ValueError(
-                "this solution has no dense output: no step was accepted, the solver keeps none, or with t_eval "
-                "there were more steps than it keeps."
+                "this solution has no dense output: no step was accepted, the solver is a library's that was not asked "
+                "for it (dense_output=True), or with t_eval there were more steps than it keeps."
             )
-        return self.interpolant(t)
+        found = self.interpolant(t)
+        if not project:
+            return found
+        if self.projection is None:
+            raise ValueError("this solution came without its system's functions, as from a pickle: project=True needs them.")
+        return self.projection(t, found)
 
     def __repr__(self) -> str:
         rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]

@@ -24,6 +24,7 @@ from hhtbench.protocol import PHYSICS, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 from solvers import forms
+from solvers._dense import NODES, Polynomial
 from solvers._ending import empty_solution, solved
 from solvers._run import Halt, Run
 from solvers._start import Failure
@@ -72,7 +73,9 @@ class Adapter:
 
     Relative tolerances are the request's; absolute ones too, or ``rtol`` times the problem's scales of q and v where the
     request gives none.  Multipliers are not in the error test.  Output at ``t_eval`` leaves the steps as they are and is as
-    accurate: interpolated by methods of many steps, by a shorter step from the same start for methods of one step.
+    accurate: interpolated by methods of many steps, by a shorter step from the same start for methods of one step.  With
+    ``dense_output=True`` the library's own interpolant is kept, which costs work at every step.  Rows and dense output are
+    not put onto the constraints: how far they are off them is what the bench measures.
     """
 
     name: str
@@ -80,6 +83,7 @@ class Adapter:
     method: str
     library: ClassVar[str]
     installed: ClassVar[bool] = True
+    interpolates: ClassVar[bool] = True  #: whether there is dense output
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """The reason why this solver cannot take the problem or request, or None; no function of a system is evaluated."""
@@ -95,6 +99,8 @@ class Adapter:
             return f"{self.name} takes one relative tolerance for all components; give a number"
         if request.rtol == 0 and request.atol is None:
             return "rtol = 0 leaves no tolerance; give atol too"
+        if request.dense_output and not self.interpolates:
+            return f"{self.name} has no dense output: what it interpolates is not what its steps became; give t_eval"
         structure = _structure(problem)
         return None if structure is None else forms.refusal(self.form, structure)
 
@@ -165,7 +171,8 @@ def step_sundials(run: Run, solver: Any) -> None:
                 text = _roundoff(run) if step.status == TOO_ACCURATE else status.text
                 where = f"t = {run.now:.17g} was reached; the library's times count from {run.time(run.t0):.17g}."
                 raise Halt(status, f"{step.message} {' '.join(said)} {text} {where}")
-            run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step))
+            dense = partial(_sampled, solver, run.t, step)
+            run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step), dense=dense)
 
 
 def _roundoff(run: Run) -> str:
@@ -183,6 +190,14 @@ def _state(solver: Any, step: Any, time: float) -> Vector:
 def _rate(solver: Any, step: Any, time: float) -> Vector:
     """y' at ``time`` within the last step of an IDA, or at its end."""
     return step.yp if time == step.t else _within(solver, step.t, time).yp
+
+
+def _sampled(solver: Any, start: float, step: Any) -> Polynomial:
+    """The library's polynomial over the last step, from ``start``: it keeps none, so that values of it are kept."""
+    times = start + (step.t - start) * NODES
+    values = np.array([np.array(solver.step(time, method="normal", tstop=None).y) for time in times.tolist()])
+    solver.step(step.t, method="normal", tstop=None)
+    return Polynomial(times, values)
 
 
 def _within(solver: Any, end: float, time: float) -> Any:

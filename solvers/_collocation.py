@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg, special
 
 from hhtbench.arguments import Matrix, Vector
+from solvers._dense import Polynomial, barycentric
 
 MOST_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to five digits each
 SLOW, TOO_SLOW = 0.1, 0.5  # contraction from which the matrix is made anew, and from which the step is too long
@@ -40,7 +41,7 @@ def radau_nodes(stages: int) -> Nodes:
     inner = np.sort(special.roots_jacobi(stages - 1, 1.0, 0.0)[0]) if stages > 1 else np.zeros(0)
     c = np.append((1 + inner) / 2, 1.0)
     x = np.append(0.0, c)
-    weight, difference = _barycentric(x), x[:, None] - x[None, :] + np.eye(stages + 1)
+    weight, difference = barycentric(x), x[:, None] - x[None, :] + np.eye(stages + 1)
     slope = weight[None, :] / weight[:, None] / difference
     np.fill_diagonal(slope, 0.0)
     np.fill_diagonal(slope, -slope.sum(axis=1))
@@ -80,6 +81,10 @@ class Collocation:
     def advance(self, z: Matrix, h: float) -> None:
         """The step with the changes ``z`` (s, size) was taken."""
         self.last, self.rate = (z, h), self.nodes.slope[-1] @ z / h
+
+    def interpolant(self, t: float, y: Vector, z: Matrix, h: float) -> Polynomial:
+        """The polynomial of the step from (t, y) with the changes ``z`` (s, size)."""
+        return Polynomial(t + h * np.append(0.0, self.nodes.c), np.vstack([y, y + z]))
 
     def _predicted(self, size: int, h: float) -> Matrix:
         """The last step's polynomial continued, as change from its end."""
@@ -134,12 +139,8 @@ class Collocation:
 def extrapolation(nodes: Nodes, ratio: float) -> Matrix:
     """(s, s): changes at the nodes of one step -> changes from its end at the nodes of the next, ``ratio`` times as long."""
     x = np.append(0.0, nodes.c)
-    weight = _barycentric(x)
+    weight = barycentric(x)
     parts = weight / (1 + ratio * nodes.c[:, None] - x)
     lagrange = parts / parts.sum(axis=1, keepdims=True)
     lagrange[:, -1] -= 1.0
     return lagrange[:, 1:]
-
-
-def _barycentric(x: Vector) -> Vector:
-    return 1 / np.prod(x[:, None] - x[None, :] + np.eye(x.size), axis=1)

@@ -123,6 +123,14 @@ def take_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: A
     return jnp.concatenate([ravel_pytree(state)[0], jnp.stack([accepted, attempted, bad]), rows.ravel()])
 
 
+def inside(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, row: Any, times: Any) -> Any:
+    """y (k, size) at ``times`` (k,) within the step that ``row`` holds, which is made again, by the method's interpolant."""
+    terms, solver, _ = _method(dynamics, name, where, fixed, weights)
+    begin, end, y = row[0], row[1], row[2 + weights.size :]
+    _, _, known, _, _ = solver.step(terms, begin, end, y, None, solver.init(terms, begin, end, y, None), False)
+    return jax.vmap(solver.interpolation_cls(t0=begin, t1=end, **known).evaluate)(times)
+
+
 def step_to(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
     """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
 

@@ -18,10 +18,12 @@ from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
+from solvers._dense import OnConstraints, Pieces
 from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
 from solvers._multipliers import recovered
+from solvers._projection import OneByOne
 from solvers._rows import (
     Rows,
     carried,
@@ -38,6 +40,7 @@ from solvers._start import (
     absolute_tolerances,
     budget_failure,
     check_start,
+    counted,
     dynamics_for,
     of_dynamics,
     start_acceleration,
@@ -92,6 +95,7 @@ class Run:
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
         self._rows: list[Vector] = []
+        self.pieces: Pieces | None = None  #: dense output, where it was asked for
         self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
 
     def solution(self, drive: Callable[[Run], None]) -> Solution:
@@ -108,8 +112,13 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
+        more: dict[str, Any] = {}
+        if self.pieces is not None and self.steps:
+            put = OneByOne(counted(self.dynamics, Work())).put_all
+            projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
+            more = {"interpolant": self.pieces, "projection": projection}
         recover_many = self.recover_many or partial(recovered, self.dynamics, self.work)
-        return solution_of(self, end, rows.motion, own, recover_many, carried=held)
+        return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -160,6 +169,8 @@ class Run:
         self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
+        if self.request.dense_output:
+            self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
 
     def look_ahead(self, lost: float) -> None:
@@ -187,11 +198,17 @@ class Run:
         self.work.check_time()
         return True
 
-    def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None) -> None:
-        """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end."""
+    def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None, dense: Any = None) -> None:
+        """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end.
+
+        ``dense()`` makes the library's own interpolant in it, to be kept.
+        """
         t, y = float(t), np.array(y, dtype=np.float64)
         self._expect_good(t, y)
         self._output(t, y, between, rate)
+        if self.pieces is not None and dense is not None:
+            with self.work.for_output():
+                self.pieces.append(t, self.time(t), y, dense())
         self._arrive(1, t, y)
 
     def accept_many(self, steps: int, t: float, y: Vector, rows: Matrix) -> None:

@@ -155,7 +155,7 @@ def usable(dynamics: Dynamics, place: Place, work: Work) -> Dynamics:
     dynamics = _independent(dynamics, place)
     if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
         dynamics = augment(dynamics, place.t, place.q)
-    return _counted(dynamics, work)
+    return counted(dynamics, work)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
@@ -280,9 +280,10 @@ def budget_failure(spent: BudgetSpent, t: float) -> Failure:
     return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
 
 
-def _counted(dynamics: Dynamics, work: Work) -> Dynamics:
+def counted(dynamics: Dynamics, work: Work) -> Dynamics:
+    """``dynamics``; that of a NumPy system tells ``work`` of every callback."""
     if isinstance(dynamics, NumpyDynamics):
         return dataclasses.replace(dynamics, on_call=work.on_call)
     if isinstance(dynamics, AugmentedDynamics | ReducedDynamics) and route_of(dynamics) == "numpy":
-        return dataclasses.replace(dynamics, inner=_counted(dynamics.inner, work))
+        return dataclasses.replace(dynamics, inner=counted(dynamics.inner, work))
     return dynamics

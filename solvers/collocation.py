@@ -7,6 +7,7 @@ of the constraints as equations.  It is ours, and slow per step: it exists to ce
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,7 +54,8 @@ class CollocationSolver(Adapter):
                 length, patience = abs(h) * factor, PATIENCE
                 continue
             method.advance(z, h)
-            run.accept(end, run.y + z[-1], _no_interior)
+            dense = partial(method.interpolant, run.t, run.y, z, h)
+            run.accept(end, run.y + z[-1], _no_interior, dense=dense)
             run.work.library = method.counters
             patience = max(patience - 1, 0)
             if factor > KEEP and not patience:

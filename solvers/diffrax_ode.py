@@ -25,6 +25,7 @@ from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Status
 from solvers._adapter import Adapter, choose
+from solvers._dense import NODES, Polynomial
 from solvers._run import Halt, Run
 from solvers._xla_call import functions
 
@@ -85,8 +86,8 @@ class DiffraxSolver(Adapter):
         return loop.COUNTED if implicit and run.request.max_evaluations is not None else loop.WITHIN
 
     def _segments(self, run: Run, where: str, ticket: int, called: _Called) -> None:
-        parts = loop.start_steps, loop.take_steps, loop.step_to
-        start, segment, step_to = (
+        parts = loop.start_steps, loop.take_steps, loop.step_to, loop.inside
+        start, segment, step_to, interpolate = (
             called.watched(compile_function(part, run.dynamics, self.method, where, route="xla")) for part in parts
         )
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-(t - t0)
@@ -112,7 +113,8 @@ class DiffraxSolver(Adapter):
             for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
                 t = run.t1 if row[1] == s1 else run.direction * row[1]
                 between = partial(_between, run, step_to, fixed, row, per_step)
-                run.accept(t, row[2 : 2 + run.form.size], between)
+                dense = partial(_sampled, run, interpolate, fixed, row, per_step)
+                run.accept(t, row[2 : 2 + run.form.size], between, dense=dense)
             if counted:
                 inside = _ticked(ticket)  # of the shorter steps to output times
                 run.work.output["residual_evaluations"] += inside
@@ -157,6 +159,13 @@ class _Called:
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:
     _book(run, per_step + 1 if per_step else 0)
     return step_to(*fixed, row, fixed[0][0] * at)
+
+
+def _sampled(run: Run, inside: Any, fixed: Any, row: Any, per_step: int) -> Polynomial:
+    """The method's polynomial over the step in ``row``: values of it, which need no compiled code later."""
+    _book(run, per_step + 1 if per_step else 0)
+    times = row[0] + (row[1] - row[0]) * NODES
+    return Polynomial(fixed[0][0] * times, np.asarray(inside(*fixed, row, times)))
 
 
 def _ticked(ticket: int) -> int:

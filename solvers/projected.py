@@ -16,18 +16,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import NotNative, compile_function, mass_at
+from hhtbench.lowering import NotNative
 from hhtbench.result import Status
 from solvers._adapter import choose
-from solvers._projection import closest
+from solvers._projection import PROJECTED, Projection
 from solvers._run import Halt, Run
 from solvers.explicit.steps import CompiledSteps
 from solvers.explicit.tableaux import CLASSES
 from solvers.scipy_ivp import SciPySolver, _step
 
 KNOWN = {"method": tuple(CLASSES), "form": ("ode",), "engine": ("compiled", "python")}
-MOST_ITERATIONS = 5  # of the position level; a step leaves the constraints by its error, so two are enough
-ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,7 @@ class ProjectedSolver(SciPySolver):
     """An explicit Runge-Kutta method whose states satisfy both levels of the constraints."""
 
     library: ClassVar[str] = "scipy"
+    interpolates: ClassVar[bool] = False  # SciPy's polynomial ends where the step was before it was moved
     engine: str = "compiled"
 
     def drive(self, run: Run) -> None:
@@ -50,7 +49,7 @@ class ProjectedSolver(SciPySolver):
 
     def _in_python(self, run: Run) -> None:
         """One solver object, stepped to the end, its state replaced by the projected one."""
-        projection = Projection(run)
+        projection = Onto(run)
         solver = self._stepper(run, run.t0, run.start.y, run.t1)
         while run.unfinished():
             _step(run, solver)
@@ -70,12 +69,12 @@ class ProjectedSolver(SciPySolver):
         return np.asarray(shorter.y)
 
 
-class Projection:
-    """Moves states onto both levels of the constraints."""
+class Onto:
+    """Both levels of the constraints of a run, onto which states (2n,) are moved."""
 
     def __init__(self, run: Run) -> None:
-        self.run, self.scales = run, run.problem.scales
-        self._mass = compile_function(mass_at, run.dynamics)
+        self.run = run
+        self._projection = Projection(run.dynamics) if run.dynamics.structure.constrained else None
 
     def of_step(self, step: Callable[[float], Vector], t: float) -> Vector:
         """The nearest consistent state to what ``step`` leads to at ``t``."""
@@ -83,21 +82,13 @@ class Projection:
 
     def of(self, t: float, y: Vector) -> Vector:
         """The nearest consistent state, (2n,)."""
-        if not self.run.dynamics.structure.constrained:
+        if self._projection is None:
             return y
-        q, v = (part.copy() for part in self.run.form.state(y))
-        t = self.run.time(t)
-        mass = np.asarray(self._mass(t, q))
-        for _ in range(MOST_ITERATIONS):
-            at = self.run.levels.at(t, q, v)
-            if not at.position.size or np.max(at.scaled_position(self.scales.q)) <= ROUNDOFF:
-                break
-            q = q + closest(mass, at.position_jacobian, np.zeros(q.size), at.position)
-        else:
-            at = self.run.levels.at(t, q, v)
-            if np.max(at.scaled_position(self.scales.q)) > 1e3 * ROUNDOFF:
-                raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
-        return np.concatenate([q, v + closest(mass, at.rows, np.zeros(v.size), at.velocity_drift)])
+        scales, t = self.run.problem.scales, self.run.time(t)
+        q, v = self._projection.nearest(t, *self.run.form.state(y))
+        if not np.max(self._projection.levels.at(t, q, v).scaled_position(scales.q), initial=0.0) <= PROJECTED:
+            raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
+        return np.concatenate([q, v])
 
 
 def solver(**options: Any) -> ProjectedSolver:

@@ -33,7 +33,7 @@ class SciPySolver(Adapter):
             while run.unfinished():
                 _step(run, solver)
                 run.work.library["factorisations"] = int(solver.nlu)
-                run.accept(solver.t, solver.y, partial(self._between, run, solver))
+                run.accept(solver.t, solver.y, partial(self._between, run, solver), dense=solver.dense_output)
 
     def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
         if self.method != "DOP853":

@@ -67,6 +67,8 @@ class Drift:
 def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Drift | None:
     """Drift over all internal steps, else over the output rows; None without rows.
 
+    Never over HHT's rows between steps, which are put onto the constraints: they would look better than its steps.
+
     The steps are those that ``solution`` keeps, or the rows of ``at_steps``, the same solve with output at every step.
     """
     sampled, t, q, v = _states(solution, at_steps)

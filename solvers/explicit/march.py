@@ -15,11 +15,9 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import SOURCES, compiled, spacing
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import address, call, finite, indices, part, put, view
-from solvers.hht.step.acceleration import acceleration_level, scaled_solve
+from solvers.hht.step.acceleration import acceleration_level
+from solvers.hht.step.projection import onto_constraints
 
-MOST_ITERATIONS = 5  # of the projection; a step leaves the constraints by its error, so two are enough
-ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
-CLOSE = 1e3 * ROUNDOFF  # one that counts as none where it no longer shrinks
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
 
@@ -43,7 +41,7 @@ class Room(NamedTuple):
     stage: FloatArray  #: (2n,)
     end: FloatArray  #: (2n,) of the step that was accepted, while rows inside it are found
     mass: FloatArray  #: (n*n,)
-    sizes: FloatArray  #: (n,) typical ones of q, by which violations are measured
+    sizes: FloatArray  #: (2n,) typical ones of q and v, by which violations are measured
     times: FloatArray  #: [s]: the problem's at the loop's 0 and at its stop
     progress: IntArray  #: STEPS and ROWS of one call, OUTPUTS: evaluations for these, and whether ...
 
@@ -273,81 +271,11 @@ def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
 
 @compiled
 def projected(z: Any, o: Any, t: Any) -> Any:
-    """Move y in END onto both levels at the problem's t [s]: by the smallest change in the metric of the mass there.
-
-    First q by Newton's iteration with the Jacobian at the iterate, then v.  Returns how that ended.
-    """
-    n, m, p, place, at = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.PLACE), address(z, mem.PLACE)
-    if m + p == 0:
-        return mem.CONVERGED
-    change, end, last, ended = part(z, mem.LEVEL_TERMS), part(z, mem.END), math.inf, mem.DIVERGED
+    """Move y in END onto both levels at the problem's t [s]; how that ended."""
+    place, end = part(z, mem.PLACE), part(z, mem.END)
     place[0] = t
-    put(place, 1, end[: 2 * n])
-    call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
-    size = n + m + p
-    for i in range(n):
-        put(o.mass, i * n, change[size + i * size : size + i * size + n])
-    for _ in range(MOST_ITERATIONS):
-        violation = off_position(z, o)
-        if not violation < math.inf:
-            return mem.NONFINITE
-        if violation <= ROUNDOFF or last / 2 <= violation <= CLOSE:
-            ended = mem.CONVERGED
-            break
-        if not closest(z, o, True):
-            return mem.SINGULAR
-        for i in range(n):
-            place[1 + i] -= change[i]
-        last = violation
-    if ended != mem.CONVERGED and not off_position(z, o) <= CLOSE:
-        return mem.DIVERGED
-    for again in range(1 + (p > 0)):  # velocity constraints may be nonlinear in v
-        if again:
-            off_position(z, o)
-        if not closest(z, o, False):
-            return mem.SINGULAR
-        for i in range(n):
-            place[1 + n + i] -= change[i]
-    put(end, 0, place[1:])
-    return mem.CONVERGED
-
-
-@compiled
-def off_position(z: Any, o: Any) -> Any:
-    """The largest position constraint at PLACE over its row's size; all levels there are in START_LEVELS."""
-    n, m, at, worst = z.i[mem.N], z.i[mem.M], address(z, mem.PLACE), 0.0
-    call(z, mem.C_START_LEVELS, mem.START_LEVELS, (at, at + 8, at + 8 + 8 * n))
-    terms = part(z, mem.START_LEVELS)  # g, g_t, g_q, k, k_v, and the velocity level
-    if not finite(terms):
-        return math.inf
-    for i in range(m):
-        size = 0.0
-        for j in range(n):
-            size += abs(terms[2 * m + i * n + j]) * o.sizes[j]
-        worst = max(worst, abs(terms[i]) / (size if size > 0.0 else 1.0))
-    return worst
-
-
-@compiled
-def closest(z: Any, o: Any, position: Any) -> Any:
-    """Put minus the change with the least x^T M x that undoes a level of START_LEVELS in front of LEVEL_TERMS.
-
-    The position level, or that of velocities; False where the rows are dependent.
-    """
-    n, m, p, terms, levels = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.LEVEL_TERMS), part(z, mem.START_LEVELS)
-    size, values = n + m + p, 0 if position else (2 + n) * m + (1 + n) * p
-    for i in range(size * (1 + size)):
-        terms[i] = 0.0
-    for i in range(n):
-        put(terms, size + i * size, o.mass[i * n : (i + 1) * n])
-    for i in range(m + p):
-        row, column = size + (n + i) * size, size + n + i
-        if position and i >= m:
-            terms[row + n + i] = 1.0  # velocity constraints do not bind q
-            continue
-        begin = 2 * m + i * n if i < m else (2 + n) * m + p + (i - m) * n
-        put(terms, row, levels[begin : begin + n])
-        for j in range(n):
-            terms[column + j * size] = levels[begin + j]
-        terms[n + i] = levels[values + i]
-    return scaled_solve(z) > 0.0
+    put(place, 1, end[: o.end.size])
+    ended = onto_constraints(z, o.mass, o.sizes)
+    if ended == mem.CONVERGED:
+        put(end, 0, place[1:])
+    return ended

@@ -19,11 +19,10 @@ from solvers._multipliers import in_blocks
 from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
-from solvers.hht.linear.analysis import address_of
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view, view
-from solvers.hht.run.functions import level_functions
+from solvers.hht.loops.memory import Memory, copied, integer_view, view
 from solvers.hht.run.in_python import acceleration_level
+from solvers.hht.run.projecting import constant_mass, level_memory, sizes_of
 from solvers.hht.step.acceleration import recover
 
 FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
@@ -46,12 +45,11 @@ class CompiledSteps:
 
     def __init__(self, run: Run, name: str) -> None:
         dynamics, method = run.dynamics, coefficients(name)
-        blank, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
+        blank, mass, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
         s, size = dynamics.structure, run.form.size
         self.run, self.method = run, method
         run.work.library["steps_rejected_error"] = 0
-        self.z = z = Memory(blank.w.copy(), blank.i.copy())
-        z.i[mem.BASE], z.i[mem.INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
+        self.z = z = copied(blank)
         self.callbacks = Callbacks()
         self.callbacks.check = run.work.check_time
         shapes = (), (s.n,), (s.n,), (s.m,), (s.p,)
@@ -62,8 +60,8 @@ class CompiledSteps:
             slopes=np.zeros((method.b.size + 1, size)),
             stage=np.zeros(size),
             end=np.zeros(size),
-            mass=np.zeros(s.n**2),
-            sizes=np.full(s.n, 0.0) + run.problem.scales.q,
+            mass=mass.copy(),
+            sizes=sizes_of(run.problem.scales.q, run.problem.scales.v, s.n),
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
         )
@@ -136,8 +134,8 @@ class CompiledSteps:
         self._count()
 
 
-def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:
-    """The loops' memory with what depends on the system alone, and what owns the code that is called from it.
+def _memory(dynamics: Dynamics) -> tuple[Memory, Vector, Any]:
+    """The loops' memory with what depends on the system alone, a constant mass, and what owns the code that is called.
 
     Raises
     ------
@@ -147,14 +145,5 @@ def _memory(dynamics: Dynamics) -> tuple[Memory, Any]:
     reason = "the functions are plain callables" if route_of(dynamics) == "numpy" else too_large(dynamics)
     if reason is not None:
         raise NotNative(reason)
-    s = dynamics.structure
-    size = s.n + s.m + s.p
-    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
-    z.i[mem.LINEAR] = s.linear_reaction
-    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
-    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
-    codes = level_functions(dynamics)
-    for name, code in codes.items():
-        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
-        z.i[at : at + 2] = code.pair
-    return z, codes
+    z, codes = level_memory(dynamics)
+    return z, constant_mass(dynamics), codes

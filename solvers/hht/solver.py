@@ -93,7 +93,8 @@ class HHT:
         Solution
             With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
             the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
-            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.
+            fill more than 24 MB are not kept: ``steps_data`` and dense output are None.  Rows at ``t_eval`` between steps
+            are put onto both levels of the constraints, (H47); where none is near a row, ``message`` says so.
         """
         began = time.perf_counter()
         asked = make_request(**request)
@@ -216,8 +217,7 @@ class HHT:
         if self._engine is not None and self._integrator is not None:
             self._current()
             return self._engine.work.counters()
-        counted: dict[str, Any] = {} if self._integrator is None else dict(self._integrator.tally)
-        return Counters(**counted)
+        return Counters() if self._integrator is None else _work_of(self._integrator).counters()
 
     def checkpoint(self) -> bytes:
         """Where stepping by hand stands, for :meth:`resume` in another process.
@@ -263,12 +263,16 @@ class HHT:
         with self._alone(), timed(None):
             place = Place(state.t, state.q, state.v) if old is None else old.place
             integrator = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
-            self._integrator = integrator if old is None else replace(integrator, distrusts=old.distrusts, tally=old.tally)
+            self._integrator = (
+                integrator
+                if old is None
+                else replace(integrator, distrusts=old.distrusts, tally=old.tally, output=old.output)
+            )
             self._onward = None
 
     def _rebuild(self, integrator: IntegratorState) -> Engine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
-        work, controlled = Work(tally=defaultdict(int, integrator.tally)), integrator.tolerances is not None
+        work, controlled = _work_of(integrator), integrator.tolerances is not None
         engine = make_engine(self.system, self.options, integrator.place, work, controlled=controlled)
         if integrator.distrusts:
             engine.distrust()
@@ -285,7 +289,10 @@ class HHT:
     def _saved(self) -> IntegratorState:
         """With what the engine knows: enough to go on with another one."""
         now, engine = replace(self._current(), message=self._message), self._engine
-        return now if engine is None else replace(now, distrusts=engine.distrusts, tally=Counter(engine.work.tally))
+        if engine is None:
+            return now
+        tally, output = Counter(engine.work.tally), Counter(engine.work.output)
+        return replace(now, distrusts=engine.distrusts, tally=tally, output=output)
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}
@@ -305,3 +312,8 @@ class HHT:
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
         return self._solving
+
+
+def _work_of(integrator: IntegratorState) -> Work:
+    """The work that was done before it."""
+    return Work(tally=defaultdict(int, integrator.tally), output=defaultdict(int, integrator.output))

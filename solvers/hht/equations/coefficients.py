@@ -31,6 +31,7 @@ class Coefficients:
     alpha_m: float = 0.0  #: weight of the earlier accelerations in the balance, (H45)
 
     total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
+    both_levels: ClassVar[bool] = True  #: whether steps end on both levels of the constraints
 
     @property
     def beta(self) -> float:

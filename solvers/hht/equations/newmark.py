@@ -48,6 +48,11 @@ class Newmark:
         """Weight of the end acceleration in the velocity, (H3), (H39)."""
         return 0.5 - self.alpha
 
+    @property
+    def both_levels(self) -> bool:
+        """Whether steps end on both levels of the constraints, and not on that of positions alone, (H38)."""
+        return len(self.multipliers()) > 1
+
     def multipliers(self) -> tuple[str, ...]:
         """Names of a step's multipliers, (m,) each; the last, "lam1", is that of the reactions at the end."""
         raise NotImplementedError

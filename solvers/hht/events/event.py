@@ -39,8 +39,9 @@ class Event:
     zero has.  A function that jumps is fine.
 
     Where an event neither stops the integration nor changes the state, its time is a zero along the dense output, and its
-    state the dense output's.  Where it does, the step is taken again with the length at which the function is zero at the
-    step's own end (or has just crossed it), to the last bits of time: the state there is as good as at every step.
+    state the dense output's, put onto both levels of the constraints, (H47).  Where it does, the step is taken again with
+    the length at which the function is zero at the step's own end (or has just crossed it), to the last bits of time: the
+    state there is as good as at every step.
 
     Parameters
     ----------
@@ -98,6 +99,7 @@ class Occurrence:
     t: float  #: [s]
     q: Vector  #: (n,) before a change
     v: Vector  #: (n,) before a change
+    note: str = ""  #: where no state on the constraints was found, by how much this one is off them
 
 
 def make_events(given: Any) -> tuple[Event, ...]:

@@ -130,9 +130,14 @@ class Analysis:
             "blocks": order.blocks.ravel(),
         }
 
-    def memory(self, **sizes: int) -> Memory:
-        """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it."""
+    def memory(self, *, by_entries: bool = False, **sizes: int) -> Memory:
+        """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it.
+
+        ``by_entries``: with the places of the entries, for :mod:`~solvers.hht.step.entries`.
+        """
         sections = self.sections()
+        if by_entries:
+            sections |= {"entry_rows": self.rows, "entry_columns": self.columns}
         own = {"matrix": self.own, "maps": self.rows.size - self.own, "couplings": len(sections.get("outside", ()))}
         kept = {"storage": self.storage, "inverse": self.inverse}
         z = allocate(Sizes(**sizes, **own, **kept, size=self.size, sections=sections))

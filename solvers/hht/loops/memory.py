@@ -159,13 +159,16 @@ SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
 FACTOR_RESULT = floats(lambda s: 3)
 SOLVED = floats(lambda s: s.size)
-# The acceleration level: [whether, lam, mu, v']; by machine code from [v', lam, mu], residual and matrix, scales of columns.
+# The acceleration level: [whether, lam, mu, v']; by machine code from [v', lam, mu], residual and matrix, scales of columns
+# and of rows.
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 LEVEL_X = floats(lambda s: s.level)
 LEVEL_TERMS = floats(lambda s: s.level * (1 + s.level))
 LEVEL_SCALE = floats(lambda s: s.level)
+LEVEL_ROW_SCALE = floats(lambda s: s.level)
 FORCE = floats(lambda s: s.n + s.inverse_mass)  # f, M^-1
 START_LEVELS = floats(lambda s: (s.m * (3 + s.n) + s.p * (2 + s.n)) * (s.level > 0))  # constraint levels with Jacobians
+ROW_SIZES = floats(lambda s: s.m + s.p)  # of [g_q; k_v], by which violations are measured
 START_CHECKS = floats(lambda s: 4)
 START_BOUNDS = floats(lambda s: 4)  # up to which each of them is plainly good
 VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: of pivots, largest over least
@@ -181,6 +184,7 @@ SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STAR
     given_integers,
     ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),
 )
+ENTRY_ROWS, ENTRY_COLUMNS = map(given_integers, ("entry_rows", "entry_columns"))  # places of the entries, or nothing
 PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
 integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
@@ -236,6 +240,13 @@ def allocate(sizes: Sizes) -> Memory:
     for section, name in _contents.items():
         integer_view(z, section)[:] = sizes.sections.get(name, ())
     return z
+
+
+def copied(z: Memory) -> Memory:
+    """The same memory at another place."""
+    other = Memory(z.w.copy(), z.i.copy())
+    other.i[BASE], other.i[INTEGER_BASE] = other.w.ctypes.data, other.i.ctypes.data
+    return other
 
 
 def view(z: Memory, section: int) -> Any:

@@ -37,7 +37,7 @@ from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_e
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes
+from solvers.hht.loops.memory import Memory, Sizes, copied
 from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
@@ -111,9 +111,7 @@ class Functions:
         if events:
             return self._memory(events, samples)
         self._blank = self._blank or self._memory(0, 0)
-        z = Memory(self._blank.w.copy(), self._blank.i.copy())
-        z.i[mem.BASE], z.i[mem.INTEGER_BASE] = z.w.ctypes.data, z.i.ctypes.data
-        return z
+        return copied(self._blank)
 
     def _memory(self, events: int, samples: int) -> Memory:
         z = self.analysis.memory(**self._sizes, computed=self.analysis.slots.size, events=events, samples=samples)

@@ -12,6 +12,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
 from hhtbench.result import StepsData
+from solvers._projection import sizes_from
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
 from solvers.hht.step.state import State
@@ -31,6 +32,7 @@ class OutputRows(NamedTuple):
     v: Matrix  #: (k, n)
     lam: Matrix  #: (k, m)
     mu: Matrix  #: (k, p)
+    between: Any  #: (k,) whether it lies between the ends of steps; None: they are those ends
 
 
 class History:
@@ -47,6 +49,7 @@ class History:
         self._elapsed, self._begin = 0.0, start.t
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[OutputRows] = []
+        self._sizes = np.zeros(2 * self._n)  # of the steps that were dropped
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -92,6 +95,7 @@ class History:
         passed = int(np.searchsorted(direction * ahead, direction * output.t[-1], "left"))
         self._output.append(self._output_rows(output, ahead[:passed]))
         self._dropped, self._elapsed = self.steps
+        self._sizes = self.sizes()
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
@@ -102,7 +106,7 @@ class History:
         """
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
-            return OutputRows(t[:, 0], q, v, lam, mu), self._count
+            return OutputRows(t[:, 0], q, v, lam, mu, None), self._count
         rows, times, (low, high) = [*self._output], self._ahead, sorted((output.t[0], output.t[-1]))
         if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
             times = times[(times >= low) & (times <= high)]
@@ -114,8 +118,14 @@ class History:
     def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
         row = output.rows_before(times)
-        ends = self._rows[row + (output.t[row] != times)]
-        return OutputRows(times, *output.at(times, row), ends[:, self._parts[6]].copy(), ends[:, self._parts[7]].copy())
+        between = output.t[row] != times
+        ends = self._rows[row + between]
+        lam, mu = (ends[:, self._parts[i]].copy() for i in (6, 7))
+        return OutputRows(times, *output.at(times, row), lam, mu, between)
+
+    def sizes(self) -> Vector:
+        """Typical sizes of q and v over all steps, (2n,)."""
+        return np.maximum(self._sizes, sizes_from(*self._columns(2, 3)))
 
     @property
     def span(self) -> tuple[float, float]:
@@ -148,6 +158,10 @@ class History:
         """Interpolant through all rows; parts of them."""
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
+
+    def remarks(self) -> list[str]:
+        """What is to be said of the states at events."""
+        return [f"Event {o.name!r}: {o.note}" for each in self._occurrences for o in each if o.note]
 
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""

@@ -28,16 +28,23 @@ def recovered(engine: Engine, times: Vector, q: Matrix, v: Matrix, lam: Matrix, 
     recover_block = _by_blocks(engine, packed, done)
     if recover_block is None:
         return done
-    loops, clock, first, block = engine.loops, engine.work.clock, 0, FIRST if engine.points else FEW
-    while first < times.size and clock.left() >= 0.0 and loops.callbacks.cause is None:
-        began = time.perf_counter()
-        recover_block(slice(first, first + block))
-        first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
+    loops, clock = engine.loops, engine.work.clock
+    going = lambda: clock.left() >= 0.0 and loops.callbacks.cause is None  # noqa: E731
+    in_blocks(times.size, FIRST if engine.points else FEW, recover_block, going)
     found, m = packed[:, 1 + 2 * engine.structure.n :], engine.structure.m
     which = slice(None) if np.count_nonzero(done) == done.size else done
     lam[which], mu[which] = found[which, :m], found[which, m:]
     loops.raise_noted()
     return done
+
+
+def in_blocks(count: int, block: int, work_on: Callable[[slice], Any], going: Callable[[], bool]) -> None:
+    """``work_on`` all of ``count`` rows, ``block`` of them first, then in longer blocks, while it is ``going`` on."""
+    first = 0
+    while first < count and going():
+        began = time.perf_counter()
+        work_on(slice(first, first + block))
+        first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
 
 
 def _by_blocks(engine: Engine, packed: Matrix, done: Any) -> Callable[[slice], Any] | None:
@@ -55,11 +62,12 @@ def _by_blocks(engine: Engine, packed: Matrix, done: Any) -> Callable[[slice], A
         return None
     if analysis.kind == "sparse":  # Python would factorise
         return None
-    z, places = row_memory(kkt, analysis, s, calls_python=not engine.points)
+    z = row_memory(kkt, analysis, s)
+    z.i[mem.CALLS_PYTHON] = not engine.points
 
     def recover_block(block: slice) -> None:
         with loops.callbacks:
-            recover_entries(z, s.linear_reaction, places, packed[block], done[block])
+            recover_entries(z, s.linear_reaction, packed[block], done[block])
         engine.work.add("residual_evaluations", engine.points * int(done[block].sum()))
 
     return recover_block

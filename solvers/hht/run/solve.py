@@ -22,7 +22,9 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
+from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
@@ -87,15 +89,29 @@ class Integration:
         self.work.only_output_is_left()
         output = self.history.dense_output()
         rows, asked = self.history.output_rows(output, lambda: self.work.clock.left() < 0.0)
+        unmet = self._put_on_constraints(engine, rows)
         own, carried = own_multipliers(rows), None
         if self.request.t_eval is None and engine.structure.constrained:
             both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
             carried = dict(zip(("lam", "mu"), both, strict=True))
+        note = " ".join(filter(None, (unmet, *self.history.remarks(), note)))
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
         more = self.history.kept(output) | {"carried": carried}
+        if "interpolant" in more:
+            more["projection"] = projection_of(engine, output)
         return solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine), note, **more)
+
+    def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
+        """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
+        which = rows.between
+        if which is None or not which.any():
+            return ""
+        q, v = rows.q[which], rows.v[which]
+        unmet = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
+        rows.q[which], rows.v[which] = q, v
+        return str(unmet)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""

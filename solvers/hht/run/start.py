@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, mass_at, size_of, unreduced
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering import Dynamics, size_of, unreduced
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
-from solvers._finite import expect_finite
-from solvers._projection import closest
+from solvers._projection import MOST_ITERATIONS, PROJECTED, Projection, closest
 from solvers._start import (
     Failure,
     Guesses,
@@ -37,8 +34,6 @@ from solvers.hht.run import idle
 from solvers.hht.run.engine import SHIFTED, Engine
 from solvers.hht.step.state import State
 
-PROJECTED = 1e-12  # scaled violation a projected start must reach
-PROJECTION_STEPS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
 NOTHING = np.zeros(0)
 
 
@@ -104,7 +99,7 @@ def begin(
         if isinstance(dynamics, AugmentedDynamics):
             notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
         if options.calc_initcond and engine.structure.constrained:
-            projected = project(dynamics, ConstraintLevels(dynamics), place, work)
+            projected = project(dynamics, place, work)
             if isinstance(projected, Failure):
                 return projected
             at, moved = projected
@@ -178,14 +173,14 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
 
 def corrected_velocity(engine: Engine, place: Place, found: Any, h: float) -> Vector:
     """v0 (n,) with the normal part that holding positions alone gives it in later steps of length ``h`` [s], (H44)."""
-    t, q, v, c = place.t, place.q, place.v, engine.method.coefficients
+    t, q, v, c, projection = place.t, place.q, place.v, engine.method.coefficients, Projection(engine.dynamics)
     jerk = (engine.near(t + h, q + h * v, v + h * found.vdot, found) - found.vdot) / h
-    rows = ConstraintLevels(engine.dynamics).at(t, q, v).rows
+    rows = projection.levels.at(t, q, v).rows
     weight = (1.0 / 6.0 - 0.5 * c.alpha - c.beta) * h * h
-    return v + closest(_finite_mass(engine.dynamics, t, q), rows, np.zeros(v.size), -weight * (rows @ jerk))
+    return v + closest(projection.mass(t, q), rows, np.zeros(v.size), -weight * (rows @ jerk))
 
 
-def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Work) -> tuple[Place, str] | Failure:
+def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] | Failure:
     """The closest consistent start in the norm of the mass matrix, (H20), and what was moved how far.
 
     Raises
@@ -193,58 +188,28 @@ def project(dynamics: Dynamics, levels: ConstraintLevels, place: Place, work: Wo
     NonFiniteValue
         A constraint or its Jacobian holds NaN or infinity at the start itself; on the way that is a failure to arrive.
     """
-    finite_levels(levels, place.t, place.q, place.v)
+    projection = Projection(dynamics)
+    finite_levels(projection.levels, place.t, place.q, place.v)
     for _ in range(2):  # one value that is not finite is not the cause
         try:
-            return _projected(dynamics, levels, place)
+            return _projected(projection, place)
         except NonFiniteValue as error:
             work.add("nonfinite_evaluations")
             last = error
     return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: the way there leads to {last}")
 
 
-def _projected(dynamics: Dynamics, levels: ConstraintLevels, place: Place) -> tuple[Place, str] | Failure:
-    t = place.t
-
-    def position(q: Vector) -> tuple[Any, Any, Vector]:
-        at = finite_levels(levels, t, q, place.v)
-        return _finite_mass(dynamics, t, q), at.position_jacobian, at.position
-
-    q = _nearest(place.q, position)
+def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Failure:
+    t, levels = place.t, projection.levels
+    q = projection.position(t, place.q, place.v)
     at = finite_levels(levels, t, q, place.v)
     if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
-        message = f"no consistent position was found near q0: after {PROJECTION_STEPS} steps g = {at.position}"
+        message = f"no consistent position was found near q0: after {MOST_ITERATIONS} steps g = {at.position}"
         return Failure(Status.inconsistent_initial, message)
-
-    def velocity(v: Vector) -> tuple[Any, Any, Vector]:
-        at = finite_levels(levels, t, q, v)
-        return _finite_mass(dynamics, t, q), at.rows, at.velocity_drift
-
-    v = _nearest(place.v, velocity)
+    v = projection.velocity(t, q, place.v)
     moved = Place(t, q, v)
     text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
     note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}"
     return moved, note
-
-
-def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) -> Vector:
-    """Newton's iteration from ``start`` (n,) to the nearest root of a level: x -> mass, Jacobian and value."""
-    x = start.copy()
-    for _ in range(PROJECTION_STEPS):
-        mass, rows, value = level(x)
-        change = closest(mass, rows, mass @ (x - start), value)
-        x = x + change
-        if np.max(np.abs(change), initial=0.0) <= 1e-15 * max(1.0, float(np.max(np.abs(x)))):
-            break
-    return x
-
-
-def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:
-    products = large(dynamics)
-    if products is not None:
-        return sp.diags_array(np.asarray(products.mass(t, q).values), format="csr")
-    mass = np.asarray(compile_function(mass_at, dynamics)(t, q))
-    expect_finite("mass_matrix", mass, t)
-    return mass

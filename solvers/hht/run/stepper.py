@@ -10,17 +10,19 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels
 from hhtbench.result import Status
+from solvers._projection import sizes_from
 from solvers._start import Failure, Place, budget_failure
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
+from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
+from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
@@ -137,7 +139,7 @@ class Stepper:
                 q, v = changed_by(event, state.t, q, v)
             place: Any = Place(state.t, q, v)
             if engine.structure.constrained:
-                place = project(engine.dynamics, ConstraintLevels(engine.dynamics), place, engine.work)
+                place = project(engine.dynamics, place, engine.work)
                 place = place if isinstance(place, Failure) else place[0]
             failed = isinstance(place, Failure)
             new = place if failed else first_state(engine, place, state.lam, state.mu, state.h or 0.0)
@@ -205,13 +207,20 @@ class Stepper:
             number = numbers[crossing.index]
             yield crossing, number, event.change is not None or event.ends(number)
 
-    def _passed(self, state: State, output: Any, found: Sequence[Crossing], watch: EventState) -> Accepted:
+    def _passed(self, state: State, output: HermiteOutput, found: Sequence[Crossing], watch: EventState) -> Accepted:
         counted, counts = list(self._counted(found, watch.counts)), list(watch.counts)
         for crossing, number, _ in counted:
             counts[crossing.index] = number
-        events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *output(c.t)) for c in found)
+        events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *self._state_at(c.t, output)) for c in found)
         stopping = tuple(sorted({crossing.index for crossing, _, stops in counted if stops}))
         return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
+
+    def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
+        """q and v (n,) at ``t`` of the dense output of one step, on the constraints as its ends are; what to say of them."""
+        q, v = (np.atleast_2d(x) for x in output(t))
+        inside = t not in output.t
+        note = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v)) if inside else ""
+        return q[0], v[0], str(note)
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:

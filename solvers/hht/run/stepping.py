@@ -48,6 +48,7 @@ class IntegratorState:
     message: str = ""
     occurrences: tuple[Occurrence, ...] = ()  #: of the last call
     tally: Counter[str] = field(default_factory=Counter)  #: work since the start
+    output: Counter[str] = field(default_factory=Counter)  #: of it, what states at events have cost
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,8 @@ def determined(z: Any, guess: Any) -> Any:
         x[i] = 0.0 if linear or i < n else guess[i - n]
     for _ in range(MAX_ITERATIONS):
         call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
-        pivots = scaled_solve(z)
-        if pivots == 0.0:
+        pivots = scaled_factor(z)
+        if pivots == 0.0 or not scaled_solve(z):
             return 0.0
         for i in range(size):
             x[i] -= increment[i]
@@ -78,12 +78,12 @@ def small(increment: Any, x: Any) -> Any:
 
 
 @compiled
-def scaled_solve(z: Any) -> Any:
-    """The increment in place of the residual, after scaling rows and columns to size one; least over largest pivot, or 0.0.
+def scaled_factor(z: Any) -> Any:
+    """Factors of the matrix in its place, rows and columns scaled to size one; least over largest pivot, or 0.0.
 
     LAPACK sees the rows of the matrix as columns: it solves with the transpose of what it has factorised.
     """
-    terms, scale = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE)
+    terms, scale, of_row = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE), part(z, mem.LEVEL_ROW_SCALE)
     size, least, most = scale.size, math.inf, 0.0
     for j in range(size):
         scale[j] = 0.0
@@ -92,8 +92,7 @@ def scaled_solve(z: Any) -> Any:
         size_of_row = largest(row)
         if not 0.0 < size_of_row < math.inf:
             return 0.0
-        factor = 1.0 / size_of_row
-        terms[i] *= factor
+        factor = of_row[i] = 1.0 / size_of_row
         for j in range(size):
             row[j] *= factor
             scale[j] = max(scale[j], abs(row[j]))
@@ -105,22 +104,28 @@ def scaled_solve(z: Any) -> Any:
         row = terms[size + i * size : size + (i + 1) * size]
         for j in range(size):
             row[j] *= scale[j]
-    right, order, pivots = (
-        address(z, mem.LEVEL_TERMS),
-        index_address(z, mem.LEVEL_LAPACK),
-        index_address(z, mem.LEVEL_PIVOTS),
-    )
-    matrix, one, transposed, info = right + 8 * size, order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
+    matrix, order = address(z, mem.LEVEL_TERMS) + 8 * size, index_address(z, mem.LEVEL_LAPACK)
+    pivots, info = index_address(z, mem.LEVEL_PIVOTS), order + 8 * mem.INFO
     invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, info))
     for j in range(size):
         pivot = abs(terms[size + j * (size + 1)])
         least, most = min(least, pivot), max(most, pivot)
-    if not least > FULL_RANK * EPS * most:
-        return 0.0
-    invoke(z.i[mem.DGETRS], (transposed, order, one, matrix, order, pivots, right, order, info))
+    return least / most if least > FULL_RANK * EPS * most else 0.0
+
+
+@compiled
+def scaled_solve(z: Any) -> Any:
+    """Put the increment in the place of the residual, with the factors of :func:`scaled_factor`; whether it is finite."""
+    terms, scale, of_row = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE), part(z, mem.LEVEL_ROW_SCALE)
+    size, right, order = scale.size, address(z, mem.LEVEL_TERMS), index_address(z, mem.LEVEL_LAPACK)
+    one, transposed, info = order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
+    for i in range(size):
+        terms[i] *= of_row[i]
+    pivots = index_address(z, mem.LEVEL_PIVOTS)
+    invoke(z.i[mem.DGETRS], (transposed, order, one, right + 8 * size, order, pivots, right, order, info))
     for j in range(size):
         terms[j] *= scale[j]
-    return least / most if finite(terms[:size]) else 0.0
+    return finite(terms[:size])
 
 
 @called

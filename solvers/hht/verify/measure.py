@@ -174,8 +174,9 @@ def alternating(case: Case, periods: int) -> Vector:
 
 
 def scaled_drift(problem: Problem, solution: Solution) -> tuple[float, float]:
-    """Largest scaled position and velocity residual over the rows of ``solution``."""
+    """Largest scaled position and velocity residual over the steps of ``solution``; rows between them are moved, (H47)."""
+    steps: Any = solution.interpolant or solution
     levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-    found = [levels.at(float(t), q, v) for t, q, v in zip(solution.t, solution.q, solution.v, strict=True)]
+    found = [levels.at(float(t), q, v) for t, q, v in zip(steps.t, steps.q, steps.v, strict=True)]
     position = max(float(np.max(at.scaled_position(problem.scales.q), initial=0.0)) for at in found)
     return position, max(float(np.max(at.scaled_velocity(problem.scales.v), initial=0.0)) for at in found)

@@ -1,0 +1,142 @@
+"""Dense output: a library's own interpolant as :class:`Pieces`, and what puts states onto the constraints."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import Dynamics
+from hhtbench.result import DenseOutput
+from solvers._projection import Unmet, sizes_from
+
+Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet]  # times (k,), q and v (k, n) to be moved, sizes (2n,)
+
+
+class Steps(Protocol):
+    """Dense output that tells the ends of its steps."""
+
+    @property
+    def t(self) -> Vector:
+        """Those ends [s], (k,)."""
+
+    @property
+    def q(self) -> Matrix:
+        """The states there, (k, n)."""
+
+    @property
+    def v(self) -> Matrix:
+        """Likewise."""
+
+
+class OnConstraints:
+    """``Solution.projection`` of a solve: states of its dense output moved onto both levels of the constraints.
+
+    It is not pickled with a Solution: it refers to the system's functions.
+
+    Parameters
+    ----------
+    put
+        Moves states.
+    held
+        Whether the ends of steps are on the constraints as they are: they keep their bits.
+    """
+
+    def __init__(self, dynamics: Dynamics, put: Put, steps: Steps, *, held: bool) -> None:
+        self._constrained, self._put, self._steps, self._held = dynamics.structure.constrained, put, steps, held
+
+    def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:
+        """``found`` at ``t``, scalar or (k,), on the constraints; warns where no state near it is."""
+        if not self._constrained:
+            return found
+        times, steps = np.atleast_1d(np.asarray(t, dtype=np.float64)), self._steps
+        q, v = (np.array(x, dtype=np.float64).reshape(times.size, -1) for x in found)
+        which = ~np.isin(times, steps.t) if self._held else np.ones(times.size, dtype=bool)
+        moved = q[which], v[which]
+        if text := str(self._put(times[which], *moved, sizes_from(steps.q, steps.v))):
+            warnings.warn(text, UserWarning, stacklevel=3)
+        q[which], v[which] = moved
+        return DenseOutput(q.reshape(np.shape(found.q)), v.reshape(np.shape(found.v)))
+
+    def __reduce__(self) -> Any:
+        return type(None), ()
+
+
+Piece = Callable[[float], Vector]  # time within one step, of the library's clock [s] -> y (size,)
+SAMPLES = 13  # of one step: the polynomials of all libraries are of degree 12 at most, that of Adams' method
+NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)  # of Chebyshev, on [0, 1]
+
+
+class Pieces:
+    """Dense output over the accepted steps of a library by its own interpolants; the ends of steps are as it gave them."""
+
+    def __init__(self, first: Vector, blocks: tuple[slice, slice], t0: float) -> None:
+        """``first``: y at the start; ``blocks``: of q and v in it; ``t0``: the problem's time [s] at the clock's 0."""
+        self._blocks, self._t0, self._pieces = blocks, t0, list[Piece]()
+        self._clock, self._ends, self._times = [0.0], [first], [t0]
+
+    def append(self, clock: float, time: float, y: Vector, piece: Piece) -> None:
+        """One step that has ended at ``time`` [s] and y."""
+        self._clock.append(clock)
+        self._times.append(time)
+        self._ends.append(y)
+        self._pieces.append(piece)
+
+    @property
+    def t(self) -> Vector:
+        """Ends of the steps [s], (k,), the start first."""
+        return np.array(self._times)
+
+    @property
+    def q(self) -> Matrix:
+        """There, (k, n)."""
+        return np.array(self._ends)[:, self._blocks[0]]
+
+    @property
+    def v(self) -> Matrix:
+        """There, (k, n)."""
+        return np.array(self._ends)[:, self._blocks[1]]
+
+    def __call__(self, t: Any) -> DenseOutput:
+        """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Times outside the steps are refused."""
+        times, ends = np.atleast_1d(np.asarray(t, dtype=np.float64)), self.t
+        low, high = min(ends[0], ends[-1]), max(ends[0], ends[-1])
+        if not np.all((times >= low) & (times <= high)):
+            raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
+        sign = -1.0 if ends[-1] < ends[0] else 1.0
+        index = np.searchsorted(sign * ends, sign * times, side="left")
+        y = np.array([self._at(float(time), int(i)) for time, i in zip(times, index, strict=True)])
+        q, v = (y.reshape(times.size, -1)[:, block] for block in self._blocks)
+        return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
+
+    def _at(self, time: float, i: int) -> Vector:
+        """y at ``time`` [s], up to the end of step ``i``."""
+        if time == self._times[i]:
+            return self._ends[i]
+        low, high = sorted(self._clock[i - 1 : i + 1])
+        return self._pieces[i - 1](min(max(time - self._t0, low), high))
+
+
+class Polynomial:
+    """The polynomial through values at some times, of one degree less."""
+
+    def __init__(self, times: Vector, values: Matrix) -> None:
+        self._times, self._values = times, values
+        self._weights = barycentric((times - times[0]) / (times[-1] - times[0]))
+
+    def __call__(self, time: float) -> Vector:
+        """Its value (size,) at ``time`` [s]."""
+        off = time - self._times
+        if not off.all():
+            return np.asarray(self._values[np.argmin(np.abs(off))])
+        parts = self._weights / off
+        return np.asarray(parts @ self._values / parts.sum())
+
+
+def barycentric(x: Vector) -> Vector:
+    """Weights of Lagrange's polynomials through ``x``."""
+    return np.asarray(1 / np.prod(x[:, None] - x[None, :] + np.eye(x.size), axis=1))

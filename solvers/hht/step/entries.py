@@ -1,0 +1,77 @@
+"""The KKT system of the acceleration level by the entries of its matrix, (H16): bands where they pay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.hht.linear.matrix import factor_band, factor_dense, solve
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.compiled import compiled
+from solvers.hht.loops.sections import address, call, finite, indices, part
+
+
+@compiled
+def by_entries(z: Any) -> Any:
+    """Whether the memory is made for this."""
+    return indices(z, mem.ENTRY_ROWS).size > 0
+
+
+@compiled
+def compute_entries(z: Any) -> None:
+    """Residual and matrix at PLACE and the unknowns [v', lam, mu] in X, into COMPUTED."""
+    at = address(z, mem.PLACE)
+    call(z, mem.C_MATRIX, mem.COMPUTED, (at, at + 8, at + 8 + 8 * z.i[mem.N], address(z, mem.X)))
+
+
+@compiled
+def add_row_sizes(z: Any, typical: Any) -> None:
+    """Add up the magnitudes of every row of [g_q; k_v] times the ``typical`` sizes (n,) in ROW_SIZES."""
+    n, size, rows, columns = z.i[mem.N], z.i[mem.SIZE], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
+    computed, slots, sizes = part(z, mem.COMPUTED), indices(z, mem.SLOTS), part(z, mem.ROW_SIZES)
+    for k in range(rows.size):
+        if rows[k] >= n and columns[k] < n:
+            sizes[rows[k] - n] += abs(computed[slots[size + k]]) * typical[columns[k]]
+
+
+@compiled
+def factor_entries(z: Any) -> Any:
+    """Factors of the matrix in COMPUTED, rows and columns scaled to size one; False where it is singular, or not finite."""
+    terms, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
+    of_row, of_column = part(z, mem.SOLUTION), part(z, mem.RIGHT)
+    for k in range(slots.size):
+        terms[k] = computed[slots[k]]
+    if not finite(terms):
+        return False
+    entries = terms[size:]
+    scale_to_one(entries, indices(z, mem.ENTRY_ROWS), of_row)
+    scale_to_one(entries, indices(z, mem.ENTRY_COLUMNS), of_column)
+    for i in range(size):
+        if of_row[i] == 0.0 or of_column[i] == 0.0:
+            return False
+    ended = factor_band(z, 0, entries) if z.i[mem.KIND] == mem.KIND_BAND else factor_dense(z, 0, entries)
+    return ended == mem.CONVERGED and part(z, mem.RECORD)[mem.RANK] >= size
+
+
+@compiled
+def solve_entries(z: Any) -> Any:
+    """The increment of the residual in COMPUTED with those factors; whether it is finite."""
+    right, increment, size = part(z, mem.RESIDUAL), part(z, mem.INCREMENT), z.i[mem.SIZE]
+    residual, of_row, of_column = part(z, mem.COMPUTED), part(z, mem.SOLUTION), part(z, mem.RIGHT)
+    for i in range(size):
+        right[i] = residual[i] / of_row[i]
+    solve(z, 0, right, increment)
+    for j in range(size):
+        increment[j] /= of_column[j]
+    return finite(increment[:size])
+
+
+@compiled
+def scale_to_one(entries: Any, places: Any, largest_of: Any) -> None:
+    """Divide ``entries`` by the largest magnitude of their row, or column, ``places``, which goes into ``largest_of``."""
+    for i in range(largest_of.size):
+        largest_of[i] = 0.0
+    for k in range(entries.size):
+        largest_of[places[k]] = max(largest_of[places[k]], abs(entries[k]))
+    for k in range(entries.size):
+        if entries[k] != 0.0:
+            entries[k] /= largest_of[places[k]]

@@ -1,0 +1,238 @@
+"""Rows between steps and states at events hold both levels of the constraints, as steps do; what cannot is declared."""
+
+import pickle
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.protocol import NumpySystem, System
+from hhtbench.result import Status
+from solvers._projection import OneByOne, sizes_from
+from solvers.hht import HHT, Event
+from solvers.hht.run import projecting, solve
+from solvers.hht.verify.outputs import GROWTH, MET, output, outputs, violation
+from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0, gravity
+
+TIMES = np.linspace(0.0, 0.8, 38)
+FEW = TIMES[::4]
+SUBSET = ("simple_pendulum", "andrews", "redundant_pendulum", "knife_edge", "rolling_disk3d_steady", "driven_coordinate")
+pytestmark = pytest.mark.filterwarnings("ignore:redundant constraints")
+
+
+def of(system, q0=Q0, v0=V0, t_span=(0.0, 0.8)):
+    return hb.Problem(name="p", system=system, t_span=t_span, q0=q0, v0=v0)
+
+
+def off(problem, solution, *, events=False):
+    """Largest scaled violation of either level at the rows, or at the first event's states."""
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
+    at = solution
+    rows = (at.t_events[0], at.q_events[0], at.v_events[0]) if events else (at.t, at.q, at.v)
+    return violation(problem, levels, *rows)
+
+
+def massless():
+    system = NumpySystem(
+        mass_matrix=[1.0, 1.0, 0.0],
+        force=lambda t, q, v: np.array([0.0, -GRAVITY, 0.0]),
+        constraint=lambda t, q: np.array([q[0] - np.sin(q[2]), q[1] + np.cos(q[2])]),
+        constraint_jacobian=lambda t, q: np.array([[1.0, 0.0, -np.cos(q[2])], [0.0, 1.0, -np.sin(q[2])]]),
+    )
+    return of(system, [*Q0, 1.0], [*V0, 0.5])
+
+
+class Window(System):
+    """A point on a line that a short while between two steps is no line: no state is on it, and its row is zero."""
+
+    def force(self, t, q, v):
+        return jnp.array([1.0, -GRAVITY])
+
+    def constraint(self, t, q):
+        return jnp.stack([jnp.where(jnp.abs(t - 0.055) < 2e-3, 1e-3, q[1])])
+
+
+@pytest.mark.parametrize("spec", SUBSET)
+def test_rows_and_events_hold_both_levels_and_errors_do_not_grow(spec):
+    """A part of ``hhtbench verify outputs``: redundant rows, velocity constraints and drives among it."""
+    rows = outputs(spec, tolerances=(1e-2, 1e-4))
+    assert [row.passed for row in rows] == [True, True], [row.measured for row in rows]
+
+
+def test_what_the_interpolant_leaves_would_be_seen():
+    found = output(hb.load_problem("simple_pendulum"), 1e-3)
+    assert found.interpolated > 1e-6 > MET > found.rows
+    assert abs(found.growth) <= GROWTH
+
+
+SCENES = {
+    "numpy": (of(SYSTEMS["numpy"]), TIMES, {}),
+    "numpy, one by one": (of(SYSTEMS["numpy"]), FEW, {}),
+    "plain Python": (of(SYSTEMS["jax"]), FEW, {"engine": "python"}),
+    "singular mass": (massless(), TIMES, {}),
+    "singular mass, one by one": (massless(), FEW, {}),
+    "middle size": (replace(hb.load_problem("planar_chain(n_links=20)"), t_span=(0.0, 0.05)), np.linspace(0, 0.05, 38), {}),
+    "large": (replace(hb.load_problem("planar_chain(n_links=60)"), t_span=(0.0, 0.05)), np.linspace(0, 0.05, 38), {}),
+    "backward": (of(SYSTEMS["jax"], t_span=(0.8, 0.0)), TIMES[::-1], {}),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_rows_hold_both_levels_by_every_route(scene):
+    problem, times, options = SCENES[scene]
+    solution = HHT(problem.system, **options).solve(problem.t_span, problem.q0, problem.v0, steps=20, t_eval=times)
+    assert solution.status is Status.success
+    plain = solution(times)
+    assert off(problem, replace(solution, q=plain.q, v=plain.v)) > 1e-10
+    assert off(problem, solution) < 1e-13
+
+
+@pytest.mark.parametrize("scene", ["middle size", "large", "numpy", "singular mass"])
+def test_rows_of_many_are_moved_in_the_loops_and_as_one_by_one(scene, monkeypatch):
+    """Not in Python, where a row of a large system costs a hundred times as much; to the square of what is moved."""
+    problem, times, options = SCENES[scene]
+    arguments = problem.t_span, problem.q0, problem.v0
+    free = HHT(problem.system, **options).solve(*arguments, steps=20)
+    plain = free(times)
+    by_one, put = [], OneByOne.put
+    monkeypatch.setattr(OneByOne, "put", lambda self, which, *rest: (by_one.append(which.size), put(self, which, *rest))[1])
+    found = HHT(problem.system, **options).solve(*arguments, steps=20, t_eval=times)
+    moved = free(times, project=True)
+    assert by_one[0] == 0
+    square = np.abs(moved.q - plain.q).max() ** 2 + 1e-14
+    np.testing.assert_allclose(found.q, moved.q, rtol=0, atol=100 * square)
+
+
+def test_a_coordinate_near_zero_is_measured_by_the_largest_beside_it():
+    """Where Bricard's bars stand across one another, rows of constraints hold only coordinates that vanish there."""
+    q, v = np.array([[0.5, 1e-9], [-1.0, 0.0]]), np.array([[0.0, 3.0], [0.2, 2.0]])
+    np.testing.assert_array_equal(sizes_from(q, v), [1.0, 0.01, 0.2, 3.0])
+
+
+def test_rows_at_the_ends_of_steps_keep_their_bits():
+    free = HHT(SYSTEMS["jax"]).solve((0.0, 0.8), Q0, V0, steps=20)
+    bound = HHT(SYSTEMS["jax"]).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=np.union1d(TIMES, free.t))
+    at = np.searchsorted(bound.t, free.t)
+    for name in ("q", "v", "lam"):
+        assert getattr(bound, name)[at].tobytes() == getattr(free, name).tobytes()
+
+
+def test_two_rows_at_ends_of_steps_look_at_no_constraint(monkeypatch):
+    monkeypatch.setattr(solve, "put_on_constraints", None)
+    assert HHT(SYSTEMS["jax"]).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=[0.0, 0.8]).success
+
+
+def test_rows_of_methods_that_hold_positions_alone_stay_as_they_are():
+    """What drifts at steps must not look better between them."""
+    problem, request = of(SYSTEMS["jax"]), {"steps": 20, "t_eval": TIMES}
+    for solver, moved in {"hht_i3": False, "generalised_alpha(form=index3)": False, "rattle": True}.items():
+        solution = hb.solve(problem, solver, **request)
+        assert (solution.q.tobytes() != solution(TIMES).q.tobytes()) is moved, solver
+
+
+@pytest.mark.parametrize("route", SYSTEMS)
+@pytest.mark.parametrize("how", [{"step": 0.05}, {"rtol": 1e-3}], ids=str)
+def test_states_at_recorded_events_hold_both_levels_in_a_run_and_by_hand(route, how):
+    problem, lowest = of(SYSTEMS[route]), Event(lambda t, q, v: q[0] - 0.3)
+    hht = HHT(SYSTEMS[route], events=lowest)
+    solution = hht.solve((0.0, 0.8), Q0, V0, **how)
+    assert solution.t_events[0].size == 1
+    assert off(problem, solution, events=True) < 1e-14
+    hht.init_step(0.0, Q0, V0, **how)
+    while not hht.occurrences:
+        assert hht.step(0.8) is Status.success
+    (found,) = hht.occurrences
+    there = replace(solution, t=np.array([found.t]), q=found.q[None], v=found.v[None])
+    assert off(problem, there) < 1e-14
+
+
+def test_what_no_state_meets_stays_as_interpolated_and_is_declared():
+    """A row in a window that no step sees, where the constraint reads 1e-3 and its row is zero."""
+    hht, times = HHT(Window()), [0.03, 0.055, 0.08]
+    seen = Event(lambda t, q, v: t - 0.0551, name="inside")
+    solution = HHT(Window(), events=seen).solve((0.0, 0.1), [0.0, 0.0], [0.5, 0.0], step=0.01, t_eval=times)
+    assert solution.status is Status.success
+    assert "At 1 rows no state near the interpolated one meets the constraints, first at t = 0.055" in solution.message
+    assert "violated by up to 0.001 of their size" in solution.message
+    assert "Event 'inside': At 1 rows no state" in solution.message
+    free = hht.solve((0.0, 0.1), [0.0, 0.0], [0.5, 0.0], step=0.01)
+    assert solution.q[1].tobytes() == free(0.055).q.tobytes()
+    with pytest.warns(UserWarning, match="At 1 rows no state"):
+        assert free(times, project=True).q[1].tobytes() == free(0.055).q.tobytes()
+
+
+def test_what_lies_far_from_a_row_is_not_its_place_on_the_constraints():
+    """Where the rank nearly falls, Newton's iteration leads anywhere: here to the other side of the circle."""
+    dynamics = derive(SYSTEMS["jax"], 0.0, Q0, V0)
+    t, q, v = np.zeros(1), np.array([[1e-3, 0.0]]), np.array([[0.0, 1.0]])
+    hht = HHT(SYSTEMS["jax"])
+    hht.init_step(0.0, Q0, V0, step=0.01)
+    for functions in (None, hht._engine.functions):
+        assert projecting.put(dynamics, functions, t, q, v, np.ones(4)).times == (0.0,)
+        np.testing.assert_array_equal(q, [[1e-3, 0.0]])
+
+
+@pytest.mark.parametrize("t", [0.333, [0.333, 0.4]], ids=["scalar", "array"])
+@pytest.mark.parametrize("route", SYSTEMS)
+def test_dense_output_is_on_the_constraints_where_that_is_asked_for(route, t):
+    problem, solution = of(SYSTEMS[route]), HHT(SYSTEMS[route]).solve((0.0, 0.8), Q0, V0, steps=20)
+    plain, moved = solution(t), solution(t, project=True)
+    assert plain.q.shape == moved.q.shape == (*np.shape(t), 2)
+    assert np.abs(plain.q - moved.q).max() > 1e-9
+    rows = replace(solution, t=np.atleast_1d(t), q=np.atleast_2d(moved.q), v=np.atleast_2d(moved.v))
+    assert off(problem, rows) < 1e-14
+    at_steps = solution(solution.t, project=True)
+    assert at_steps.q.tobytes() == solution.q.tobytes()
+
+
+def test_a_pickled_solution_says_that_it_cannot_be_put_onto_the_constraints():
+    solution = HHT(SYSTEMS["numpy"]).solve((0.0, 0.8), Q0, V0, steps=20)
+    again = pickle.loads(pickle.dumps(solution))
+    assert again(0.333).q.tobytes() == solution(0.333).q.tobytes()
+    with pytest.raises(ValueError, match="without its system's functions"):
+        again(0.333, project=True)
+
+
+def test_dense_output_without_constraints_is_the_interpolant():
+    system = NumpySystem(force=gravity)
+    solution = HHT(system).solve((0.0, 0.8), Q0, V0, steps=20)
+    assert solution(0.333, project=True).q.tobytes() == solution(0.333).q.tobytes()
+    with pytest.raises(ProblemError, match="covers"):
+        solution(0.9, project=True)
+
+
+def test_a_row_between_steps_counts_one_more_evaluation_for_output_and_none_for_steps():
+    hht = HHT(SYSTEMS["jax"])
+    free, bound = (hht.solve((0.0, 0.8), Q0, V0, steps=20, t_eval=times).counters for times in (None, TIMES))
+    between = TIMES.size - 2
+    assert bound.output_evaluations == TIMES.size + between
+    assert replace(bound, output_evaluations=0) == replace(free, output_evaluations=0)
+
+
+def test_a_time_budget_that_ends_while_rows_are_moved_is_told(monkeypatch):
+    hht = HHT(SYSTEMS["numpy"])
+    put = projecting.put
+    monkeypatch.setattr(projecting, "put", lambda *arguments: put(*arguments[:-1], lambda: False))
+    solution = hht.solve((0.0, 0.8), Q0, V0, steps=20, t_eval=TIMES)
+    assert f"The time budget ended before {TIMES.size - 2} rows were put onto the constraints" in solution.message
+
+
+def test_an_exception_of_a_constraint_while_rows_are_moved_is_raised_as_it_is():
+    raised_before = []
+
+    def constraint(t, q):
+        if abs(t - 0.415) < 1e-4 and not raised_before:
+            raised_before.append(t)
+            raise ZeroDivisionError("of the user")
+        return np.array([(q @ q - 1.0) / 2.0])
+
+    system = NumpySystem(force=gravity, constraint=constraint, constraint_jacobian=lambda t, q: q[None])
+    for times in (np.linspace(0.4, 0.43, 31), [0.415]):
+        raised_before.clear()
+        with pytest.raises(ZeroDivisionError, match="of the user") as raised:
+            HHT(system).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=times)
+        assert raised.value.partial_solution.status is Status.user_exception
