@@ -185,17 +185,18 @@ SAMPLES = integers(lambda s: s.events)
 
 # The header: starts and lengths of all sections, then single numbers.
 FIRST = 2 * (len(_floats) + len(_integers))
-N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)  # O_: offsets of unknowns, -1: absent
-VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 9, FIRST + 16)
-EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 16, FIRST + 24)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 24, FIRST + 31)
+N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
+VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 10, FIRST + 17)
+EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 17, FIRST + 25)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 25, FIRST + 32)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels", "constraints",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia",
 )  # fmt: skip
-CODE = FIRST + 31
+CODE = FIRST + 32
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
+C_INERTIA = CODE + 32
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

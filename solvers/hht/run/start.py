@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
@@ -254,7 +253,7 @@ def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) 
 def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:
     products = large(dynamics)
     if products is not None:
-        return sp.diags_array(np.asarray(products.mass(t, q).values), format="csr")
+        return products.mass(t, q).entries()
     mass = np.asarray(dynamics.mass(*as_arguments(dynamics, t, q)))
     expect_finite("mass_matrix", mass, t)
     return mass

@@ -82,6 +82,8 @@ def plain_guess(z: Any, level: Any) -> None:
     put(x, 0, part(z, mem.A))
     for i in range(n):
         reaction = vdot[i] - f[i] if m == 0 or p == 0 else 0.0  # of both kinds together only the sum is known
+        if z.i[mem.O_R0] >= 0:
+            x[z.i[mem.O_R0] + i] = reaction
         if z.i[mem.O_R1] >= 0:
             x[z.i[mem.O_R1] + i] = reaction
         if z.i[mem.O_RK] >= 0:

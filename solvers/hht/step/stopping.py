@@ -71,6 +71,8 @@ def imbalance(z: Any) -> None:
         rows = part(z, mem.INCREMENT)[z.i[mem.SIZE] + 2 :]
     for i in range(n):
         left = abs(rows[i])
+        if z.i[mem.O_R0] >= 0:
+            left = max(left, abs(rows[z.i[mem.O_R0] + i]))
         if z.i[mem.O_R1] >= 0:
             left = max(left, abs(rows[z.i[mem.O_R1] + i]))
         if z.i[mem.O_RK] >= 0:
