@@ -93,7 +93,7 @@ class MatrixFree(Wrapper):
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: not a JAX system, rows left out, or a mass that varies, fills or is singular."""
+    """``dynamics`` without dense matrices; None: no JAX system, rows left out, a mass that varies, fills or is singular."""
     if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
         return None
     mass, inverse = dynamics.constant_mass, dynamics.inverse_mass

@@ -40,7 +40,7 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
         v1 = v1 + h * unknown["Rk"]  # (H10)
     if s.m:
-        start_reaction = unknown["R0"] if layout.start_unknown else accelerate(dynamics, known, _of_start(dynamics, unknown, known))
+        start_reaction = unknown["R0"] if layout.start_unknown else _start_reaction(dynamics, unknown["lam0"], known)
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
         end = known["q_stage"]  # (H8)
@@ -99,7 +99,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
     rows = [scaled(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
     if s.m and layout.start_unknown:
         inertia = dynamics.mass_product(known["t0"], known["q0"], unknown["R0"])
-        rows.append(scaled(dynamics, known, inertia - _of_start(dynamics, unknown, known)))  # (H8)
+        rows.append(scaled(dynamics, known, inertia - dynamics.reaction(known["t0"], known["q0"], unknown["lam0"])))  # (H8)
     if s.m and layout.end_unknown:
         reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
         inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
@@ -222,8 +222,8 @@ def columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
     return placed if row is None else row + placed
 
 
-def _of_start(dynamics: Dynamics, unknown: Any, known: Any) -> Any:
-    return dynamics.reaction(known["t0"], known["q0"], unknown["lam0"])  # (H8)
+def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
+    return accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
 
 
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:

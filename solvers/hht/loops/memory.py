@@ -78,7 +78,7 @@ def given_integers(name: str) -> int:
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff",
+    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff", "forgotten",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -104,7 +104,7 @@ REACTION_K = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 9)
+ATTEMPT = floats(lambda s: 10)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -119,10 +119,11 @@ EARLY_MATRIX = floats(lambda s: s.early_matrix)
 FRESH = floats(lambda s: s.fresh)
 TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
 RECIPROCAL = floats(lambda s: 2)
+NOISE = floats(lambda s: 2)  # what roundoff changes in an increment's q1 and v1, measured once a step; -1: not yet
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE = range(9)  # in ATTEMPT
+H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE, COST = range(10)  # in ATTEMPT
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -136,13 +137,13 @@ SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the u
 CHANGE = floats(lambda s: 2 * s.n)
 
 # Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
-RECORD = slots(lambda s: 8)
+RECORD = slots(lambda s: 7)
 STORAGE = slots(lambda s: s.storage)
 COUPLINGS = slots(lambda s: s.couplings)
 MAPS = slots(lambda s: s.maps)
 INVERSE = slots(lambda s: s.inverse)
 MADE_AT = slots(lambda s: s.size + s.given)
-MADE_H, RATE, USES, INVERTED, NOISE_Q, NOISE_V, LEAST_PIVOT, RANK = range(8)  # in RECORD
+MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECORD
 
 CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
 EVENT = floats(lambda s: 1)
@@ -166,7 +167,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF = range(11, 18)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN = range(11, 19)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(

@@ -43,7 +43,7 @@ from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
-SPARSE = NewtonOptions(matrix_cost=4.0, max_iterations=25)  # a matrix costs chains of 100 links and more four iterations
+SPARSE = NewtonOptions(max_iterations=25)
 FULL = "its functions give full matrices (not a JAX system, a mass that varies or fills, or rows left out)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
@@ -238,7 +238,7 @@ class SparseCode(MachineCode):
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
         self.analysis = of_pattern(pattern, self.layout.size, linsolver, late)
         if self.analysis.kind != "dense":
-            self.newton = SPARSE
+            self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
         return early, late
 
 
@@ -287,7 +287,8 @@ class PythonFunctions(Functions):
             else:
                 self.analysis = of_pattern(coloured.pattern, size, linsolver)
                 if self.analysis.kind != "dense":
-                    self.newton, self.layout = SPARSE, layout
+                    self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
+                    self.layout = layout
                     return products, lambda x, given: np.delete(coloured.packed(x, given), np.s_[size : size + 2 * n])
                 reason = self.analysis.reason
         self.analysis = full(self.layout.size, n, linsolver, reason)

@@ -230,7 +230,8 @@ def accept(z: Any, row: Any) -> None:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
     if slot >= 0:
-        part(z, mem.RECORD + slot)[mem.RATE] = tried[mem.CONTRACTION]
+        record = part(z, mem.RECORD + slot)
+        record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
         number[mem.FACTOR] = slot
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))
