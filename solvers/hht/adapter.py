@@ -39,7 +39,7 @@ class HHTSolver:
         unknown = sorted(set(request.options) - set(known))
         if unknown:
             return f"unknown option {', '.join(unknown)}; known: {', '.join(known)}"
-        if declined := self.integrator.declined(problem, request):
+        if declined := self.integrator.declined(problem, request, {**self.options, **request.options}):
             return declined
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"

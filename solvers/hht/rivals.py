@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -12,8 +13,8 @@ from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from solvers.hht.adapter import HHTSolver
 from solvers.hht.control.controller import ControlOptions
-from solvers.hht.equations.coefficients import ALPHA, Method, alpha_of
-from solvers.hht.equations.generalised_alpha import FORMS, GeneralisedAlpha
+from solvers.hht.equations.coefficients import ALPHA, Coefficients, Method, alpha_of
+from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.equations.hht_i3 import HHTI3
 from solvers.hht.equations.rattle import Rattle
 from solvers.hht.linear.analysis import KINDS
@@ -21,6 +22,7 @@ from solvers.hht.options import ENGINES, make_options
 from solvers.hht.solver import HHT
 
 RHO_INF = 0.8  # the default of generalised-alpha, as in the field
+EXTENDED = "extended"
 UNCONTROLLED = "takes prescribed steps only: give step or steps; its error control is none of this bench"
 
 
@@ -74,7 +76,8 @@ class GeneralisedAlphaOptions(Options):
     rho_inf
         What a step leaves of the fastest vibrations, in [0, 1].
     form
-        "ggl": both constraint levels, of second order on variable steps; "index3": positions only, for constant steps.
+        "ggl": both constraint levels, of second order on variable steps; "index3": positions only, for constant steps;
+        "extended": both levels with the multipliers of the extended HHT, (H45), and constraints on velocities.
     start
         Auxiliary acceleration of the first step: "shifted", as the method needs it, (H41); or "f0", v' at the start.  With
         "corrected" index 3 gets the v0 too that its first multipliers need, (H44): that of the first row is then this one.
@@ -92,22 +95,26 @@ class GeneralisedAlphaOptions(Options):
     def choices(self) -> dict[str, tuple[str, ...]]:
         """With those of the method."""
         return super().choices() | {
-            "form": FORMS,
+            "form": (EXTENDED, "ggl", "index3"),
             "start": ("shifted", "f0", *(("corrected",) if self.form == "index3" else ())),
         }
 
     @cached_property
-    def coefficients(self) -> GeneralisedAlpha:
+    def coefficients(self) -> GeneralisedAlpha | Coefficients:
         """The weights of the method."""
         rho = real_number("rho_inf", self.rho_inf)
         if not 0.0 <= rho <= 1.0:
             raise ProblemError(f"rho_inf must lie in [0, 1]; got {rho:g}.")
-        return GeneralisedAlpha(rho_inf=rho, form=self.form)
+        weights = GeneralisedAlpha(rho_inf=rho, form=self.form)
+        return (
+            Coefficients(alpha=weights.alpha, b=0.0, alpha_m=weights.alpha_m) if self.form == EXTENDED else weights
+        )  # (H45)
 
     def method(self, *, controlled: bool = False) -> Method:
         """The equations of a step."""
-        plain = super().method(controlled=controlled)
-        return Method(coefficients=plain.coefficients, equations=plain.equations, rescale_a=self.rescale_a, start=self.start)
+        equations = "hht" if self.form == EXTENDED else "newmark"
+        made = super().method(controlled=controlled)
+        return replace(made, equations=equations, rescale_a=self.rescale_a, start=self.start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,17 +144,17 @@ class RattleOptions(Options):
 
 
 class Rival(HHT):
-    """A method of the field with HHT's face: prescribed steps only, and no velocity constraints."""
+    """A method of the field with HHT's face: prescribed steps only, and velocity constraints in the extended form alone."""
 
     kind: ClassVar[Any]
     name: ClassVar[str]
 
     @classmethod
-    def declined(cls, problem: Problem, request: Request) -> str | None:
+    def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
         """Tolerances, and velocity constraints."""
         if not request.fixed:
             return f"{cls.name} {UNCONTROLLED}"
-        if hasattr(problem.system, "velocity_constraint"):
+        if hasattr(problem.system, "velocity_constraint") and options.get("form") != EXTENDED:
             return f"{cls.name} takes position constraints only"
         return None
 

@@ -6,6 +6,7 @@ import threading
 import time
 import warnings
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -74,8 +75,8 @@ class HHT:
         self._locks()
 
     @classmethod
-    def declined(cls, problem: Problem, request: Request) -> str | None:
-        """Why this method does not take ``request`` for ``problem``; None: it does."""
+    def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
+        """Why this method with ``options`` does not take ``request`` for ``problem``; None: it does."""
         return None
 
     def solve(

@@ -10,7 +10,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request
-from solvers.hht import Event
+from solvers.hht import HHT, Event
 from solvers.hht.equations.discretise import unpack_matrix
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
@@ -19,7 +19,7 @@ from solvers.hht.verify.rivals import METHODS, QUANTITIES, SWING
 
 SMALL = replace(SWING, counts=(400, 800))
 TOP = replace(rivals.CASES[1], counts=(200, 400))
-OURS = ("ggl", "index3", "hht_i3", "rattle")
+OURS = ("ggl", "index3", "extended", "hht_i3", "rattle")
 
 
 @pytest.mark.parametrize("method", OURS)
@@ -27,7 +27,9 @@ def test_q_v_and_multipliers_are_of_order_two_with_constant_steps(method):
     assert rivals.orders(SMALL, method) == pytest.approx(dict.fromkeys(QUANTITIES, 2.0), abs=0.05)
 
 
-@pytest.mark.parametrize(("method", "order"), [("ggl", 2.0), ("index3", 2.0), ("hht_i3", 1.0), ("rattle", 2.0)])
+@pytest.mark.parametrize(
+    ("method", "order"), [("ggl", 2.0), ("index3", 2.0), ("extended", 2.0), ("hht_i3", 1.0), ("rattle", 2.0)]
+)
 def test_only_hht_i3_falls_to_order_one_where_the_mass_varies(method, order):
     """Expanding (H42): with M' its a1 is off by alpha h M^-1 M' v'."""
     found = rivals.orders(TOP, method)
@@ -53,9 +55,34 @@ def test_on_steps_of_one_to_two_the_stabilised_form_keeps_order_two_and_index_3_
         assert rivals.orders(SMALL, method, alternating=True)["lam"] < 1.0
 
 
+@pytest.mark.parametrize("form", ["ggl", "extended"])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
-def test_spectral_radius_is_that_of_the_closed_form_and_rho_inf_at_infinity(rho):
-    assert [row.claim for row in rivals.vibrations(rho) if not row.passed] == []
+def test_spectral_radius_is_that_of_the_closed_form_and_rho_inf_at_infinity(rho, form):
+    assert [row.claim for row in rivals.vibrations(rho, form) if not row.passed] == []
+
+
+def test_the_extended_form_is_of_order_two_where_constraints_hold_velocities():
+    row = rivals.velocity_constraints(rivals.KNIFE)
+    assert row.passed, row.measured
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "sundials_slider_crank"])
+def test_the_extended_form_with_rho_inf_of_a_half_is_hht_with_its_strongest_damping(name):
+    """alpha_m = 0 and alpha_f = 1/3 there; 0.4 is none of its methods."""
+    p = hb.load_problem(name)
+    guesses = {"lam_guess": p.lam_guess, "mu_guess": p.mu_guess}
+    steps = np.tile([5e-3, 1e-2], 20)
+    ends = []
+    for kind, options in (
+        (HHT, {"alpha": -1 / 3, "start": "shifted"}),
+        (GeneralisedAlphaIntegrator, {"form": "extended", "rho_inf": 0.5}),
+        (GeneralisedAlphaIntegrator, {"form": "extended", "rho_inf": 0.4}),
+    ):
+        t0 = p.t_span[0]
+        ends.append(kind(p.system, **options).solve((t0, t0 + steps.sum()), p.q0, p.v0, steps=steps, **guesses))
+    for what in ("q", "v", "lam", "mu"):
+        np.testing.assert_allclose(getattr(ends[0], what), getattr(ends[1], what), rtol=1e-10, atol=1e-10)
+    assert np.abs(ends[0].v - ends[2].v).max() > 1e-9
 
 
 def test_rattle_has_the_period_of_the_leapfrog_where_the_force_depends_on_the_position():

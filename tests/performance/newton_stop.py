@@ -2,7 +2,8 @@
 
 ``python -m tests.performance.newton_stop [PROBLEM ...]`` prints for every problem and tolerance evaluations of the residual
 a step, steps, the error, the drift and the time a step, before -> after; it leaves with 1 where the mean of the evaluations
-at the first tolerance is above MOST.
+at the first tolerance is above MOST.  Below stands what the stop makes of the errors, after over before, and what a
+tolerance larger by NEARLY_SAME makes of them without it: where another step is rejected a single error moves by more than either.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from solvers.hht.verify.control import known_motion, weighted_error
 TOLERANCES = (1e-3, 1e-5)
 MOST = 3.5  # evaluations a step, mean over the problems at the first tolerance
 REPEATS = 3
+NEARLY_SAME = 1e-3  # relative change of the tolerance
+NOTABLE = 0.02  # relative change of an error
 HEAD = ("problem", "rtol", "evaluations/step", "matrices/step", "steps", "error", "position", "velocity", "us/step")
 
 
@@ -75,7 +78,7 @@ def run(spec: str, tolerance: float, remaining: float) -> Run:
 
 def main(names: list[str]) -> int:
     """The table, and whether the mean is too large."""
-    plan, means = registered_plans(), list[float]()
+    plan, means, by_stop, by_tolerance = registered_plans(), list[float](), list[float](), list[float]()
     for tolerance in TOLERANCES:
         rows, runs = [], []
         for name in names or list_problems():
@@ -83,11 +86,25 @@ def main(names: list[str]) -> int:
             before, after = (run(spec, tolerance, remaining) for remaining in (0.0, NewtonOptions().remaining))
             rows.append([spec, f"{tolerance:g}", *before.cells(after)])
             runs.append((before.evaluations, after.evaluations))
+            by_stop.append(after.error / before.error)
+            by_tolerance.append(run(spec, tolerance * (1.0 + NEARLY_SAME), 0.0).error / before.error)
         mean = np.mean(runs, axis=0)
         means.append(float(mean[1]))
         rows.append(["mean", f"{tolerance:g}", f"{mean[0]:.3g} -> {mean[1]:.3g}"])
         sys.stdout.write(tabulate(rows, HEAD) + "\n\n")
+    sys.stdout.write(f"error, after over before: {spread(by_stop)}\n")
+    sys.stdout.write(f"error, rtol larger by {NEARLY_SAME:g} over before: {spread(by_tolerance)}\n")
     return int(means[0] > MOST)
+
+
+def spread(ratios: list[float]) -> str:
+    """Mean and extremes of ratios of errors; those that are not finite are counted apart."""
+    logs = np.log(ratios)
+    known = logs[np.isfinite(logs)]
+    mean, least, most = np.exp([known.mean(), known.min(), known.max()])
+    notable = int((np.abs(known) > np.log1p(NOTABLE)).sum())
+    apart = f", {logs.size - known.size} not known" if known.size < logs.size else ""
+    return f"mean {mean:.4f}, from {least:.3f} to {most:.3f}, {notable} of {known.size} beyond {NOTABLE:.0%}{apart}"
 
 
 if __name__ == "__main__":

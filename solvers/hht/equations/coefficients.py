@@ -22,11 +22,13 @@ class Coefficients:
     """Newmark weights and the weight of the end reaction.
 
     The free numbers are ``alpha`` in [-1/3, 0] (0 keeps the energy of fast vibrations, -1/3 damps them most) and
-    ``b != 1/2``.  Second order needs (H3).
+    ``b != 1/2``.  Second order needs (H3).  With ``alpha_m`` it is generalised-alpha, whose alpha_m - alpha_f takes the
+    place of ``alpha``, (H45).
     """
 
     alpha: float
     b: float
+    alpha_m: float = 0.0  #: weight of the earlier accelerations in the balance, (H45)
 
     total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics, Structure
 from solvers.hht.equations.coefficients import Method
-from solvers.hht.equations.formulas import force_at_end
 from solvers.hht.equations.known import Layout, known_values, start_of
 
 
@@ -83,8 +82,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
     """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
     known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
-    a = unknown["a"]
-    parts = [place.q1, place.v1, a, force_at_end(method.coefficients.alpha, a, before["f"])]
+    parts = [place.q1, place.v1, unknown["a"], _rate(unknown, known) / known["end"]]  # (H6): no evaluation is needed
     parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
     parts.append((place.v1 - before["v"]) / known["h"])
     if layout.structure.m:
@@ -92,18 +90,25 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
     return dynamics.xp.concatenate(parts)
 
 
+def _rate(unknown: Any, known: Any) -> Any:
+    """What (1 + alpha) f1 is in a step whose unknowns are met, (H6), (H45)."""
+    return known["rate_a"] * unknown["a"] + known["rate_known"]
+
+
 def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
     s, h, t1 = layout.structure, known["h"], known["t1"]
     force = dynamics.force(t1, place.q1, place.v1)
-    balance = dynamics.mass_product(t1, place.q1, unknown["a"] + known["alpha"] * known["f0"])
-    rows = [scaled(dynamics, known, balance - (1.0 + known["alpha"]) * force)]  # (H6)
+    balance = dynamics.mass_product(t1, place.q1, _rate(unknown, known)) - known["end"] * force  # (H6)
+    rows = [scaled_rows(dynamics, known, balance)]
     if s.m and layout.start_unknown:
         inertia = dynamics.mass_product(known["t0"], known["q0"], unknown["R0"])
-        rows.append(scaled(dynamics, known, inertia - dynamics.reaction(known["t0"], known["q0"], unknown["lam0"])))  # (H8)
+        rows.append(
+            scaled_rows(dynamics, known, inertia - dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))
+        )  # (H8)
     if s.m and layout.end_unknown:
         reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
         inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
-        rows.append(scaled(dynamics, known, inertia - reaction))  # (H8)
+        rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H8)
     if s.m:
         rows.append(dynamics.constraint(t1, place.q1) * (2.0 / (h * h)))  # (H7)
         rows.append(dynamics.constraint_velocity(t1, place.q1, place.v1) / h)  # (H7)
@@ -111,7 +116,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
         half = 0.5 * (known["v0"] + place.v1)
         reaction = dynamics.velocity_reaction(known["t_half"], known["q_half"], half, unknown["mu"])
         inertia = dynamics.mass_product(known["t_half"], known["q_half"], unknown["Rk"])
-        rows.append(scaled(dynamics, known, inertia - reaction))  # (H10)
+        rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H10)
         rows.append(dynamics.velocity_constraint(t1, place.q1, place.v1) / h)  # (H10)
     return rows
 
@@ -142,16 +147,16 @@ def _matrix_rows(
     dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
 ) -> list[Any]:
     """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
-    s, h, t1, alpha = layout.structure, known["h"], known["t1"], known["alpha"]
+    s, h, t1, end = layout.structure, known["h"], known["t1"], known["end"]
     by_q, by_v = dynamics.force_jacobians(t1, place.q1, place.v1)
-    by_q = None if by_q is None else -(1.0 + alpha) * by_q
-    by_v = None if by_v is None else -(1.0 + alpha) * by_v
+    by_q = None if by_q is None else -end * by_q
+    by_v = None if by_v is None else -end * by_v
     if s.mass == "variable":
-        mass_q = dynamics.mass_product_jacobian(t1, place.q1, unknown["a"] + alpha * known["f0"])
+        mass_q = dynamics.mass_product_jacobian(t1, place.q1, _rate(unknown, known))
         by_q = mass_q if by_q is None else by_q + mass_q
     parts = [by @ by_x for by, by_x in ((by_q, q_x), (by_v, v_x)) if by is not None]
     row = accelerate(dynamics, known, reduce(add, parts) if parts else None)
-    rows = [columns(dynamics, layout, row, a=scaled_mass(dynamics, known, t1, place.q1))]
+    rows = [columns(dynamics, layout, row, a=known["rate_a"] * scaled_mass(dynamics, known, t1, place.q1))]
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
     if s.m:
@@ -238,7 +243,7 @@ def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass
     return x if x is None or inverse is None else inverse @ x
 
 
-def scaled(dynamics: Dynamics, known: Any, x: Any) -> Any:
+def scaled_rows(dynamics: Dynamics, known: Any, x: Any) -> Any:
     """Rows ``x`` (n,) [N] as accelerations, (H13): M^-1 x, or where M^-1 is full x over the diagonal of M."""
     return x / dynamics.constant_mass.diagonal if dynamics.structure.mass == "sparse" else accelerate(dynamics, known, x)
 

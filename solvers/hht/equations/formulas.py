@@ -54,11 +54,6 @@ def trapezoidal_start(alpha: float, f0: Any) -> tuple[Any, float]:
     return (1.0 / (1.0 + alpha)) * f0, alpha / (1.0 + alpha)
 
 
-def force_at_end(alpha: float, a: Any, f0: Any) -> Any:
-    """f1 (n,) of a converged step: (H6) solved for it, so that no evaluation is needed."""
-    return (a + alpha * f0) / (1.0 + alpha)
-
-
 def digits(n: int) -> int:
     """How many binary digits tell ``n`` coordinates apart."""
     count = 1

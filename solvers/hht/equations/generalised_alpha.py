@@ -9,8 +9,6 @@ from typing import Any
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.newmark import Newmark, Terms
 
-FORMS = ("ggl", "index3")
-
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralisedAlpha(Newmark):

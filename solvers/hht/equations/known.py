@@ -99,14 +99,17 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
     values: dict[str, Any] = {
         "h": h,
         "t1": t1,
-        "alpha": c.alpha,
         "q_a": half * (2.0 * c.beta + (1.0 - 2.0 * c.beta) * from_end),
         "v_a": h * (c.gamma + (1.0 - c.gamma) * from_end),
         "q_known": q + h * v + half * (1.0 - 2.0 * c.beta) * a0,
         "v_known": v + h * (1.0 - c.gamma) * a0,
-        "f0": start["f"],
+        "rate_a": 1.0 - c.alpha_m,
+        "rate_known": (c.alpha - c.alpha_m) * start["f"],  # (H6)
+        "end": 1.0 + c.alpha - c.alpha_m,
         "inverse_mass": start["inverse_mass"],
     }
+    if c.alpha_m != 0.0:
+        values["rate_known"] = values["rate_known"] + c.alpha_m * a0  # (H45)
     if layout.structure.m:
         values |= _reaction_values(method.reaction, c.b, start["t"], q, v, h, t1)
         if layout.structure.mass == "variable" and not layout.end_unknown:

@@ -23,6 +23,7 @@ from solvers.hht.verify.vibration import make_scene, measured_matrix, radius, sp
 METHODS: dict[str, tuple[type[HHT], Method]] = {
     "hht": (HHT, {}),
     "ggl": (GeneralisedAlphaIntegrator, {}),
+    "extended": (GeneralisedAlphaIntegrator, {"form": "extended"}),
     "index3": (GeneralisedAlphaIntegrator, {"form": "index3"}),
     "hht_i3": (HHTI3Integrator, {}),
     "rattle": (RattleIntegrator, {}),
@@ -32,9 +33,9 @@ METHODS: dict[str, tuple[type[HHT], Method]] = {
     "ggl not rescaled": (GeneralisedAlphaIntegrator, {"rescale_a": False}),
     "index3 not rescaled": (GeneralisedAlphaIntegrator, {"form": "index3", "rescale_a": False}),
 }
-ALL = tuple(METHODS)[:5]
-BOTH_LEVELS, POSITIONS = ("hht", "ggl", "rattle"), ("index3", "hht_i3")
-BEGIN_WELL = ("hht", "ggl", "index3 corrected", "rattle")
+ALL = tuple(METHODS)[:6]
+BOTH_LEVELS, POSITIONS = ("hht", "ggl", "extended", "rattle"), ("index3", "hht_i3")
+BEGIN_WELL = ("hht", "ggl", "extended", "index3 corrected", "rattle")
 BEGIN_BADLY = ("ggl from v'", "index3", "index3 from v'", "hht_i3")
 QUANTITIES = ("q", "v", "lam")
 MARGIN = 0.1  # of an order
@@ -80,6 +81,7 @@ CASES = (
     Case("stiff_spring_pendulum(stiffness=1e4)", "stiff", (0.0, 1.0), (2000, 4000, 8000)),
     Case("sundials_slider_crank", "damper and drive", (0.0, 10.0), (1000, 2000, 4000)),
 )
+KNIFE = Case("knife_edge", "constraint on a velocity", (0.0, 1.0), (200, 400, 800))
 FIRST_ORDER = {"heavy_top": ("hht_i3",)}  # M a at one end and forces at two are no equation of order two where M varies
 
 
@@ -142,6 +144,19 @@ def constant_steps(case: Case) -> list[Row]:
             one = f"{claim}; its equations are of order one there"
             rows.append(order_row(f"order/{case}/{name}", one, slow, 1.0, MARGIN))
     return rows
+
+
+def velocity_constraints(case: Case) -> Row:
+    """Orders of q and v where constraints hold velocities, which of the field's methods the extended form alone takes."""
+    of = {}
+    for method in ("hht", "extended"):
+        runs = [(count, integrate(case, method, lengths(case, count))) for count in case.counts]
+        wanted = {name: case.known(case.span[1])[name] for name in ("q", "v")}
+        for name, end in wanted.items():
+            sizes = [float(np.linalg.norm(getattr(solution, name)[count] - end)) for count, solution in runs]
+            of[f"{method} {name}"] = slope([1.0 / count for count in case.counts], sizes)
+    claim = f"{case} ({case.what}), constant steps: orders at t = {case.span[1]:g}"
+    return order_row(f"order/{case}", claim, of, 2.0, MARGIN)
 
 
 def drift(case: Case) -> list[Row]:
@@ -217,15 +232,15 @@ def leapfrog() -> Row:
     )
 
 
-def vibrations(rho: float) -> list[Row]:
+def vibrations(rho: float, form: str) -> list[Row]:
     """The spectral radius of generalised-alpha on the oscillator, against the closed form and its limit rho_inf."""
-    scene, own = make_scene("oscillator"), GeneralisedAlphaIntegrator
+    scene, own, options = make_scene("oscillator"), GeneralisedAlphaIntegrator, {"rho_inf": rho, "form": form}
     worst = max(
-        abs(radius(spectrum(measured_matrix(scene, {"rho_inf": rho}, x, kind=own))) - radius(spectrum(closed_form(rho, x))))
+        abs(radius(spectrum(measured_matrix(scene, options, x, kind=own))) - radius(spectrum(closed_form(rho, x))))
         for x in FREQUENCIES
     )
-    limit = abs(radius(spectrum(measured_matrix(scene, {"rho_inf": rho}, 1e8, kind=own))) - rho)
-    claim = f"generalised-alpha, rho_inf = {rho:g}, oscillator: spectral radius"
+    limit = abs(radius(spectrum(measured_matrix(scene, options, 1e8, kind=own))) - rho)
+    claim = f"generalised-alpha, {form}, rho_inf = {rho:g}, oscillator: spectral radius"
     return [
         below_row("radius", f"{claim} up to w h = {FREQUENCIES[-1]:g} less that of the closed form", worst, SIMPLE),
         below_row("radius", f"{claim} at w h = 1e8 less rho_inf", limit, LIMIT),
@@ -242,9 +257,10 @@ def closed_form(rho: float, frequency: float) -> Matrix:
 
 STUDIES: tuple[Study, ...] = (
     *((study, case) for case in CASES for study in (constant_steps, drift)),
+    (velocity_constraints, KNIFE),
     (first_steps, SWING),
     (changing_steps, replace(SWING, counts=(800, 1600, 3200))),
     (same_as_hht, SWING),
     (leapfrog,),
-    *((vibrations, rho) for rho in RATES),
+    *((vibrations, rho, form) for rho in RATES for form in ("ggl", "extended")),
 )
