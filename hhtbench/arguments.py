@@ -14,6 +14,8 @@ from hhtbench.errors import ProblemError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 LARGEST_INTEGER = 2**63 - 1  # what compiled loops count with
+FLOAT = np.dtype(np.float64)
+FEW = 36  # entries
 LONGEST_SHOWN = 60  # characters of a value in a message
 
 
@@ -28,7 +30,7 @@ def real_array(name: str, value: Any) -> NDArray[np.float64]:
         An entry is NaN or infinite.
     """
     array = real_values(name, value)
-    if not np.isfinite(array).all():
+    if not all_finite(array):
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ProblemError(f"{name} must be finite; entry {list(where)} is {array[where]}.")
     array.setflags(write=False)
@@ -42,6 +44,8 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
         raise TypeError(f"{expected}; got None.")
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{expected}; got a masked array. Fill the masked entries first.")
+    if type(value) is np.ndarray and value.dtype is FLOAT:
+        return value.copy()
     try:
         array = np.array(value, order="C")
     except TracerArrayConversionError:
@@ -51,6 +55,13 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{expected}; got dtype {array.dtype} ({type(value).__name__}).")
     return array.astype(np.float64, copy=False)
+
+
+def all_finite(array: NDArray[np.float64]) -> bool:
+    """Whether ``array`` holds neither NaN nor infinity."""
+    if array.size <= FEW and math.isfinite(sum(array.ravel().tolist())):  # a fifth of the time of NumPy's own look
+        return True
+    return bool(np.isfinite(array).all())
 
 
 def real_vector(name: str, value: Any, size: int | None = None) -> Vector:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections import defaultdict
+from collections.abc import Callable
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
 from typing import Any
@@ -131,8 +130,8 @@ class Work:
 
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
-    tally: Counter[str] = field(default_factory=Counter)
-    output: Counter[str] = field(default_factory=Counter)  #: of ``tally``, what output rows have cost
+    tally: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: by the names of ``Counters``
+    output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: of ``tally``, what output rows have cost
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""
@@ -165,20 +164,16 @@ class Work:
         self.max_evaluations, self.clock.kept_back = None, 0.0
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
-    @contextmanager
-    def for_output(self) -> Iterator[None]:
-        """What is evaluated in here is work for output rows, not for the steps; budgets count it all the same."""
-        before = [self.tally[name] for name in OF_OUTPUT]
-        try:
-            yield
-        finally:
-            for name, count in zip(OF_OUTPUT, before, strict=True):
-                self.output[name] += self.tally[name] - count
+    def for_output(self) -> ForOutput:
+        """``with work.for_output():`` what is evaluated inside is for output rows, not for the steps; budgets count it."""
+        return ForOutput(self)
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
-        spent = {name: count - self.output[name] for name, count in self.tally.items() if count > self.output[name]}
-        return spent | {"output_evaluations": self.output["residual_evaluations"]}
+        spent, output = self.tally.copy(), self.output
+        for name, count in output.items():
+            spent[name] -= count
+        return spent | {"output_evaluations": output["residual_evaluations"]}
 
     def counters(self) -> Counters:
         """The tally, frozen."""
@@ -189,3 +184,19 @@ class Work:
             raise BudgetSpent("evaluations", self.max_evaluations)
         self.check_time()
         self.tally["residual_evaluations"] += 1
+
+
+class ForOutput:
+    """Between its two ends everything that ``work`` counts is work for output rows."""
+
+    def __init__(self, work: Work) -> None:
+        self._work, self._before = work, [work.tally.get(name, 0) for name in OF_OUTPUT]
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *_: object) -> None:
+        tally, output = self._work.tally, self._work.output
+        for name, count in zip(OF_OUTPUT, self._before, strict=True):
+            if tally.get(name, 0) > count:
+                output[name] += tally[name] - count

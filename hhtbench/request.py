@@ -59,7 +59,7 @@ class Request:
 
 def make_request(**keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
-    unknown = sorted(name for name in keywords if name not in KNOWN)
+    unknown = sorted(keywords.keys() - KNOWN)
     if unknown:
         raise TypeError(f"unknown request option {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
     return Request(**keywords)
@@ -130,9 +130,9 @@ def check_output_times(t_eval: Vector, t0: float, t1: float) -> None:
     if t_eval.size > 1 and np.any(direction * np.diff(t_eval) < 0):
         raise ProblemError("t_eval must be sorted along the interval; sort it.")
     low, high = min(t0, t1), max(t0, t1)
-    outside = t_eval[(t_eval < low) | (t_eval > high)]
-    if outside.size:
-        raise ProblemError(f"t_eval must lie within [{low:.17g}, {high:.17g}] s; got {outside[0]:.17g}.")
+    for t in (float(t_eval[0]), float(t_eval[-1])):
+        if not low <= t <= high:
+            raise ProblemError(f"t_eval must lie within [{low:.17g}, {high:.17g}] s; got {t:.17g}.")
 
 
 def _tolerance(name: str, value: Any) -> Any:

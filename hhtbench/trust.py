@@ -6,7 +6,7 @@ floating-point times in every step, mostly in the same direction, and the end of
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from hhtbench.result import Status
 
@@ -22,7 +22,7 @@ def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: fl
     off by half a spacing.
     """
     t0, t1 = t_span
-    span, spacing = t1 - t0, float(np.spacing(max(abs(t0), abs(t1))))
+    span, spacing = t1 - t0, math.ulp(max(abs(t0), abs(t1)))
     text = Status.time_resolution.text
     if span == 0.0:
         return ""

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, minimum_norm, padded, unreduced
+from hhtbench.lowering import minimum_norm, padded, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
-from solvers._start import Failure, Solving, points_of
+from solvers._start import Failure, Solving, of_dynamics, points_of
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
@@ -47,19 +47,25 @@ def solution_of(
     rows: Rows,
     own: OwnMultipliers,
     recover_many: RecoverMany = None,
+    note: str = "",
+    *,
     carried: Mapping[str, Matrix] | None = None,
+    **more: Any,
 ) -> Solution:
-    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``."""
+    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
+
+    ``note`` ends its message; ``more`` are other fields of it.
+    """
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
-        t, q, v = (array[: len(found.lam)] for array in rows)
+        t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
         lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    counters = run.work.counters()
     held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=counters, carried=held)
+    of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, carried=held, **of_run, **more)
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -72,9 +78,10 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
     done, undetermined = np.zeros(times.size, dtype=bool), []
-    with suppress(BudgetSpent):  # nothing more can be compiled
-        done = done if recover_many is None else recover_many(times, q, v, lam, mu)
-    if done.all():
+    if recover_many is not None:
+        with suppress(BudgetSpent):  # nothing more can be compiled
+            done = recover_many(times, q, v, lam, mu)
+    if np.count_nonzero(done) == done.size:  # in a fifth of the time of all()
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     for i in np.flatnonzero(~done).tolist():
@@ -105,7 +112,7 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
         try:
             found = run.acceleration.solve(t, q, v, *guess)
             run.work.add("residual_evaluations", points_of(run.dynamics))
-            if not (np.isfinite(found.lam).all() and np.isfinite(found.mu).all()):
+            if not (all_finite(found.lam) and all_finite(found.mu)):
                 explain_nonfinite(run.dynamics, t, q, v)
             break
         except NonFiniteValue:
@@ -120,11 +127,12 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> M
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.
     """
-    whole, reduced = unreduced(run.dynamics), run.dynamics.structure
+    whole = unreduced(run.dynamics)
     if whole is run.dynamics:
         return multipliers
+    reduced = run.dynamics.structure
     lam, mu = padded(run.dynamics, *multipliers)
-    levels, m, rank = ConstraintLevels(whole), whole.structure.m, reduced.m + reduced.p
+    levels, m, rank = of_dynamics(whole).levels, whole.structure.m, reduced.m + reduced.p
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
         try:
             run.work.check_time()
@@ -147,13 +155,14 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
         raise
 
 
-def unrecovered(
-    run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, carried: Mapping[str, Matrix] | None = None
-) -> Solution:
-    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called."""
+def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
+    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
+
+    ``more`` are other fields of it.
+    """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
     message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, carried=carried)
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, **more)
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

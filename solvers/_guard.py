@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Vector, all_finite
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, Stop
 from hhtbench.result import Status
@@ -58,7 +58,7 @@ class Guard:
                     value = np.full(shape, np.nan)
                     self._note_nonfinite(y, error)
                 else:
-                    if not np.isfinite(value).all():
+                    if not all_finite(value):
                         self._note_nonfinite(y, (t, y))
             except BaseException as error:
                 self.cause = error

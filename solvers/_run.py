@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, unreduced
@@ -106,7 +106,7 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        return solution_of(self, end, rows.motion, own, self.recover_many, held)
+        return solution_of(self, end, rows.motion, own, self.recover_many, carried=held)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
@@ -114,7 +114,7 @@ class Run:
             return self._nothing(end)
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        return unrecovered(self, end, rows.motion, own, carried(self.form, rows, self.dynamics))
+        return unrecovered(self, end, rows.motion, own, carried=carried(self.form, rows, self.dynamics))
 
     def _nothing(self, failure: Failure) -> Solution:
         return empty_solution(self.problem.q0.size, failure, self.work.counters())
@@ -187,28 +187,35 @@ class Run:
     def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None) -> None:
         """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end."""
         t, y = float(t), np.array(y, dtype=np.float64)
+        self._expect_good(t, y)
+        self._output(t, y, between, rate)
+        self._arrive(1, t, y)
+
+    def accept_many(self, steps: int, t: float, y: Vector, rows: Matrix) -> None:
+        """Take ``steps`` accepted steps at once, the last of which ended at (t, y), and the ``rows`` [t, y] they reach."""
+        if steps:
+            self._expect_good(t, y)
+        keep = self._keep_end if self.wanted is None else self._keep
+        for time, row in zip(rows[:, 0].tolist(), rows[:, 1:], strict=True):
+            keep(time, row, None)
+        if steps:
+            self._arrive(steps, t, y.copy())
+
+    def _expect_good(self, t: float, y: Vector) -> None:
+        """Raise :class:`Halt` where steps that ended at (t, y) cannot be what they were reported to be."""
         now, end = self.now, self.time(t)
         if t == self.t:
             raise Halt(Status.time_resolution, f"t = {now:.17g} was not advanced by a step; {Status.time_resolution.text}")
         if not self.direction * self.t < self.direction * t <= self.direction * self.t1:
             text = f"a step from t = {now:.17g} towards {self.time(self.t1):.17g} led to t = {end:.17g}"
             raise Halt(Status.unreliable, text)
-        if y.shape != (self.form.size,) or not np.isfinite(y).all():
+        if y.shape != (self.form.size,) or not all_finite(y):
             raise Halt(Status.unreliable, f"the step to t = {end:.17g} was reported as good but its state is not finite")
-        self._output(t, y, between, rate)
-        self.t, self.y = t, y
-        self.guard.step_taken(end)
-        self.steps += 1
-        self.work.add("steps_accepted")
 
-    def accept_many(self, steps: int, t: float, y: Vector, rows: Matrix) -> None:
-        """Take ``steps`` accepted steps at once, the last of which ended at (t, y), and the ``rows`` [t, y] they reach."""
-        keep = self._keep_end if self.wanted is None else self._keep
-        for time, row in zip(rows[:, 0].tolist(), rows[:, 1:], strict=True):
-            keep(time, row, None)
-        if steps:
-            self.t, self.y = t, y.copy()
-            self.guard.step_taken(self.time(t))
+    def _arrive(self, steps: int, t: float, y: Vector) -> None:
+        """Go on from the end (t, y) of so many more ``steps``."""
+        self.t, self.y = t, y
+        self.guard.step_taken(self.time(t))
         self.steps += steps
         self.work.add("steps_accepted", steps)
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Vector, all_finite
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
@@ -29,15 +29,15 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, large
+from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
-from hhtbench.protocol import NumpySystem, Problem, System, declared
+from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
-from solvers._trust import EQUATIONS, as_arguments, check_sparsity, wrong_derivatives
+from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ class OfDynamics:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self.large = dynamics, large(dynamics) is not None
-        #: declared derivatives that enter the equations
-        self.compared = tuple(name for name in EQUATIONS if declared(dynamics.system, name) is not None)
+        self.declared = tuple(name for name in DERIVATIVES if declared(dynamics.system, name) is not None)  #: derivatives
+        self.compared = tuple(name for name in self.declared if name in EQUATIONS)  #: of them, those of the equations
 
     @cached_property
     def levels(self) -> ConstraintLevels:
@@ -120,9 +120,9 @@ _of_dynamics = Cache(64)
 
 
 def of_dynamics(dynamics: Dynamics) -> OfDynamics:
-    """Remembered of a dynamics that :func:`derive` remembers."""
+    """Remembered of a dynamics that is remembered itself."""
 
-    if type(dynamics) is not JaxDynamics:
+    if route_of(dynamics) == "numpy":
         return OfDynamics(dynamics)
     found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: OfDynamics(dynamics))
     return found
@@ -154,7 +154,7 @@ def usable(dynamics: Dynamics, place: Place, work: Work) -> Dynamics:
     """``dynamics`` without dependent rows and with a regular mass; a NumPy system tells ``work`` of every callback."""
     dynamics = _independent(dynamics, place)
     if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
-        dynamics = augment(dynamics, *as_arguments(dynamics, place.t, place.q))
+        dynamics = augment(dynamics, place.t, place.q)
     return _counted(dynamics, work)
 
 
@@ -261,7 +261,7 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     if found.singular:
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)
-    if not np.all(np.isfinite(found.vdot)):
+    if not all_finite(found.vdot):
         explain_nonfinite(run.dynamics, t, q, v)
     if not found.converged:
         message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"

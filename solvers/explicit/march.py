@@ -14,7 +14,7 @@ from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray, e
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import SOURCES, compiled, spacing
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, part, put, view
+from solvers.hht.loops.sections import address, call, finite, indices, part, put, view
 from solvers.hht.step.acceleration import acceleration_level, scaled_solve
 
 MOST_ITERATIONS = 5  # of the projection; a step leaves the constraints by its error, so two are enough
@@ -53,15 +53,13 @@ STEPS, ROWS, OUTPUTS, OF_TIMES, BEGUN, PENDING = range(6)
 
 
 @called
-def march(
-    z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArray, rows: FloatMatrix, counts: IntArray
-) -> Any:
+def march(z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArray, rows: FloatMatrix) -> Any:
     """At most ``most`` more steps towards ``stop`` [s] with their ``rows`` [t, y], as far as there is room; how it ended.
 
     A row for every step; where the problem has output times only for those ``asked`` for, in the direction of the motion.
     """
     number, made, size = part(z, mem.NUMBER), o.progress, 2 * z.i[mem.N]
-    y, end = view(z.w, z.i[2 * mem.Q], size), part(z, mem.END)[:size]
+    y, end, counts = view(z.w, z.i[2 * mem.Q], size), part(z, mem.END)[:size], indices(z, mem.COUNTED)
     made[STEPS] = made[ROWS] = made[OUTPUTS] = 0
     if not made[BEGUN]:
         ended = begin(z, k, o, stop, counts)

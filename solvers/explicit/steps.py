@@ -66,7 +66,7 @@ class CompiledSteps:
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
         )
-        self._march = march.following(z, method, self.room, run.t1)
+        self._march, self._counts = march.following(z, method, self.room, run.t1), integer_view(z, mem.COUNTED)
         self.y = z.w[z.i[2 * mem.Q] : z.i[2 * mem.Q] + size]
         self.y[:] = run.start.y
 
@@ -91,16 +91,22 @@ class CompiledSteps:
 
     def advance(self, steps: int, asked: Vector, rows: Matrix) -> int:
         """How one call of :func:`~solvers.explicit.march.march` ended; its work is counted."""
-        work, counts = self.run.work, np.zeros(len(mem.COUNTS), dtype=np.int64)
+        work = self.run.work
         limit = work.max_evaluations
         self.z.i[mem.EVALUATIONS] = UNLIMITED if limit is None else limit - work.tally["residual_evaluations"]
         with self.callbacks:
-            ended = self._march(steps, asked, rows, counts)
-        work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
+            ended = self._march(steps, asked, rows)
+        self._count()
         work.output["residual_evaluations"] += int(self.room.progress[OUTPUTS])
+        return ended
+
+    def _count(self) -> None:
+        """Count the work of the loops since the last call."""
+        work, counts = self.run.work, self._counts
+        work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
         work.add("nonfinite_evaluations", int(counts[mem.NONFINITES]))
         work.library["steps_rejected_error"] += int(counts[mem.REJECTED])
-        return ended
+        counts[:] = 0
 
     def _checked(self, ended: int) -> None:
         """Raise what a call noted, or why it ended before it was done."""
@@ -125,9 +131,9 @@ class CompiledSteps:
         done, packed = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
         first, clock, n = 0, self.run.work.clock, q.shape[1]
         while first < times.size and clock.left() >= 0.0:
-            block, counts = slice(first, first + MOST // 64), np.zeros(len(mem.COUNTS), dtype=np.int64)
-            recover(self.z, packed[block], done[block], counts)
-            self.run.work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
+            block = slice(first, first + MOST // 64)
+            recover(self.z, packed[block], done[block])
+            self._count()
             first += MOST // 64
         found = packed[done, 1 + 2 * n :]
         lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.caching import ById
-from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
 from solvers._start import absolute_tolerances
-from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.options import make_options
 from solvers.hht.solver import HHT
-
-KEPT = 8  # solvers of the systems that were solved last
 
 
 @dataclass(frozen=True)
@@ -54,32 +48,11 @@ class HHTSolver:
         if not request.fixed and request.atol is None:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-        with _lent(self.integrator, problem.system, options) as hht:
-            return hht.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+        return self.integrator(problem.system, **options).solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
-
-
-_kept: dict[Any, HHT] = {}  # of earlier solves: with what they have prepared
-_lock = threading.Lock()
-
-
-@contextmanager
-def _lent(integrator: type[HHT], system: System | NumpySystem, options: Mapping[str, Any]) -> Iterator[HHT]:
-    """An HHT with ``options`` for one solve: one that nobody uses now, else a new one."""
-    key = integrator, ById(system), repr(options)  # True is no 1 here
-    with _lock:
-        hht = _kept.pop(key, None)
-    hht = integrator(system, **options) if hht is None else hht
-    yield hht
-    if abs(hht.options.coefficients.b - 0.5) < NEAR_HALF:  # one that is warned of when it is made
-        return
-    with _lock:
-        _kept[key] = hht
-        while len(_kept) > KEPT:
-            del _kept[next(iter(_kept))]
 
 
 def solver(**options: Any) -> HHTSolver:

@@ -118,8 +118,10 @@ DEFAULTS = HHTOptions()
 
 def make_options(kind: Any = HHTOptions, name: str = "hht", **given: Any) -> Any:
     """Options of a ``kind`` from keywords; an unknown one is a ``TypeError`` that lists those that solver ``name`` knows."""
+    if not given and kind is HHTOptions:
+        return DEFAULTS
     known = tuple(f.name for f in fields(kind))
     unknown = sorted(set(given) - set(known))
     if unknown:
         raise TypeError(f"{name} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
-    return kind(**given) if given or kind is not HHTOptions else DEFAULTS
+    return kind(**given)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.solve import Integration, check_accuracy, check_request, end_times
+from solvers.hht.run.solve import Integration, check_accuracy, end_times, planned
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
@@ -99,9 +99,9 @@ class HHT:
         asked = make_request(**request)
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
-        check_request(asked, place.q.size, t0, t1)
+        steps = planned(asked, place.q.size, t0, t1)
         with self._alone(), timed(asked.max_seconds, began) as clock:
-            integration = Integration(self, asked, t1, place, guesses, clock)
+            integration = Integration(self, asked, steps, t1, place, guesses, clock)
             return solved(integration.solution, integration.left_over)
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
@@ -268,7 +268,7 @@ class HHT:
 
     def _rebuild(self, integrator: IntegratorState) -> Engine:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
-        work, controlled = Work(tally=Counter(integrator.tally)), integrator.tolerances is not None
+        work, controlled = Work(tally=defaultdict(int, integrator.tally)), integrator.tolerances is not None
         engine = make_engine(self.system, self.options, integrator.place, work, controlled=controlled)
         if integrator.distrusts:
             engine.distrust()

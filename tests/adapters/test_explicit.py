@@ -14,7 +14,7 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import System
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._run import Run
+from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
@@ -213,9 +213,9 @@ def test_the_same_bits_come_out_twice_and_as_plain_python():
     rows = []
     for plain in (False, True):
         steps, kept = CompiledSteps(begun(of, rtol=1e-6), "DOP853"), np.empty((4, 1 + 2 * of.q0.size))
-        counts, steps.z.i[mem.EVALUATIONS] = np.zeros(len(mem.COUNTS), dtype=np.int64), 10**6
+        steps.z.i[mem.EVALUATIONS] = 10**6
         entry = march.function if plain else march
-        assert entry(steps.z, steps.method, steps.room, steps.run.t1, 4, NOTHING, kept, counts) == mem.CONVERGED
+        assert entry(steps.z, steps.method, steps.room, steps.run.t1, 4, NOTHING, kept) == mem.CONVERGED
         rows.append(kept)
     np.testing.assert_allclose(rows[0], rows[1], rtol=1e-13, atol=1e-14)
 
@@ -226,6 +226,25 @@ def test_a_budget_of_evaluations_is_never_passed_and_steps_before_it_stay(budget
     assert found.status is Status.evaluation_budget
     assert found.counters.residual_evaluations <= budget
     assert found.t.size == found.counters.steps_accepted + 1
+
+
+LIES = {
+    "not finite": (1.0, np.array([np.nan, 0.0, 0.0, 0.0]), Status.unreliable),
+    "too short": (1.0, np.zeros(3), Status.unreliable),
+    "time goes back": (-1.0, np.zeros(4), Status.unreliable),
+    "past the end": (9.0, np.zeros(4), Status.unreliable),
+    "nowhere": (0.0, np.zeros(4), Status.time_resolution),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_many_steps_at_once_are_looked_at_like_single_ones(lie):
+    t, y, status = LIES[lie]
+    run = begun(hb.load_problem("simple_pendulum"), rtol=1e-3)
+    with pytest.raises(Halt) as caught:
+        run.accept_many(3, t, y, np.empty((0, 5)))
+    assert caught.value.status is status
+    assert run.work.counters().steps_accepted == 0
 
 
 @pytest.mark.parametrize("times", [None, np.linspace(0, 5, 77)])

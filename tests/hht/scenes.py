@@ -130,4 +130,4 @@ def forget_code(monkeypatch):
     )
     for module, name in kept:
         monkeypatch.setattr(module, name, Cache(100))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])

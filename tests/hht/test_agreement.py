@@ -188,7 +188,7 @@ def called_back(monkeypatch):
 
     monkeypatch.setattr(functions, "native", refuse)
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
 
 
 @pytest.mark.parametrize("name", [*MIXED, "planar_chain"])

@@ -194,10 +194,10 @@ def test_a_tolerance_below_the_roundoff_of_q_is_named_before_any_step(atol):
 
 @pytest.mark.parametrize(("make", "atol"), [(jay_negrut_pendulum.problem, 1e-9), (andrews.problem, 1e-10)])
 def test_an_error_that_stays_while_steps_shrink_is_roundoff(make, atol):
-    """It fell and grew by turns until steps of 1e-18 s had one of 1.01, or crept on with those."""
+    """It fell and grew by turns until steps of 1e-18 s had one of 1.01, or crept on with those; steps before are chance."""
     problem = make()
     hht = HHT(problem.system)
-    solution = hht.solve(problem.t_span, problem.q0, problem.v0, rtol=0, atol=atol, max_num_steps=3_000)
+    solution = hht.solve(problem.t_span, problem.q0, problem.v0, rtol=0, atol=atol, max_num_steps=10_000)
     assert solution.status is Status.step_too_small
     assert 10 * atol < named_tolerance(solution.message) < 1e4 * atol
     assert np.abs(solution.steps_data.h).min() > 1e-10

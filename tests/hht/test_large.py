@@ -101,7 +101,7 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
 
     monkeypatch.setattr(functions, "kkt_code", refuse)
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
     one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)
     assert not np.array_equal(many.lam, one_by_one.lam), "the same way was taken"
     np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())

@@ -300,7 +300,7 @@ def test_small_systems_without_machine_code_stay_dense(monkeypatch):
     monkeypatch.setattr(compiler, "MOST_OPERATIONS", 5)
     monkeypatch.setattr(compiler, "_memory", Cache(16))
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
     analysis = begun(planar_chain.problem(n_links=6), "auto", 1e-3)._engine.functions.analysis
     assert analysis.kind == "dense" and "below" in analysis.reason
 

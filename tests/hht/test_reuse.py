@@ -23,7 +23,7 @@ def test_the_pendulum_factorises_less_than_once_in_ten_steps_with_unchanged_erro
     kept = solve(problem, steps)
     monkeypatch.setattr(functions, "NewtonOptions", lambda: NewtonOptions(other_step=-1.0, refresh_rate=0.0))
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
     fresh = solve(problem, steps)
     assert fresh.counters.factorisations >= steps
     assert kept.counters.factorisations < steps / 10

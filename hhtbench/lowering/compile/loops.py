@@ -104,35 +104,25 @@ class Entry(Inner):
         TypeError
             Arguments of other types than the annotations', or strided arrays.
         """
-        return self.bound(*arguments)()
-
-    def bound(self, *arguments: Any) -> Callable[[], int]:
-        """A call with these arguments, to be made again and again: of arrays their memory, whatever it holds by then."""
-        words: list[Any] = []
-        return self._call(in_words(arguments, words), words, arguments)
+        return self.following()(*arguments)
 
     def following(self, *first: Any) -> Callable[..., int]:
-        """What takes the arguments after ``first``, which stay the same: of arrays their memory."""
+        """What takes the arguments after ``first``, which stay the same: of arrays their memory.
+
+        One thread at a time may call it.
+        """
         known: list[Any] = []
-        begins = in_words(first, known)[:-1]
+        begins, result, error = in_words(first, known)[:-1], ctypes.c_int64(), ctypes.c_void_p()
+        at, error_at = _address(result), _address(error)
 
-        def call(*rest: Any) -> int:
+        def call(*rest: Any, _kept: Any = (first, error)) -> int:
             words = known.copy()
-            return self._call(begins + in_words(rest, words)[1:], words, (first, rest))()
-
-        return call
-
-    def _call(self, layout: str, words: list[Any], kept: Any) -> Callable[[], int]:
-        """A call with ``words``, which are addresses in what is ``kept``."""
-        wanted, function, pack = self._ready or self._prepare(words)
-        if layout != wanted:
-            raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
-        result, error, packed = ctypes.c_int64(), ctypes.c_void_p(), pack(*words)
-        at, error_at, name = _address(result), _address(error), self.__name__
-
-        def call(_kept: Any = (kept, error)) -> int:
-            if function(at, error_at, packed):
-                raise RuntimeError(f"{name} failed in compiled code")
+            layout = begins + in_words(rest, words)[1:]
+            wanted, function, pack = self._ready or self._prepare(words)
+            if layout != wanted:
+                raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
+            if function(at, error_at, pack(*words)):
+                raise RuntimeError(f"{self.__name__} failed in compiled code")
             return result.value
 
         return call
@@ -176,12 +166,12 @@ def in_words(value: Any, words: list[Any]) -> str:
         words.append(value)
         return "d"
     if isinstance(value, np.ndarray):
-        flags = value.flags
-        if not flags.c_contiguous:
-            raise TypeError("compiled loops take arrays whose entries follow one another in memory; got a strided one.")
-        if flags.writeable and value.size:  # in a fifth of the time that NumPy's word for it takes
-            words.append(_address(_buffer(value)))
-        else:
+        try:
+            words.append(_address(_buffer(value)))  # in a fifth of the time that NumPy's word for it takes
+        except (TypeError, ValueError):  # one that is read-only, empty or strided
+            if not value.flags.c_contiguous:
+                text = "compiled loops take arrays whose entries follow one another in memory; got a strided one."
+                raise TypeError(text) from None
             words.append(value.ctypes.data)
         words.extend(value.shape)
         return array_layout(value.dtype, value.ndim)

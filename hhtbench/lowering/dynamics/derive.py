@@ -23,6 +23,7 @@ from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
+_compared_by_identity: set[type] = set()
 _derived = Cache(64)  # reading a structure costs a trace for each function of the system
 
 
@@ -61,13 +62,19 @@ def parameters_of(value: Any) -> Hashable:
 
     Of what a function or another object in a field refers to nothing can be seen.
     """
+    kind = type(value)
+    if kind in _compared_by_identity:
+        return ById(value)
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
     if isinstance(value, eqx.Module):
         value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
     if isinstance(value, dict):
         return tuple(value), tuple(map(parameters_of, value.values()))
-    return tuple(map(parameters_of, value)) if isinstance(value, (tuple, list)) else ById(value)
+    if isinstance(value, (tuple, list)):
+        return tuple(map(parameters_of, value))
+    _compared_by_identity.add(kind)  # to ask what it is not takes longer than all else here
+    return ById(value)
 
 
 def _expect_force(system: System | NumpySystem) -> None:

@@ -14,7 +14,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 
@@ -63,6 +63,7 @@ class Dynamics:
     enters the equations, less where it serves Newton's matrix.
     """
 
+    wraps: ClassVar[bool] = False  #: whether it is a :class:`Wrapper`; of an equinox class ``isinstance`` is slow to tell
     system: Any  #: the ``System`` or ``NumpySystem``, with what its user declared
     structure: Structure  #: sizes n, m, p and what depends on what
     xp: Any  #: the array namespace: ``numpy`` or ``jax.numpy``
@@ -211,6 +212,7 @@ class Dynamics:
 class Wrapper(eqx.Module, Dynamics):
     """Some functions of a dynamics, ``inner``, changed; the rest is passed through."""
 
+    wraps: ClassVar[bool] = True
     inner: Dynamics
 
     def __getattr__(self, name: str) -> Any:

@@ -7,6 +7,7 @@ Machine code fills the result with NaN before the call and the callback writes i
 
 from __future__ import annotations
 
+import _signal  # type: ignore[import-not-found] # `signal` makes enums of its results, which takes ten times as long
 import ctypes
 import math
 import signal
@@ -31,6 +32,7 @@ from hhtbench.protocol import SIGNATURES, Signature, declared
 Shape = tuple[int, ...]
 foreign_p = Primitive("hhtbench_foreign")
 foreign_p.def_abstract_eval(lambda address, *arguments, shape: ShapedArray(shape, np.dtype(np.float64)))
+SIGINT = int(signal.SIGINT)
 MOST_PLACES = 64  # in memory at which one function is remembered to have been called: on the stack they vary with its depth
 
 UNDECLARED = {  # sizes of the results of what no user declares
@@ -72,13 +74,13 @@ class Callbacks:
     def __enter__(self) -> None:
         if self._before is not None or threading.current_thread() is not threading.main_thread():
             return
-        handler = signal.getsignal(signal.SIGINT)
+        handler = _signal.getsignal(SIGINT)
         if handler is signal.default_int_handler or isinstance(getattr(handler, "__self__", None), Callbacks):
-            self._before = signal.signal(signal.SIGINT, self._interrupted)
+            self._before = _signal.signal(SIGINT, self._interrupted)
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+            _signal.signal(SIGINT, self._before)
             self._before = None
 
     def _interrupted(self, *_: Any) -> None:

@@ -13,7 +13,7 @@ method.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Any
 
@@ -22,11 +22,15 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.compiling import compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
+from hhtbench.lowering.dynamics.mass import mass_at
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import declared
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
+_changed = Cache(64)
 
 
 class ReducedDynamics(Wrapper):
@@ -60,7 +64,12 @@ def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedD
     s = dynamics.structure
     position = tuple(i for i in range(s.m) if i not in redundant)
     velocity = tuple(i for i in range(s.p) if s.m + i not in redundant)
-    return ReducedDynamics(inner=dynamics, position=position, velocity=velocity)
+    return _remembered(dynamics, redundant, lambda: ReducedDynamics(inner=dynamics, position=position, velocity=velocity))
+
+
+def _remembered(dynamics: Dynamics, how: Hashable, change: Callable[[], Wrapper]) -> Any:
+    """``dynamics`` as it was changed before in the same way: what was prepared for that serves again."""
+    return change() if route_of(dynamics) == "numpy" else _changed.find((ById(dynamics), how), change)
 
 
 def unreduced(dynamics: Dynamics) -> Dynamics:
@@ -92,9 +101,9 @@ def minimum_norm(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
 
 def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
     inner: Any = dynamics
-    while isinstance(inner, Wrapper) and not isinstance(inner, ReducedDynamics):
+    while type(inner).wraps and type(inner) is not ReducedDynamics:
         inner = inner.inner
-    return inner if isinstance(inner, ReducedDynamics) else None
+    return inner if type(inner) is ReducedDynamics else None
 
 
 class AugmentedDynamics(Wrapper):
@@ -152,12 +161,22 @@ def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
             "the mass matrix is singular and the velocity constraints are nonlinear in v, so they cannot make it regular; "
             "give every coordinate a mass, or a position constraint, or a velocity constraint linear in v."
         )
-    plain = AugmentedDynamics(inner=dynamics, rho=np.float64(1.0))
-    rows = np.asarray(plain.rows(t, q))
-    mass = np.asarray(dynamics.mass(t, q))
+    rows = np.asarray(compile_function(rows_of_mass, dynamics)(t, q))
+    mass = np.asarray(compile_function(mass_at, dynamics)(t, q))
     size = np.abs(mass).max() or 1.0
-    rho = size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny)
+    rho = float(size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny))
+    found: AugmentedDynamics = _remembered(dynamics, rho, lambda: augmented(dynamics, rho))
+    return found
+
+
+def augmented(dynamics: Dynamics, rho: float) -> AugmentedDynamics:
+    """``dynamics`` with the weight ``rho``."""
     return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+
+
+def rows_of_mass(dynamics: Dynamics, t: Any, q: Any) -> Any:
+    """C (rows, n) of the constraints that take part in an augmented mass."""
+    return AugmentedDynamics(inner=dynamics, rho=1.0).rows(t, q)
 
 
 def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hhtbench.lowering.compile.loops import IntArray
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call_python, finite, largest, part, put
+from solvers.hht.loops.sections import address, call_python, finite, indices, largest, part, put
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import spend
 from solvers.hht.step.stopping import weigh, weighted_rms
@@ -22,7 +21,7 @@ STILL = 1e-10  # relative change of v' that is roundoff
 
 
 @called
-def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool, counts: IntArray) -> None:
+def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> None:
     """Put what step control needs to begin, or to begin again, at the state towards ``stop`` [s] into the memory, (H27).
 
     ``plain``: the first step's a0 is f there, ``start="f0"``.  A probe along v and v' shows how fast v' changes, and so
@@ -32,7 +31,7 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool, coun
     longest = min(abs(left), o.max_step)
     probe = PROBE * min(longest, time_scale(z))
     signed = math.copysign(probe, left)
-    known = jerk(z, signed, counts)
+    known = jerk(z, signed, indices(z, mem.COUNTED))
     suggested = suggestion(z, probe, plain) if known else probe
     if suggested == 0.0:
         suggested = UNKNOWN * abs(left)

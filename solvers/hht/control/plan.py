@@ -25,7 +25,6 @@ class Plan:
     """Says how long the next steps are."""
 
     by_error: ByError | None = None  #: itself, where the local error decides
-    options: ControlOptions = ControlOptions()
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
         """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros by error."""

@@ -34,17 +34,18 @@ class HermiteOutput:
         q, v = self.at(times, self.rows_before(times))
         return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
 
-    def rows_before(self, times: Vector) -> Vector:
+    def rows_before(self, times: Vector) -> Any:
         """The last row at or before each of ``times`` (j,), in the direction of time: (j,) indices."""
-        direction = -1.0 if self.t[-1] < self.t[0] else 1.0
-        return np.maximum(np.searchsorted(direction * self.t, direction * times, side="right") - 1, 0)
+        if self.t[-1] < self.t[0]:
+            return (-self.t).searchsorted(-times, side="right") - 1
+        return self.t.searchsorted(times, side="right") - 1
 
     def at(self, times: Vector, row: Vector) -> tuple[Matrix, Matrix]:
         """q and v (j, n) at ``times`` (j,) within the steps, each in the step from its ``row``."""
         q, v = self.q[row], self.v[row]
         between = self.t[row] != times  # step ends are returned as they are, not as the polynomial rounds them
-        if between.any():
-            i = row[between]
+        i = row[between]
+        if i.size:
             h = (self.t[i + 1] - self.t[i])[:, None]
             s = (times[between] - self.t[i])[:, None] / h
             q[between], v[between] = cubic(s, h, self.q[i], self.q[i + 1], self.v[i], self.v[i + 1])

@@ -76,6 +76,13 @@ def given_integers(name: str) -> int:
     return integers(lambda s: len(s.sections.get(name, ())))
 
 
+COUNTS = (
+    "newton_iterations", "residual_evaluations", "jacobian_evaluations", "factorisations", "linear_solves",
+    "steps_rejected_error", "event_evaluations", "steps_rejected_newton", "nonfinite_evaluations",
+    "steps_accepted",
+)  # fmt: skip
+NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES, ACCEPTED = range(len(COUNTS))
+
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
     "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff", "forgotten",
@@ -161,6 +168,7 @@ LEVEL_SCALE = floats(lambda s: s.level)
 FORCE = floats(lambda s: s.n + s.inverse_mass)  # f, M^-1
 START_LEVELS = floats(lambda s: (s.m * (3 + s.n) + s.p * (2 + s.n)) * (s.level > 0))  # constraint levels with Jacobians
 START_CHECKS = floats(lambda s: 4)
+START_BOUNDS = floats(lambda s: 4)  # up to which each of them is plainly good
 VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: of pivots, largest over least
 # What Python computes of a step that is shorter than roundoff: [whether, END, M^-1].
 SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
@@ -181,6 +189,7 @@ ONE, TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size; whether: "N" or "T
 LEVEL_PIVOTS = integers(lambda s: s.level)
 LEVEL_LAPACK = integers(lambda s: 4)
 EVENT_CODE = integers(lambda s: 2 * s.events)
+COUNTED = integers(lambda s: len(COUNTS))  # work since Python has looked last
 DIRECTIONS = integers(lambda s: s.events)
 SAMPLES = integers(lambda s: s.events)
 
@@ -205,13 +214,6 @@ KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear a
 # How an attempt, and how a call of the loops ended.
 CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, SUSPECT = range(6)
 NO_ADVANCE, TOO_LARGE, ROUNDOFF_REACHED, EVENT_FOUND, EVENT_NONFINITE = range(6, 11)
-
-COUNTS = (
-    "newton_iterations", "residual_evaluations", "jacobian_evaluations", "factorisations", "linear_solves",
-    "steps_rejected_error", "event_evaluations", "steps_rejected_newton", "nonfinite_evaluations",
-    "steps_accepted",
-)  # fmt: skip
-NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES, ACCEPTED = range(len(COUNTS))
 
 
 class Memory(NamedTuple):

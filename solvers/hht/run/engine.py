@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,18 +12,17 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import Dynamics, compile_function
+from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import asymmetry
-from hhtbench.protocol import DERIVATIVES, declared
 from solvers._finite import explain_nonfinite
-from solvers._start import of_dynamics, points_of
+from solvers._start import Guesses, Place, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step
-from solvers.hht.control.plan import ByError, Plan
-from solvers.hht.equations.coefficients import Method
+from solvers.hht.control.plan import Plan
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.functions import Functions, MachineCode, force_and_inverse_mass
+from solvers.hht.options import HHTOptions
+from solvers.hht.run.functions import MachineCode, force_and_inverse_mass, functions_for
 from solvers.hht.run.history import columns
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
@@ -39,32 +37,24 @@ class Engine:
 
     Beside the loops' memory it keeps that declared derivatives were given up, for good, and counts what is evaluated.
 
-    Parameters
-    ----------
-    fallback
-        () -> functions with every declared derivative derived afresh; None where none is declared.
-    plain
-        Run the loops as plain Python: for debugging, and to compare with.
     """
 
-    def __init__(
-        self,
-        dynamics: Dynamics,
-        method: Method,
-        work: Work,
-        functions: Functions,
-        *,
-        fallback: Callable[[], Functions] | None = None,
-        plain: bool = False,
-    ) -> None:
-        self.dynamics, self.method, self.work = dynamics, method, work
+    def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
+        """``place``: where the run begins; ``controlled``: whether by error control."""
+        self.dynamics, self.place, self.work = dynamics, place, work
+        self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
         self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
-        self.functions, self.layout = functions, functions.layout
+        self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
+        self.layout = functions.layout
         self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
         self._force = work.counted(self.bare_force, residuals=self.points)
-        self.acceleration = of_dynamics(dynamics).acceleration
-        self._fallback, self.plain = fallback, plain
-        self._starts_alone = bool(functions.level_codes()) and method.start not in SHIFTED and plain_mass(dynamics)
+        known = of_dynamics(dynamics)
+        self.acceleration, self.compared = known.acceleration, bool(known.compared)
+        self.declared = known.declared  #: derivatives
+        #: whether a failure of Newton's iteration may be that of declared derivatives
+        self.fallible = bool(known.declared) and not functions.newton.matrix_cost
+        self.plain = options.engine == "python"  #: the loops run as plain Python
+        self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up
         self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
@@ -74,11 +64,11 @@ class Engine:
     @property
     def reusable(self) -> bool:
         """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
-        return self.runs_alone and not self.fallible and not self.distrusts
+        return self.runs_alone and not self.distrusts
 
-    def again(self, work: Work) -> Engine:
-        """This engine for another run, as if it were new."""
-        self.work, self._stopped, self._not_suspect = work, None, None
+    def again(self, place: Place, work: Work) -> Engine:
+        """This engine for another run, from ``place``, as if it were new."""
+        self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
         self._force = work.counted(self.bare_force, residuals=self.points)
         if self._loops is not None:
             self._loops.again(work)
@@ -96,11 +86,6 @@ class Engine:
         """How the steps are made."""
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
         return f"{'plain Python' if self.plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
-
-    @property
-    def fallible(self) -> bool:
-        """Whether a failure of Newton's iteration may be that of declared derivatives."""
-        return self._fallback is not None
 
     @property
     def runs_alone(self) -> bool:
@@ -156,7 +141,7 @@ class Engine:
         else:
             self._load(state, values, controlled=plan.by_error is not None)
             loops.held = None  # until it is stored: an interrupt may come before
-            made = loops.call_noting(march, plan.options, stop, lengths, ends, rows)
+            made = loops.call_noting(march, stop, lengths, ends, rows)
             if not made:
                 loops.raise_noted()
             ended = int(loops.z.i[mem.ENDED])
@@ -169,27 +154,27 @@ class Engine:
             loops.held = state
         return state, made, self._unless_spent(ended)
 
-    def started(self, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> State | None:
+    def started(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
         work, count = self.work, self.points * (1 + self.structure.constrained)
         work.check_time()
         if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
             return None
-        state = self.loops.start(np.concatenate([[t], q, v, lam, mu]))
+        state = self.loops.start(t, q, v, guesses)
         if state is not None:
             work.add("residual_evaluations", count)
         if state is not None and self.method.coefficients.total:
             return replace(state, a=state.vdot, f=state.vdot)
         return state
 
-    def prepared(self, state: State, plan: ByError, stop: float) -> State:
+    def prepared(self, state: State, stop: float) -> State:
         """``state`` with what step control needs to begin or to begin again there, (H27)."""
         if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
             state = self.with_multipliers(state) if self.structure.constrained else replace(state, vdot=state.f)
         loops, start = self.loops, self.method.start
         loops.load(state, None, controlled=True, suspicious=False)
         loops.held = None  # until it is stored
-        loops.call(plan_first_step, plan.options, stop, start == "f0")
+        loops.call(plan_first_step, stop, start == "f0")
         state = loops.store(controlled=True)
         if start != "shifted" or state.memory is None:
             return state
@@ -239,9 +224,9 @@ class Engine:
 
     def give_up_derivatives(self, state: State) -> bool:
         """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
-        if self._fallback is None:
+        if not self.fallible:
             return False
-        declared_ones = self.functions, self._fallback, self._loops
+        declared_ones = self.functions, self._loops
         h, t1 = self.loops.section(mem.ATTEMPT)[[mem.H_TRIED, mem.T_END]].tolist()
         names, controlled = self.distrust(), state.memory is not None
         self.loops.load(replace(state, factorised=None), None, controlled=controlled, suspicious=False)
@@ -255,18 +240,18 @@ class Engine:
                 stacklevel=2,
             )
             return True
-        self.functions, self._fallback, self._loops = declared_ones
-        self.distrusts, self._not_suspect = False, state
+        self.functions, self._loops = declared_ones
+        self.fallible, self.distrusts, self._not_suspect = True, False, state
         return False
 
     def distrust(self) -> str:
         """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
-        if self._fallback is None:
+        if not self.fallible:
             return ""
-        self.functions = self._fallback()
-        self._fallback, self._loops, self.distrusts = None, None, True
-        system = self.functions.dynamics.system
-        return ", ".join(name for name in DERIVATIVES if declared(system, name) is not None)
+        without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
+        self.functions = functions_for(usable(without, self.place, self.work), self.method, self.linsolver)
+        self._loops, self.fallible, self.distrusts = None, False, True
+        return ", ".join(self.declared)
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
         """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""

@@ -42,7 +42,7 @@ class History:
 
     def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
         self._n, self._parts = structure.n, parts_of(structure)
-        self._rows = np.empty((ROOM, columns(structure)))
+        self._rows = np.empty((ROOM, self._parts[-1].stop))
         self._count = self._changes = self._dropped = 0
         self._elapsed, self._begin = 0.0, start.t
         self._ahead = t_eval  # those that are not in ``_output`` yet
@@ -95,25 +95,27 @@ class History:
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
-    def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
-        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
+    def output_rows(self, output: HermiteOutput, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
+        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were.
+
+        ``output``: the :meth:`dense_output` by now.
+        """
         if self._ahead is None:
             t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
             return OutputRows(t[:, 0], q, v, lam, mu), self._count
-        output, rows = self.dense_output(), [*self._output]
-        low, high = sorted((output.t[0], output.t[-1]))
-        times = self._ahead[(self._ahead >= low) & (self._ahead <= high)]
-        asked = times.size + sum(part.t.size for part in rows)
+        rows, times, (low, high) = [*self._output], self._ahead, sorted((output.t[0], output.t[-1]))
+        if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
+            times = times[(times >= low) & (times <= high)]
+        asked = times.size + sum([part.t.size for part in rows])
         for first in range(0, max(times.size, 1), BLOCK):
             rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
         return rows[0] if len(rows) == 1 else OutputRows(*(np.concatenate(x) for x in zip(*rows, strict=True))), asked
 
     def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
         """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
-        lam, mu = self._columns(6, 7)
         row = output.rows_before(times)
-        index = np.minimum(row + (output.t[row] != times), output.t.size - 1)
-        return OutputRows(times, *output.at(times, row), lam[index], mu[index])
+        ends = self._rows[row + (output.t[row] != times)]
+        return OutputRows(times, *output.at(times, row), ends[:, self._parts[6]].copy(), ends[:, self._parts[7]].copy())
 
     @property
     def span(self) -> tuple[float, float]:
@@ -130,26 +132,28 @@ class History:
         """Which rows are ends of steps."""
         return slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
 
-    def kept(self) -> dict[str, Any]:
-        """``steps_data`` and ``interpolant`` of the Solution, if the steps were kept."""
-        if self._dropped:
-            return {}
-        return {"steps_data": self.steps_data(), "interpolant": self.dense_output()}
+    def kept(self, output: HermiteOutput) -> dict[str, Any]:
+        """What the Solution says of events and, if the steps were kept, of these; ``output``: the dense output."""
+        steps = {} if self._dropped else {"steps_data": self._steps_data(), "interpolant": output}
+        return steps | self._events()
 
-    def steps_data(self) -> StepsData:
+    def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
-        made = self._made()
-        t, h, a, lam_start, lam_end, mu_half = (column[made] for column in self._columns(0, 1, 4, 5, 6, 7))
-        return StepsData(t=t[:, 0], h=h[:, 0], a=a, lam_start=lam_start, lam_end=lam_end, mu_half=mu_half)
+        rows = self._rows[: self._count][self._made()]
+        _, _, _, _, a, lam_start, lam_end, mu = self._parts
+        stages = {"a": rows[:, a], "lam_start": rows[:, lam_start], "lam_end": rows[:, lam_end], "mu_half": rows[:, mu]}
+        return StepsData(t=rows[:, 0], h=rows[:, 1], **stages)
 
     def dense_output(self) -> HermiteOutput:
         """Interpolant through all rows; parts of them."""
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
 
-    def events(self) -> dict[str, Any]:
+    def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
         found, n = self._occurrences, self._n
+        if not found:
+            return {}
         return {
             "t_events": tuple(np.array([o.t for o in each]) for each in found),
             "q_events": tuple(np.array([o.q for o in each]).reshape(-1, n) for each in found),

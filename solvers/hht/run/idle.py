@@ -1,9 +1,13 @@
-"""Engines that no run uses: what was prepared for a system serves its next solve, whichever HHT object asks."""
+"""Engines that no run uses: what was prepared for a system serves its next solve, whichever HHT object asks.
+
+Not of a NumpySystem, nor of what has functions in Python else: they may hide numbers of any kind, and most of a solve's time
+is theirs anyway.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable
+from typing import Any
 
 from hhtbench.lowering.caching import ById
 from hhtbench.lowering.dynamics.derive import parameters_of
@@ -13,26 +17,28 @@ from solvers.hht.run.engine import Engine
 
 MOST = 16  # engines that are kept: the oldest goes first
 
-_idle: dict[Hashable, Engine] = {}
+_idle: list[tuple[Any, Engine]] = []  # few, and compared from the newest on: to hash a purpose takes longer
 _lock = threading.Lock()
 
 
-def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, controlled: bool) -> Hashable:
+def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, controlled: bool) -> Any:
     """What an engine for ``system`` with ``n`` coordinates depends on; parameters that their owner may change by bytes."""
-    return ById(system), parameters_of(system), n, options.method(controlled=controlled), options.linsolver, options.engine
+    return ById(system), parameters_of(system), n, controlled, options
 
 
-def take(purpose: Hashable) -> Engine | None:
+def take(purpose: Any) -> Engine | None:
     """An engine made for the same purpose, which now is the caller's alone."""
     with _lock:
-        return _idle.pop(purpose, None)
+        for i in reversed(range(len(_idle))):
+            if _idle[i][0] == purpose:
+                return _idle.pop(i)[1]
+    return None
 
 
-def put_back(purpose: Hashable, engine: Engine) -> None:
+def put_back(purpose: Any, engine: Engine) -> None:
     """A run with ``engine`` is over."""
     if not engine.reusable:
         return
     with _lock:
-        while len(_idle) >= MOST:
-            del _idle[next(iter(_idle))]
-        _idle[purpose] = engine
+        _idle.append((purpose, engine))
+        del _idle[:-MOST]

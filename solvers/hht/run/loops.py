@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,8 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import CONSISTENT
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
+from solvers._start import Guesses
+from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
@@ -30,9 +31,8 @@ if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
-NOTHING = nullcontext()
 # Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
-GOOD_START = np.array([CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10])
+GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
     "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
     "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
@@ -44,7 +44,7 @@ class Loops:
     """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
 
     def __init__(self, engine: Engine, events: Sequence[Event]) -> None:
-        self.functions, self.work, self._plain = engine.functions, engine.work, engine.plain
+        self.functions, self.work, self._plain, self._control = engine.functions, engine.work, engine.plain, engine.control
         self._points, method, functions = engine.points, engine.method, engine.functions
         self.callbacks = functions.callbacks or Callbacks()
         self.callbacks.check = self.work.check_time
@@ -54,6 +54,7 @@ class Loops:
         self._outside = functions.analysis.outside()
         self.z = z = functions.memory(len(self.events.events), self.events.samples)
         c, o = method.coefficients, functions.newton
+        view(z, mem.START_BOUNDS)[:] = GOOD_START
         view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
@@ -65,10 +66,12 @@ class Loops:
         self.events.fill(z)
         self._blank = z.w.copy()
         self._kept, self._parts = state_sections(z)
+        self._made = [(self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot)) for slot in (0, 1)]
         self._entries: dict[Any, Callable[..., Any]] = {}
         looks_closer = engine.structure.constrained and not z.i[mem.C_KKT]  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
-        self._start_checks = self.section(mem.START_CHECKS)
+        self._place, self._multipliers = self.section(mem.PLACE), [self.section(name) for name in (mem.LAM, mem.MU)]
+        self._counts = integer_view(z, mem.COUNTED)
 
     def again(self, work: Work) -> None:
         """For another run, as if they were new."""
@@ -76,7 +79,8 @@ class Loops:
         self.held = self.nonfinite = None
         self.callbacks.take_cause()
         self.callbacks.take_nonfinite()
-        np.copyto(self.z.w, self._blank)
+        self.z.w[:] = self._blank
+        self._counts[:] = 0
 
     def section(self, name: int) -> Vector:
         """A section of the memory, for reading and writing."""
@@ -115,14 +119,13 @@ class Loops:
         if self.events.events:
             integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
 
-    def start(self, row: Vector) -> State | None:
-        """The state before the first step at ``row``, [t, q, v, guesses of lam and mu]; None: not plainly a good start."""
-        self.held, checks = None, self._start_checks
-        with np.errstate(all="ignore") if self._plain else NOTHING:
-            found = self._entry(start)(row)
-        if not found or not (checks <= GOOD_START).all():
-            return None
-        return self.store(controlled=False)
+    def start(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
+        """The state before the first step at (t, q, v) with multipliers near ``guesses``; None: not plainly a good start."""
+        self.held, place, n = None, self._place, q.size
+        place[0], place[1 : 1 + n], place[1 + n :] = t, q, v
+        for section, guess in zip(self._multipliers, guesses, strict=True):
+            section[:] = 0.0 if guess is None else guess
+        return self.store(controlled=False) if self._entry(start)() else None
 
     def store(self, *, controlled: bool) -> State:
         """The state that the loops left in their memory."""
@@ -154,30 +157,35 @@ class Loops:
 
     def call_noting(self, entry: Any, *arguments: Any) -> int:
         """Call one of the loops and count its work; what a function in Python has raised in it stays noted."""
-        tally, limit, spent = np.zeros(len(mem.COUNTS), dtype=np.int64), self.work.max_evaluations, self.work.tally
+        limit, spent = self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
-        noting = self.callbacks if entry is march or self.call_python else NOTHING
-        with noting, np.errstate(all="ignore") if self._plain else NOTHING:
-            result = int(self._entry(entry)(*arguments, tally) or 0)
+        if entry is march or self.call_python:
+            with self.callbacks:
+                result = self._entry(entry)(*arguments)
+        else:
+            result = self._entry(entry)(*arguments)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
-            tally[mem.RESIDUALS], tally[mem.NONFINITES] = 0, len(nonfinite)
-        self.count(tally)
-        return result
+            self._counts[mem.RESIDUALS], self._counts[mem.NONFINITES] = 0, len(nonfinite)
+        self.count()
+        return result or 0
 
     def _entry(self, entry: Any) -> Callable[..., Any]:
-        """``entry`` without its first argument, the memory."""
+        """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
         if entry not in self._entries:
-            self._entries[entry] = partial(entry.function, self.z) if self._plain else entry.following(self.z)
+            first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
+            self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
         return self._entries[entry]
 
-    def count(self, tally: Any) -> None:
-        """Count work of the loops, (COUNTS,)."""
-        for name, amount in zip(mem.COUNTS, tally.tolist(), strict=True):
+    def count(self) -> None:
+        """Count the work of the loops since this was called last."""
+        tally = self.work.tally
+        for name, amount in zip(mem.COUNTS, self._counts.tolist(), strict=True):
             if amount:
-                self.work.tally[name] += amount
+                tally[name] = tally.get(name, 0) + amount
+        self._counts[:] = 0
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:
         """Say how the next steps are made, with as many evaluations as they take."""
@@ -187,9 +195,8 @@ class Loops:
 
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
-        cause = self.callbacks.take_cause()
-        if cause is not None:
-            raise cause
+        if self.callbacks.cause is not None:
+            raise self.callbacks.take_cause()  # type: ignore[misc] # it is there
 
     def _put(self, codes: Codes) -> None:
         for name, pair in codes.items():
@@ -224,9 +231,15 @@ class Loops:
         return ControlMemory(h_next=h_next, last=last, **arrays, error=None if error < 0.0 else error)
 
     def _factorised(self, slot: int) -> Factorised:
-        record, at = self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot).copy()
+        record, at = self._made[slot]
         rate, uses, _, cost = record[mem.RATE : mem.KEPT_COST + 1].tolist()
-        return Factorised(at=at, rate=rate, uses=int(uses), cost=cost)
+        return Factorised(at=at.copy(), rate=rate, uses=int(uses), cost=cost)
+
+
+def in_plain_python(entry: Any, *arguments: Any) -> Any:
+    """What ``entry`` does, and as quietly as compiled code."""
+    with np.errstate(all="ignore"):
+        return entry.function(*arguments)
 
 
 def state_sections(z: Memory) -> tuple[slice, dict[int, slice]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray
+from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix
 from solvers.hht.control.controller import ControlOptions, advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan
@@ -12,19 +12,17 @@ from solvers.hht.linear.matrix import early, renew
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import part, put, view
+from solvers.hht.loops.sections import indices, part, put, view
 from solvers.hht.step.attempt import attempt
 
 
 @called
-def march(
-    z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix, counts: IntArray
-) -> Any:
+def march(z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix) -> Any:
     """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or under error control towards ``stop`` [s] with an error (H26) of at most 1.
     """
-    z.i[mem.ENDED] = mem.CONVERGED
+    counts, z.i[mem.ENDED] = indices(z, mem.COUNTED), mem.CONVERGED
     for i in range(rows.shape[0]):
         if z.i[mem.CONTROLLED] and part(z, mem.NUMBER)[mem.T] == stop:
             return i
@@ -36,24 +34,24 @@ def march(
 
 
 @called
-def try_step(z: Memory, h: float, t1: float, counts: IntArray) -> Any:
+def try_step(z: Memory, h: float, t1: float) -> Any:
     """How an attempt at a step of h [s] to t1 ended; nothing is accepted, the next attempt begins with its factorisation."""
-    ended = attempt(z, h, t1, counts)
+    ended = attempt(z, h, t1, indices(z, mem.COUNTED))
     if ended == mem.CONVERGED and part(z, mem.ATTEMPT)[mem.SLOT] >= 0.0:
         part(z, mem.NUMBER)[mem.FACTOR] = part(z, mem.ATTEMPT)[mem.SLOT]
     return ended
 
 
 @called
-def look(z: Memory, counts: IntArray) -> Any:
+def look(z: Memory) -> Any:
     """What the event functions do along the attempt, by its samples."""
-    return scan(z, counts)
+    return scan(z, indices(z, mem.COUNTED))
 
 
 @called
-def take(z: Memory, row: FloatMatrix, located: bool, counts: IntArray) -> None:
+def take(z: Memory, row: FloatMatrix, located: bool) -> None:
     """Accept the attempt; where root location ``located`` its end, with a matrix made there and its error."""
-    tried, spare = part(z, mem.ATTEMPT), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
+    tried, counts, spare = part(z, mem.ATTEMPT), indices(z, mem.COUNTED), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
     if located and tried[mem.SLOT] >= 0.0:
         early(z)
         made = renew(z, spare, tried[mem.H_TRIED], counts) == mem.CONVERGED
@@ -64,9 +62,9 @@ def take(z: Memory, row: FloatMatrix, located: bool, counts: IntArray) -> None:
 
 
 @called
-def remake(z: Memory, made_at: FloatArray, counts: IntArray) -> Any:
+def remake(z: Memory, made_at: FloatArray) -> Any:
     """Make the matrix of a saved state again, from where it was made, into slot 0; the state in memory is lost."""
-    size = part(z, mem.X).size
+    size, counts = part(z, mem.X).size, indices(z, mem.COUNTED)
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
     early(z)

@@ -34,7 +34,7 @@ def recovered(engine: Engine, times: Vector, q: Matrix, v: Matrix, lam: Matrix, 
         recover_block(slice(first, first + block))
         first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
     found, m = packed[:, 1 + 2 * engine.structure.n :], engine.structure.m
-    which = slice(None) if done.all() else done
+    which = slice(None) if np.count_nonzero(done) == done.size else done
     lam[which], mu[which] = found[which, :m], found[which, m:]
     loops.raise_noted()
     return done

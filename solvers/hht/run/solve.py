@@ -14,7 +14,7 @@ from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
-from hhtbench.request import ADDS_UP, Request, check_output_times, plan_steps
+from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, plan_steps
 from hhtbench.result import Solution, Status
 from hhtbench.trust import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
@@ -24,10 +24,13 @@ from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.rows import recovered
+from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
 
+STAGES = "stage values (first order)"
+IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
@@ -39,15 +42,18 @@ class Integration:
     stepper: Stepper | None = None  #: None before the first state
     history: History
 
-    def __init__(self, solver: Any, request: Request, t1: float, place: Place, guesses: Guesses, clock: Clock) -> None:
-        self.solver, self.request, self.t1, self.place, self.guesses = solver, request, t1, place, guesses
+    def __init__(
+        self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
+    ) -> None:
+        """``steps``: those that ``request`` prescribes; None: error control."""
+        self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
+        self.place, self.guesses = place, guesses
         self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
 
     def solution(self) -> Solution:
         """The whole solve."""
-        request, t0 = self.request, self.place.t
-        steps = plan_steps(request, t0, self.t1) if request.fixed else None
-        h = self.t1 - t0 if steps is None else steps.length(0)
+        request, steps = self.request, self.steps
+        h = self.t1 - self.place.t if steps is None else steps.length(0)
         started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=steps is None)
         if isinstance(started, Failure):
             return self._nothing(started)
@@ -70,30 +76,26 @@ class Integration:
         """What was accepted before an exception; no function of the system is called for it."""
         if self.stepper is None:
             return self._nothing(end)
-        rows, _ = self.history.output_rows(lambda: False)
-        left = unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows))
-        return self._complete(left)
+        output = self.history.dense_output()
+        rows, _ = self.history.output_rows(output, lambda: False)
+        more = self.history.kept(output)
+        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
-        rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        own = own_multipliers(rows)
-        stages = None if self.request.t_eval is not None else (own.lam.copy(), own.mu.copy())
-        solution = solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine))
-        status, message, carried = solution.status, solution.message, None
-        if rows.t.size < asked:
-            message += f" The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow."
-            status = Status.deadline if status is Status.success else status
-        if stages is not None and engine.structure.constrained:
-            both = padded(engine.dynamics, *(values[: solution.t.size] for values in stages))
+        output = self.history.dense_output()
+        rows, asked = self.history.output_rows(output, lambda: self.work.clock.left() < 0.0)
+        own, carried = own_multipliers(rows), None
+        if self.request.t_eval is None and engine.structure.constrained:
+            both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
             carried = dict(zip(("lam", "mu"), both, strict=True))
-        return self._complete(solution, status=status, message=f"{message} {note}".strip(), carried=carried)
-
-    def _complete(self, solution: Solution, **more: Any) -> Solution:
-        """With stage values, dense output and events, and what else is given."""
-        return replace(solution, **self.history.kept(), **self.history.events(), **more)
+        if rows.t.size < asked:
+            note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
+            end = replace(end, status=Status.deadline) if end.status is Status.success else end
+        more = self.history.kept(output) | {"carried": carried}
+        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine), note, **more)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
@@ -142,8 +144,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
 def own_multipliers(rows: OutputRows) -> OwnMultipliers:
     """Lam1 (k, m) and mu of the midpoint (k, p), as ``rows`` have them."""
-    name, first = "stage values (first order)", (np.zeros(0), np.zeros(0))
-    return OwnMultipliers(rows.lam, rows.mu, first, every=name, rest=f"{name} stand in the rest", some=f"{name} stand there")
+    return OwnMultipliers(rows.lam, rows.mu, (NOTHING, NOTHING), **IN_WORDS)
 
 
 def end_times(tspan: Any) -> tuple[float, float]:
@@ -155,16 +156,15 @@ def end_times(tspan: Any) -> tuple[float, float]:
     return t0, t1
 
 
-def check_request(request: Request, n: int, t0: float, t1: float) -> None:
-    """Raise unless ``request`` fits HHT, ``n`` coordinates and the interval from ``t0`` to ``t1`` [s]."""
+def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
+    """The steps that ``request`` prescribes; raises unless it fits HHT, ``n`` coordinates and the interval [t0, t1] [s]."""
     if request.options:
         raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={request.options}.")
     check_accuracy(request, n)
     if request.t_eval is not None:
         check_output_times(request.t_eval, t0, t1)
     check_interval("tspan", t0, t1)
-    if request.fixed:
-        plan_steps(request, t0, t1)
+    return plan_steps(request, t0, t1) if request.fixed else None
 
 
 def check_accuracy(request: Request, n: int) -> None:

@@ -11,10 +11,10 @@ import numpy as np
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import ConstraintLevels, Dynamics, derive, size_of, unreduced
+from hhtbench.lowering import ConstraintLevels, Dynamics, size_of, unreduced
 from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
-from hhtbench.protocol import DERIVATIVES, NumpySystem, System, declared
+from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers._finite import expect_finite
 from solvers._projection import closest
@@ -28,7 +28,6 @@ from solvers._start import (
     of_dynamics,
     start_acceleration,
     tried_twice,
-    usable,
     violations,
 )
 from solvers._trust import as_arguments
@@ -36,7 +35,6 @@ from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import idle
 from solvers.hht.run.engine import SHIFTED, Engine
-from solvers.hht.run.functions import functions_for
 from solvers.hht.step.state import State
 
 PROJECTED = 1e-12  # scaled violation a projected start must reach
@@ -90,15 +88,17 @@ def begin(
 
     purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
     ready = idle.take(purpose)
+    unseen = ready is not None and not ready.compared  # declared derivatives are looked at before anything begins
 
     def begun() -> Started | Failure:
-        engine = make_engine(system, options, place, work, controlled=controlled) if ready is None else ready.again(work)
+        of = system, options, place, work
+        engine = ready.again(place, work) if ready and unseen else make_engine(*of, controlled=controlled, ready=ready)
         engine.watch(events)
         plain = None if options.calc_initcond else plain_start(engine, place, guesses)
         if plain is not None:
             return Started(purpose, engine, plain, "")
-        if ready is not None:
-            engine = make_engine(system, options, place, work, controlled=controlled, ready=ready)
+        if unseen:
+            engine = make_engine(*of, controlled=controlled, ready=ready)
             engine.watch(events)
         at, dynamics, notes = place, engine.dynamics, list[str]()
         if isinstance(dynamics, AugmentedDynamics):
@@ -120,9 +120,9 @@ def begin(
 def plain_start(engine: Engine, place: Place, guesses: Guesses) -> State | None:
     """The state before the first step by machine code; None where Python has to look closer."""
     s = engine.structure
-    lam, mu = (np.zeros(size) if guess is None else guess for guess, size in zip(guesses, (s.m, s.p), strict=True))
-    fits = lam.shape == (s.m,) and mu.shape == (s.p,)
-    return engine.started(place.t, place.q, place.v, lam, mu) if fits else None
+    lam, mu = guesses
+    fits = (lam is None or lam.size == s.m) and (mu is None or mu.size == s.p)
+    return engine.started(place.t, place.q, place.v, guesses) if fits else None
 
 
 def make_engine(
@@ -134,20 +134,11 @@ def make_engine(
     controlled: bool = False,
     ready: Engine | None = None,
 ) -> Engine:
-    """The engine for runs that begin at ``place``, without a look at the start."""
+    """The engine for runs that begin at ``place``, without a look at the start: ``ready`` if it was made for the same."""
     dynamics = dynamics_for(system, place, work)
     if ready is not None and ready.dynamics is dynamics:
-        return ready.again(work)
-    method = options.method(controlled=controlled)
-    functions = functions_for(dynamics, method, options.linsolver)
-    names = tuple(name for name in DERIVATIVES if declared(system, name) is not None)
-
-    def derived() -> Any:
-        without = derive(system, place.t, place.q, place.v, ignored=names)
-        return functions_for(usable(without, place, work), method, options.linsolver)
-
-    fallback: Callable[[], Any] | None = derived if names and not functions.newton.matrix_cost else None
-    return Engine(dynamics, method, work, functions, fallback=fallback, plain=options.engine == "python")
+        return ready.again(place, work)
+    return Engine(dynamics, place, work, options, controlled=controlled)
 
 
 def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:

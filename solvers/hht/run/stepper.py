@@ -83,7 +83,7 @@ class Stepper:
             engine.loops.section(mem.RTOL)[:] = by_error.tolerances.rtol
             engine.loops.section(mem.ATOL)[:] = by_error.tolerances.atol
             if state.memory is None:
-                state = engine.prepared(state, by_error, horizon)
+                state = engine.prepared(state, horizon)
             if failure := by_error.unreachable(state, stop):
                 return Accepted(state, watch, ended=failure)
         lengths, ends = self.plan.ahead(state, stop, len(rows))

@@ -20,7 +20,7 @@ from solvers.hht.equations.formulas import representable
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, view
+from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import columns
 from solvers.hht.run.march import march
@@ -171,11 +171,10 @@ class Onward:
         self._loops, self._work, self._plan = engine.loops, engine.work, plan
         z, self._row = engine.loops.z, np.zeros((1, columns(engine.structure)))
         self._length, self._end = np.zeros(1), np.zeros(1)
-        self._counts = np.zeros(len(mem.COUNTS), dtype=np.int64)
-        self._counted = self._counts.copy()  # of them, what is counted in the work already
+        self._counts = integer_view(z, mem.COUNTED)  # since the last State
         stop = math.copysign(math.inf, direction)
-        self._call = march.bound(z, plan.options, stop, self._length, self._end, self._row, self._counts)
-        self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i, self._counts)
+        self._call = march.following(z, engine.control, stop, self._length, self._end, self._row)
+        self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i)
         self._starts = [
             tuple(array.copy() for array in self._all) for _ in range(2)
         ]  # of the last two steps, by their number
@@ -187,7 +186,7 @@ class Onward:
 
     def _made(self) -> int:
         """Steps since the last State; an interrupt after one leaves it made."""
-        return int(self._counts[mem.ACCEPTED] - self._counted[mem.ACCEPTED])
+        return int(self._counts[mem.ACCEPTED])
 
     def step(self) -> bool:
         """Whether a step was made; if not everything is as before."""
@@ -209,9 +208,8 @@ class Onward:
         """``integrator`` after the steps that were made since then, and their work counted."""
         if not self._made():
             return integrator
-        self._loops.count(self._counts - self._counted)
-        np.copyto(self._counted, self._counts)
-        before = Memory(*self._starts[(self._counts[mem.ACCEPTED] - 1) % 2][:2])
+        before = Memory(*self._starts[(self._made() - 1) % 2])
+        self._loops.count()
         state = self._loops.store(controlled=self._plan.by_error is not None)
         start = float(view(before, mem.NUMBER)[mem.T]), view(before, mem.Q).copy(), view(before, mem.V).copy()
         rows = (np.array(pair) for pair in zip(start, (state.t, state.q, state.v), strict=True))

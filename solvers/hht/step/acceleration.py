@@ -5,12 +5,24 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix, IntArray
+from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
 from solvers.hht.equations.formulas import EPS, FULL_RANK
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, call_python, finite, index_address, invoke, largest, part, put, view
+from solvers.hht.loops.sections import (
+    address,
+    call,
+    call_python,
+    finite,
+    index_address,
+    indices,
+    invoke,
+    largest,
+    part,
+    put,
+    view,
+)
 from solvers.hht.step.newton import spend
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
@@ -112,7 +124,7 @@ def scaled_solve(z: Any) -> Any:
 
 
 @called
-def recover(z: Memory, rows: FloatMatrix, done: BoolArray, counts: IntArray) -> None:
+def recover(z: Memory, rows: FloatMatrix, done: BoolArray) -> None:
     """Put the multipliers of every row of ``rows``, [t, q, v, lam, mu], in their places and mark it as ``done``.
 
     What is not finite, singular or does not converge is left as it is.
@@ -123,38 +135,41 @@ def recover(z: Memory, rows: FloatMatrix, done: BoolArray, counts: IntArray) -> 
         put(part(z, mem.PLACE), 0, row[: 1 + 2 * n])
         if determined(z, row[1 + 2 * n :]) > 0.0:
             done[i] = True
-            counts[mem.RESIDUALS] += 1
+            indices(z, mem.COUNTED)[mem.RESIDUALS] += 1
             put(row, 1 + 2 * n, part(z, mem.LEVEL_X)[n:])
 
 
 @called
-def start(z: Memory, row: FloatArray) -> Any:
-    """Whether the state before the first step stands in the memory: at the start ``row``, [t, q, v, guesses of lam and mu].
+def start(z: Memory) -> Any:
+    """Whether the state before the first step stands in the memory: at PLACE, with the multipliers near LAM and MU.
 
-    How good the start is stands in START_CHECKS then; what is not finite or determined is looked at in Python.
+    0 where a look by Python is needed: something is not finite or determined, or not as plainly good as START_BOUNDS ask.
     """
-    n, number, checks, at = z.i[mem.N], part(z, mem.NUMBER), part(z, mem.START_CHECKS), address(z, mem.PLACE)
-    put(part(z, mem.PLACE), 0, row[: 1 + 2 * n])
+    n, number, place, at = z.i[mem.N], part(z, mem.NUMBER), part(z, mem.PLACE), address(z, mem.PLACE)
+    checks, bounds, constraints = part(z, mem.START_CHECKS), part(z, mem.START_BOUNDS), z.i[mem.M] + z.i[mem.P]
     call(z, mem.C_FORCE, mem.FORCE, (at, at + 8, at + 8 + 8 * n))
     force = part(z, mem.FORCE)
     if not finite(force):
         return 0
-    put(view(z.w, z.i[2 * mem.Q], 2 * n), 0, row[1 : 1 + 2 * n])
+    put(view(z.w, z.i[2 * mem.Q], 2 * n), 0, place[1:])
     for section in (mem.A, mem.F, mem.VDOT):
         put(part(z, section), 0, force[:n])
     put(part(z, mem.INVERSE_MASS), 0, force[n:])
-    number[mem.T], number[mem.H], number[mem.KNOWN], number[mem.FACTOR] = row[0], 0.0, 0.0, -1.0
-    number[mem.SIZE_Q], number[mem.SIZE_V] = largest(row[1 : 1 + n]), largest(row[1 + n : 1 + 2 * n])
+    number[mem.T], number[mem.H], number[mem.KNOWN], number[mem.FACTOR] = place[0], 0.0, 0.0, -1.0
+    number[mem.SIZE_Q], number[mem.SIZE_V] = largest(place[1 : 1 + n]), largest(place[1 + n :])
     checks[mem.ASYMMETRY], checks[mem.CONDITION] = judged_mass(z) if z.i[mem.VARIABLE] else (0.0, 0.0)
     checks[mem.VIOLATION], checks[mem.SPREAD] = 0.0, 1.0
-    constraints = z.i[mem.M] + z.i[mem.P]
     if constraints > 0:
-        pivots = determined(z, row[1 + 2 * n :])
+        multipliers = view(z.w, z.i[2 * mem.LAM], constraints)
+        pivots = determined(z, multipliers)
         if pivots == 0.0:
             return 0
         checks[mem.VIOLATION], checks[mem.SPREAD] = violation(z), 1.0 / pivots
         put(part(z, mem.VDOT), 0, part(z, mem.LEVEL_X)[:n])
-        put(view(z.w, z.i[2 * mem.LAM], constraints), 0, part(z, mem.LEVEL_X)[n:])
+        put(multipliers, 0, part(z, mem.LEVEL_X)[n:])
+    for i in range(checks.size):
+        if not checks[i] <= bounds[i]:
+            return 0
     return 1
 
 

@@ -29,32 +29,37 @@ def start_weights(z: Any, h: Any) -> Any:
 
 @compiled
 def guess(z: Any, h: Any) -> None:
-    """Unknowns to begin with: extrapolated from steps of this length, else those of the last."""
+    """Unknowns to begin with: extrapolated from steps of this length, else those of the last, (H46)."""
     x, last, earlier, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
-    size, count = x.size, int(number[mem.KNOWN]) - 1
+    size, count, degree = x.size, int(number[mem.KNOWN]) - 1, 0
+    if count < 0:
+        plain_guess(z, z.i[2 * mem.LAM])
+        return
     if count > 0 and number[mem.H] == h:
-        weights = WEIGHTS_OF[best_degree(last, earlier, count)]
+        degree = best_degree(z, count)
+    put(x, 0, last)
+    if degree == 0 and z.i[mem.O_LAM0] >= 0:
+        put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
+    if degree > 0:
+        weights = WEIGHTS_OF[degree]
         for i in range(size):
             x[i] = weights[0] * last[i]
         for k in range(HIGHEST - 1):
             if weights[1 + k] != 0.0:
                 for i in range(size):
                     x[i] += weights[1 + k] * earlier[k * size + i]
-    elif number[mem.KNOWN] > 0.0:
-        put(x, 0, last)
-    else:
-        plain_guess(z, z.i[2 * mem.LAM])
 
 
 @compiled
-def best_degree(last: Any, earlier: Any, count: Any) -> Any:
+def best_degree(z: Any, count: Any) -> Any:
     """The degree of the extrapolation from ``count`` earlier steps that would have met the last unknowns best."""
+    last, earlier, lam0, lam1, m = part(z, mem.X_LAST), part(z, mem.X_EARLIER), z.i[mem.O_LAM0], z.i[mem.O_LAM1], z.i[mem.M]
     size = last.size
     e0 = e1 = e2 = e3 = e4 = 0.0
     for i in range(size):  # backward differences: the error of degree k is the one of order k + 1
         b, c, d, e, f = earlier[i], earlier[size + i], earlier[2 * size + i], earlier[3 * size + i], earlier[4 * size + i]
         a, b, c, d, e = last[i] - b, b - c, c - d, d - e, e - f
-        e0 = max(e0, abs(a))
+        e0 = max(e0, abs(last[i] - earlier[lam1 + i - lam0]) if 0 <= lam0 <= i < lam0 + m else abs(a))
         a, b, c, d = a - b, b - c, c - d, d - e
         e1 = max(e1, abs(a))
         a, b, c = a - b, b - c, c - d
