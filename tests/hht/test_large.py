@@ -179,4 +179,4 @@ def test_a_bar_under_error_control_calls_nothing_in_python_after_its_start(monke
     few = len(calls)
     _, long = bar_moved(1e-2, rtol=1e-3)
     assert long.counters.steps_accepted > 2 * short.counters.steps_accepted
-    assert len(calls) == 2 * few
+    assert len(calls) <= 2 * few

@@ -3,7 +3,8 @@
 ``python -m tests.performance.newton_stop [PROBLEM ...]`` prints for every problem and tolerance evaluations of the residual
 a step, steps, the error, the drift and the time a step, before -> after; it leaves with 1 where the mean of the evaluations
 at the first tolerance is above MOST.  Below stands what the stop makes of the errors, after over before, and what a
-tolerance larger by NEARLY_SAME makes of them without it: where another step is rejected a single error moves by more than either.
+tolerance larger by NEARLY_SAME makes of them without it: where another step is rejected a single error moves by more than
+either.
 """
 
 from __future__ import annotations
