@@ -151,7 +151,7 @@ def test_a_bar_moves_the_same_by_the_entries_of_its_mass_and_by_full_matrices(ac
     assert "machine code, band matrix" in hht.engine_used
     monkeypatch.setattr(functions, "products_of", lambda *_: None)
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
     hht, full = bar_moved(2e-3, **accuracy)
     assert "dense matrix" in hht.engine_used
     np.testing.assert_allclose(sparse.steps_data.t, full.steps_data.t, rtol=1e-9, atol=0.0)
@@ -174,7 +174,7 @@ def test_a_bar_under_error_control_calls_nothing_in_python_after_its_start(monke
         return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
 
     monkeypatch.setattr(Callbacks, "entry", counted)
-    monkeypatch.setattr(idle, "_idle", {})
+    monkeypatch.setattr(idle, "_idle", [])
     _, short = bar_moved(1e-3, rtol=1e-3)
     few = len(calls)
     _, long = bar_moved(1e-2, rtol=1e-3)
