@@ -197,10 +197,9 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 @compiled
 def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     """Whether the increment may be roundoff, which then is measured, at most once a step: that costs an iteration."""
-    found = part(z, mem.NOISE)
-    if not z.i[mem.NOISY] or i.taken == 0 or found[0] >= 0.0 or i.size > part(z, mem.CONSTANTS)[mem.BLINDED]:
-        return False
-    if not spend(z, counts):
+    found, o = part(z, mem.NOISE), part(z, mem.CONSTANTS)
+    shrinks = i.rate < o[mem.STALLED] and i.size > o[mem.BLINDED]
+    if not z.i[mem.NOISY] or i.taken == 0 or found[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
     counts[mem.SOLVES] += 1
     found[0], found[1] = noise(z, i.slot, -1, 0)
