@@ -232,7 +232,7 @@ LIES = {
     "not finite": (1.0, np.array([np.nan, 0.0, 0.0, 0.0]), Status.unreliable),
     "too short": (1.0, np.zeros(3), Status.unreliable),
     "time goes back": (-1.0, np.zeros(4), Status.unreliable),
-    "past the end": (9.0, np.zeros(4), Status.unreliable),
+    "past the end": (1e9, np.zeros(4), Status.unreliable),
     "nowhere": (0.0, np.zeros(4), Status.time_resolution),
 }
 

@@ -75,8 +75,10 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     relative = components("rtol", 0.0 if rtol is None else rtol, n)
     if atol is None:
         size_q = start.size_q or 1.0
-        size_v = max(start.size_v, math.sqrt(float(np.max(np.abs(start.vdot))) * size_q)) or 1.0
-        return Tolerances(relative, relative * np.repeat([size_q, size_v], n))
+        size_v = max(start.size_v, math.sqrt(float(np.abs(start.vdot).max()) * size_q)) or 1.0
+        typical = np.empty(2 * n)
+        typical[:n], typical[n:] = size_q, size_v
+        return Tolerances(relative, relative * typical)
     given = components("atol", atol, n)
     if start.size_q > 0 and given[:n].min() > start.size_q:
         text = f"atol={given[:n].min():g} exceeds the size of q, {start.size_q:g}: no digit of it will be right."

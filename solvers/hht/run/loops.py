@@ -17,6 +17,7 @@ from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
 from solvers._start import Guesses
 from solvers.hht.control.first_step import plan_first_step
+from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
@@ -51,6 +52,8 @@ class Loops:
         self.events = EventFunctions(events, functions, self.callbacks)
         self.held: State | None = None  #: the state that is in the memory
         self.nonfinite: NonFiniteValue | None = None  #: the last value in the last call, where it is known
+        self._allowed: Tolerances | None = None  # that are in the memory
+        self._stops_early = False  # whether they are coarse enough for that
         self._outside = functions.analysis.outside()
         self.z = z = functions.memory(len(self.events.events), self.events.samples)
         c, o = method.coefficients, functions.newton
@@ -76,7 +79,7 @@ class Loops:
     def again(self, work: Work) -> None:
         """For another run, as if they were new."""
         self.work, self.callbacks.check = work, work.check_time
-        self.held = self.nonfinite = None
+        self.held = self.nonfinite = self._allowed = None
         self.callbacks.take_cause()
         self.callbacks.take_nonfinite()
         self.z.w[:] = self._blank
@@ -86,6 +89,13 @@ class Loops:
         """A section of the memory, for reading and writing."""
         section: Vector = view(self.z, name)
         return section
+
+    def allow(self, tolerances: Tolerances) -> None:
+        """Take ``tolerances`` for the steps from here on."""
+        if self._allowed is not tolerances:
+            self.section(mem.RTOL)[:], self.section(mem.ATOL)[:] = tolerances.rtol, tolerances.atol
+            o, self._allowed = self.functions.newton, tolerances
+            self._stops_early = bool(o.remaining > 0.0 and tolerances.rtol.min() >= o.finest)
 
     def load(self, state: State, values: Vector | None, *, controlled: bool, suspicious: bool) -> None:
         """Put ``state`` into the memory, with its factorisation made again, and the ``values`` of the event functions there.
@@ -189,9 +199,9 @@ class Loops:
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:
         """Say how the next steps are made, with as many evaluations as they take."""
-        z, o = self.z, self.functions.newton
+        z = self.z
         z.i[mem.FALLBACK], z.i[mem.CONTROLLED], z.i[mem.EVALUATIONS] = suspicious, controlled, UNLIMITED
-        z.i[mem.STOPS_EARLY] = controlled and o.remaining > 0.0 and self.section(mem.RTOL).min() >= o.finest
+        z.i[mem.STOPS_EARLY] = controlled and self._stops_early
 
     def raise_noted(self) -> None:
         """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
@@ -224,11 +234,16 @@ class Loops:
             self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
 
     def _control_memory(self, kept: Vector) -> ControlMemory:
-        h_next, last, error, has_reaction = kept[self._parts[mem.CONTROL]].tolist()
-        arrays: dict[str, Any] = {name: kept[self._parts[section]] for name, section in OF_CONTROL.items()}
-        if not has_reaction:
-            del arrays["velocity_reaction"]
-        return ControlMemory(h_next=h_next, last=last, **arrays, error=None if error < 0.0 else error)
+        parts = self._parts
+        h_next, last, error, has_reaction = kept[parts[mem.CONTROL]].tolist()
+        return ControlMemory(
+            h_next=h_next,
+            last=last,
+            earlier=kept[parts[mem.BEFORE]],
+            acceleration=kept[parts[mem.ACCELERATION]],
+            velocity_reaction=kept[parts[mem.REACTION_K]] if has_reaction else None,
+            error=None if error < 0.0 else error,
+        )
 
     def _factorised(self, slot: int) -> Factorised:
         record, at = self._made[slot]

@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import ConstraintLevels, Dynamics, size_of, unreduced
+from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, mass_at, size_of, unreduced
 from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import NumpySystem, System
@@ -30,7 +30,6 @@ from solvers._start import (
     tried_twice,
     violations,
 )
-from solvers._trust import as_arguments
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import idle
@@ -245,6 +244,6 @@ def _finite_mass(dynamics: Dynamics, t: float, q: Vector) -> Any:
     products = large(dynamics)
     if products is not None:
         return products.mass(t, q).entries()
-    mass = np.asarray(dynamics.mass(*as_arguments(dynamics, t, q)))
+    mass = np.asarray(compile_function(mass_at, dynamics)(t, q))
     expect_finite("mass_matrix", mass, t)
     return mass

@@ -80,8 +80,7 @@ class Stepper:
         engine.work.check_time()
         engine.watch(self.events)
         if by_error is not None:
-            engine.loops.section(mem.RTOL)[:] = by_error.tolerances.rtol
-            engine.loops.section(mem.ATOL)[:] = by_error.tolerances.atol
+            engine.loops.allow(by_error.tolerances)
             if state.memory is None:
                 state = engine.prepared(state, horizon)
             if failure := by_error.unreachable(state, stop):
