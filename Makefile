@@ -1,6 +1,6 @@
 # make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
-# make bench-chain  time per step and memory on chains of 10 to 10,000 links, beside Exudyn's
+# make bench-chain  whole solves and memory on chains of 1 to 10,000 links, beside Exudyn's
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (12 minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)

@@ -42,11 +42,11 @@ def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matri
     if code is None:
         return none
     kkt, analysis = code
-    z, places = row_memory(kkt, analysis, dynamics.structure, calls_python=False)
+    z = row_memory(kkt, analysis, dynamics.structure)
     linear = dynamics.structure.linear_reaction
 
     def recover(rows: Matrix, done: Any) -> None:
-        recover_entries(z, linear, places, rows, done)
+        recover_entries(z, linear, rows, done)
         work.add("residual_evaluations", int(done.sum()))
 
     return in_blocks(recover, work, times, q, v, lam, mu)

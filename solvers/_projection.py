@@ -66,7 +66,7 @@ class Projection:
         """M (n, n), sparse for large systems."""
         if self._mass is None:
             products: Any = self._products
-            return sp.diags_array(np.asarray(products.mass(t, q).values), format="csr")
+            return products.mass(t, q).entries()
         mass = np.asarray(self._mass(t, q))
         expect_finite("mass_matrix", mass, t)
         return mass

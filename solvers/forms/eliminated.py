@@ -147,11 +147,11 @@ class _Loops(threading.local):
     """Memory of each thread."""
 
     def __init__(self, kkt: Native, analysis: Analysis, s: Structure) -> None:
-        self.z, places = row_memory(kkt, analysis, s, calls_python=False)
+        self.z = row_memory(kkt, analysis, s)
         self.x = view(self.z, mem.X)
         rows, self.done = np.zeros((1, 1 + 2 * s.n + s.m + s.p)), np.zeros(1, dtype=bool)
         self.row = rows[0]
-        self.call = recover_entries.following(self.z, True, places, rows, self.done)
+        self.call = recover_entries.following(self.z, True, rows, self.done)
 
 
 def _in_python(dynamics: Dynamics) -> Solve:

@@ -22,9 +22,10 @@ from solvers.hht.run.functions import LARGEST, SparseCode, layout_of
 
 ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
+BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full
 LARGE = (
     *(CHAIN, "bead_chain(n_beads=45)", "four_bars(n_windows=20)", "fekete(n_points=42)"),
-    *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)"),
+    *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)", BAR),
 )
 METHODS = {
     "eliminated": Method(coefficients=Coefficients(alpha=-0.2, b=0.0)),
@@ -113,6 +114,15 @@ class Sorted(System):
         return -jnp.sort(q)
 
 
+class Filled(System):
+    """Every coordinate's motion drags every other one along."""
+
+    mass_matrix = np.eye(250) + 0.001
+
+    def force(self, t, q, v):
+        return -q
+
+
 def refusal(system, n, v=0.0):
     place = np.linspace(0.0, 1.0, n), np.full(n, v)
     dynamics, method = derive(system, 0.0, *place), METHODS["eliminated"]
@@ -122,9 +132,51 @@ def refusal(system, n, v=0.0):
 
 
 def test_what_has_no_machine_code_says_why(monkeypatch):
-    bar = load_problem("clamped_bar_impact(n_elements=250)")
-    assert "a mass that is no diagonal" in refusal(bar.system, bar.q0.size)
+    assert "a mass that varies or fills" in refusal(Filled(), 250)
     assert "sort" in refusal(Sorted(), 250)
     monkeypatch.setattr(functions, "MOST_COMPUTED", 10)
     chain = load_problem("fput_chain(n_masses=250)")
     assert "derivatives of" in refusal(chain.system, chain.q0.size)
+
+
+def bar_moved(tend, **accuracy):
+    problem = load_problem(BAR)
+    hht = HHT(problem.system)
+    return hht, hht.solve((0.0, tend), problem.q0, problem.v0, t_eval=[0.0, tend], **accuracy)
+
+
+@pytest.mark.parametrize("accuracy", [{"step": 1e-4}, {"rtol": 1e-3}])
+def test_a_bar_moves_the_same_by_the_entries_of_its_mass_and_by_full_matrices(accuracy, monkeypatch):
+    hht, sparse = bar_moved(2e-3, **accuracy)
+    assert "machine code, band matrix" in hht.engine_used
+    monkeypatch.setattr(functions, "products_of", lambda *_: None)
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", [])
+    hht, full = bar_moved(2e-3, **accuracy)
+    assert "dense matrix" in hht.engine_used
+    np.testing.assert_allclose(sparse.steps_data.t, full.steps_data.t, rtol=1e-9, atol=0.0)
+    for name in ("q", "v", "lam"):
+        expected = getattr(full, name)[-1]
+        np.testing.assert_allclose(getattr(sparse, name)[-1], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_halving_the_step_of_a_bar_leaves_a_quarter_of_its_error():
+    """Against the sum of its modes; Hughes, The Finite Element Method, 1987."""
+    exact = load_problem(BAR).exact(0.02)
+    errors = [np.abs(bar_moved(0.02, step=step)[1].q[-1] - exact.q).max() for step in (2e-4, 1e-4)]
+    assert 3.6 < errors[0] / errors[1] < 4.4
+
+
+def test_a_bar_under_error_control_calls_nothing_in_python_after_its_start(monkeypatch):
+    calls, entry = [], Callbacks.entry
+
+    def counted(self, function, *how):
+        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
+
+    monkeypatch.setattr(Callbacks, "entry", counted)
+    monkeypatch.setattr(idle, "_idle", [])
+    _, short = bar_moved(1e-3, rtol=1e-3)
+    few = len(calls)
+    _, long = bar_moved(1e-2, rtol=1e-3)
+    assert long.counters.steps_accepted > 2 * short.counters.steps_accepted
+    assert len(calls) <= 2 * few

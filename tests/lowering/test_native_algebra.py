@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
+from hhtbench.lowering.compile.banded import solve_banded
 from hhtbench.lowering.compile.inverse import inverse
 from tests.lowering.native import agree, native_value
 
@@ -88,3 +89,31 @@ def test_the_inverse_of_bodies_that_do_not_meet_is_taken_body_by_body():
     assert code.varying.size == 9 + 4 + 1  # the others are zero by structure
     np.testing.assert_array_equal(value[np.abs(np.linalg.inv(full)) < 1e-14], 0.0)
     assert code.operations < 6 * 6 * 2  # one matrix of six
+
+
+LOWER = np.tril(np.cos(np.arange(25.0)).reshape(5, 5)) + 2.0 * np.eye(5)
+
+
+def rows_of(lower, width):
+    padded = np.hstack([np.zeros((len(lower), width)), lower])
+    rows = np.array([padded[i, i : i + width + 1] for i in range(len(lower))])
+    rows[:, -1] = 1.0 / rows[:, -1]
+    return rows
+
+
+@pytest.mark.parametrize("width", [0, 1, 2, 3, 7])
+def test_a_solve_with_a_band_is_that_with_the_full_matrix(width):
+    lower = np.tril(np.triu(LOWER, -width))
+    right = np.array([0.3, -1.2, 2.0, 0.7, 5.0])
+    code = agree(solve_banded, rows_of(lower, width), right, rtol=1e-13)
+    value = native_value(lambda d, *x: solve_banded(*x), rows_of(lower, width), right)[0]
+    np.testing.assert_allclose(value, np.linalg.solve(lower @ lower.T, right), rtol=1e-12)
+    assert code.varying.size == 5
+
+
+def test_derivative_and_batches_of_a_solve_with_a_band_are_those_of_the_full_matrix():
+    rows, matrix = jnp.asarray(rows_of(LOWER, 4)), LOWER @ LOWER.T
+    by_right = jax.jacfwd(lambda x: solve_banded(rows, x))(jnp.ones(5))
+    np.testing.assert_allclose(by_right, np.linalg.inv(matrix), rtol=1e-12, atol=1e-14)
+    batch = jax.vmap(lambda x: solve_banded(rows, x), in_axes=1, out_axes=1)(jnp.asarray(LOWER))
+    np.testing.assert_allclose(batch, np.linalg.solve(matrix, LOWER), rtol=1e-12, atol=1e-14)

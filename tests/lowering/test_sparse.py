@@ -12,7 +12,7 @@ from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
-from hhtbench.lowering.dynamics.mass import Diagonal
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, full
 from problems import planar_chain
 from solvers._start import Place, inconsistency
 from solvers.hht.run.start import project
@@ -154,3 +154,67 @@ def test_a_full_or_singular_mass_is_not_taken_for_a_diagonal():
     full[0, 1] = full[1, 0] = 0.1
     assert matrix_free(derive(Mixed(mass_matrix=full), T, Q, V)) is None
     assert matrix_free(derive(Mixed(mass_matrix=np.array([1.0, 0.0, 1, 1, 1, 1])), T, Q, V)) is None
+
+
+def banded(n=200, width=2, seed=0):
+    """A positive definite matrix whose entries of very different sizes are in a band before its rows were shuffled."""
+    draw = np.random.default_rng(seed)
+    entries = np.triu(np.tril(draw.normal(size=(n, n)), width), -width)
+    matrix, size = entries @ entries.T + np.eye(n), np.exp(3.0 * draw.normal(size=n))
+    order = draw.permutation(n)
+    return (matrix * np.outer(size, size))[np.ix_(order, order)]
+
+
+def test_a_mass_of_few_entries_multiplies_and_divides_like_the_full_one():
+    matrix, x = banded(), np.random.default_rng(1).normal(size=200)
+    mass = compact(matrix, jnp)
+    assert isinstance(mass, Sparse) and isinstance(mass.inverse(), BandInverse)
+    assert mass.values.size < 0.2 * matrix.size
+    np.testing.assert_array_equal(np.asarray(mass), matrix)
+    np.testing.assert_array_equal(full(mass, jnp), matrix)
+    np.testing.assert_array_equal(mass.diagonal, np.diag(matrix))
+    expected = matrix @ x
+    np.testing.assert_allclose(mass @ x, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
+    size = np.sqrt(np.diag(matrix))  # the condition of the scaled matrix counts
+    expected = np.linalg.solve(matrix / np.outer(size, size), x)
+    np.testing.assert_allclose(size * (mass.inverse() @ (size * x)), expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
+
+
+def asymmetric(matrix):
+    matrix[0, np.flatnonzero(matrix[0])[1]] *= 1.5
+
+
+def indefinite(matrix):
+    matrix[3, 3] *= 1e-3
+
+
+def singular(matrix):
+    matrix[5], matrix[:, 5] = 0.0, 0.0
+    matrix[5, 5] = 1e-15 * matrix.max()
+    i, j = 5, 6
+    matrix[i], matrix[:, i] = matrix[j], matrix[:, j]
+    matrix[i, i] = matrix[i, j] = matrix[j, i] = matrix[j, j]
+
+
+def wide(matrix):
+    matrix[0] = matrix[:, 0] = 1e-3 * np.sqrt(np.diag(matrix) * matrix[0, 0])
+    matrix[0, 0] *= 1e6
+
+
+@pytest.mark.parametrize("change", [asymmetric, indefinite, singular, wide])
+def test_a_mass_that_has_no_band_for_an_inverse_stays_full(change):
+    matrix = banded()
+    change(matrix)
+    assert compact(matrix, jnp) is matrix
+
+
+def test_a_large_mass_of_few_entries_is_found_in_a_full_one():
+    class Strip(System):
+        mass_matrix = banded(300)
+
+        def force(self, t, q, v):
+            return -q
+
+    dynamics = derive(Strip(), 0.0, np.ones(300), np.ones(300))
+    assert isinstance(dynamics.constant_mass, Sparse) and isinstance(dynamics.inverse_mass, BandInverse)
+    assert matrix_free(dynamics).structure.mass == "sparse" and dynamics.structure.mass == "constant"

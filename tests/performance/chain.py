@@ -1,11 +1,11 @@
-"""Time per step on the planar chain beside Exudyn's, the growth with the number of links, and the peak memory.
+"""Whole solves of the planar chain beside Exudyn's, the growth with the number of links, and the peak memory.
 
 Not a test: a loaded machine may not fail a build.  ``make bench-chain``, or ``python -m tests.performance.chain [N ...]``.
-Both codes take the same steps of the same chain, one after the other in turn, so that both see the same machine.  Compared
-are medians of the processor time of one step, all threads together: on an idle core that is the time on the clock, on a
-shared one it is what remains comparable; the clock's ratio is printed beside it.  Modified Newton on both sides, equal
-damping at infinite frequency.  The reference of both is the certified one of 16 links, else this method with a step
-sixteen times smaller.
+Both codes take the same steps of the same chain from a system that is ready, in turn, so that both see the same machine:
+``HHT.solve`` with its start and its output, Exudyn's ``SolveSystem``.  Compared is the processor time, all threads together:
+on an idle core that is the time on the clock, on a shared one it is what remains comparable; the clock's ratio is printed
+beside it.  Modified Newton on both sides, equal damping at infinite frequency, Exudyn with the faster of its linear solvers.
+The reference of both is the certified one of 16 links, else this method with steps a sixteenth as long.
 """
 
 from __future__ import annotations
@@ -13,19 +13,17 @@ from __future__ import annotations
 import math
 import resource
 import sys
-import time
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 import hhtbench  # noqa: F401 - 64 bit before anything else
-from hhtbench.counting import Work
+from hhtbench.protocol import Problem
+from hhtbench.result import Solution
 from problems import planar_chain
-from solvers._start import Place
-from solvers.hht.control.plan import Constant
-from solvers.hht.options import HHTOptions
-from solvers.hht.run.history import columns
-from solvers.hht.run.start import begin
+from solvers.hht import HHT
+from tests.performance.engine.clock import compare
 
 try:
     import exudyn
@@ -36,8 +34,9 @@ except ImportError:
 RHO = 0.9  # damping factor at infinite frequency, of both codes
 FINER = 16  # the reference's steps in one of the compared
 SAME_ERROR = 1.5  # ratio to Exudyn's error up to which ours counts as not larger: the constants of two methods differ
-LIMITS = {100: 1.5, 1000: 1.0, 10_000: 1.0}  # time per step over Exudyn's
-GROWTH, MEMORY = 1.1, 2048.0  # exponent of N; [MiB]
+GROWTH, MEMORY = 1.1, 1024.0  # exponent of N; [MiB]
+CERTIFIED = 16  # links, the longest chain with a certified reference; 1000 steps lead to its second row
+DENSE = 16  # links up to which Exudyn's dense solver may be the faster one
 
 
 @dataclass(frozen=True)
@@ -47,46 +46,23 @@ class Case:
     links: int
     h: float  #: [s]
     steps: int
-    finer: int = FINER  #: steps of the reference in one
+    limit: float = math.inf  #: of our time over Exudyn's
 
 
-CERTIFIED = 16  # links, the longest chain with a certified reference; 1000 steps lead to its second row
 CASES = (
-    Case(10, 1e-4, 400),
+    Case(1, 1e-4, 10_000, 0.15),
+    Case(10, 1e-4, 2000, 0.15),
     Case(CERTIFIED, 1.25e-4, 1000),
-    Case(100, 1e-4, 400),
-    Case(1000, 1e-4, 100),
-    Case(10_000, 1e-5, 30),
+    Case(100, 1e-4, 400, 0.4),
+    Case(1000, 1e-4, 100, 0.3),
+    Case(10_000, 1e-5, 30, 0.5),
 )
 
 
-def clocks() -> np.ndarray:
-    """Processor time of this process and the time on the clock [s]."""
-    return np.array([time.process_time(), time.perf_counter()])
-
-
-class Ours:
-    """Steps of the compiled loops, one in a call."""
-
-    def __init__(self, links: int, h: float) -> None:
-        problem = planar_chain.problem(n_links=links)
-        place = Place(0.0, problem.q0, problem.v0)
-        started = begin(problem.system, HHTOptions(rho_inf=RHO), place, (None, None), h, Work())
-        self.engine, self.state, self.h = started.engine, started.state, h
-        self.times: list[np.ndarray] = []
-        self.plan = Constant(h)
-        self.rows = np.zeros((1, columns(self.engine.structure)))
-        self.engine.march(self.state, self.plan, math.inf, np.array([h]), np.array([h]), self.rows, None)  # compiles
-
-    def step(self) -> None:
-        """One step, timed."""
-        lengths, ends = np.array([self.h]), np.array([self.state.t + self.h])
-        started = clocks()
-        state, made, _ = self.engine.march(self.state, self.plan, math.inf, lengths, ends, self.rows, None)
-        self.times.append(clocks() - started)
-        if not made:
-            raise SystemExit(f"a step of {self.h} s from t = {self.state.t} failed")
-        self.state = state
+def solved(hht: HHT, problem: Problem, h: float, steps: int) -> Solution:
+    """``steps`` steps of ``h`` [s] of our chain, with output at their end."""
+    end = h * steps
+    return hht.solve((0.0, end), problem.q0, problem.v0, step=h, t_eval=[0.0, end])
 
 
 class Theirs:
@@ -112,7 +88,6 @@ class Theirs:
             last = ends
         self.mbs.Assemble()
         self.settings = self._settings(h, steps)
-        self.times: list[np.ndarray] = []
 
     @staticmethod
     def _settings(h: float, steps: int) -> object:
@@ -127,23 +102,11 @@ class Theirs:
         settings.parallel.numberOfThreads = 1
         return settings
 
-    def run(self, between: object) -> None:
-        """All steps, timed; ``between()`` runs before each and is not counted."""
-        marks: list[tuple[np.ndarray, np.ndarray]] = []
-
-        def before(_mbs: object, _t: float) -> bool:
-            arrived = clocks()
-            between()  # type: ignore[operator]
-            marks.append((arrived, clocks()))
-            return True
-
-        self.mbs.SetPreStepUserFunction(before)
-        solver = exudyn.MainSolverImplicitSecondOrder()
-        if not solver.SolveSystem(self.mbs, self.settings):
+    def solve(self, solver: str) -> None:
+        """All steps from the start, with the linear solver of that name; nothing is written, nobody is called in between."""
+        self.settings.linearSolver.solverType = getattr(exudyn.LinearSolverType, solver)  # type: ignore[attr-defined]
+        if not exudyn.MainSolverImplicitSecondOrder().SolveSystem(self.mbs, self.settings):
             raise SystemExit("Exudyn did not finish")
-        end = clocks()
-        lefts, rights = [left for _, left in marks], [arrived for arrived, _ in marks[1:]] + [end]
-        self.times = [right - left for left, right in zip(lefts, rights, strict=True)]
 
     @property
     def q(self) -> np.ndarray:
@@ -155,43 +118,42 @@ class Theirs:
 
 
 def measure(case: Case) -> tuple[float, float]:
-    """Median time of one of our steps [s] and its ratio to Exudyn's; prints the line of this size."""
-    ours = Ours(case.links, case.h)
-    theirs_time, told, fair = np.full(2, np.nan), "exudyn is not installed", False
+    """Median processor time of one of our steps [s] and the ratio to Exudyn's; prints the line of this size."""
+    problem = planar_chain.problem(n_links=case.links)
+    hht = HHT(problem.system, rho_inf=RHO)
+    ours = partial(solved, hht, problem, case.h, case.steps)
+    actions, told, fair = {"ours": ours}, "exudyn is not installed", False
     if exudyn is not None:
         theirs = Theirs(case.links, case.h, case.steps)
-        theirs.run(ours.step)
-        theirs_time = np.median(theirs.times, axis=0)
-        reference = refined(case)
-        errors = [float(np.abs(q - reference).max()) for q in (ours.state.q, theirs.q)]
+        names = ("EXUdense", "EigenSparse") if case.links <= DENSE else ("EigenSparse",)
+        actions |= {name: partial(theirs.solve, name) for name in names}
+        reference = refined(case, hht, problem)
+        theirs.solve(names[-1])
+        errors = [float(np.abs(q - reference).max()) for q in (ours().q[-1], theirs.q)]
         fair = errors[0] <= SAME_ERROR * errors[1]  # a larger error would make our steps cheap
         told = f"errors {errors[0]:.1e}, {errors[1]:.1e}: {'ours is not larger' if fair else 'OURS IS LARGER'}"
-    else:
-        for _ in range(case.steps):
-            ours.step()
-    ours_time = np.median(ours.times, axis=0)
-    (ratio, on_clock), limit = ours_time / theirs_time, LIMITS.get(case.links, math.inf)
-    verdict = "" if case.links not in LIMITS else ("holds" if fair and ratio <= limit else "BROKEN")
-    kind = ours.engine.functions.analysis.kind
+    best = lambda seconds: min((seconds[name] for name in actions if name != "ours"), default=math.nan)  # noqa: E731
+    found = compare(actions, lambda seconds: seconds["ours"] / best(seconds), case.limit)
+    mine, other = found.cpu("ours"), best({name: found.cpu(name) for name in actions})
+    ratio, verdict = found.figure.value, found.figure.verdict(case.limit) if fair else "BROKEN"
+    kind = hht.engine_used.rpartition(", ")[2]
     sys.stdout.write(
-        f"{case.links:6d} links  {kind:6s} ours {1e6 * ours_time[0]:7.0f} us  exudyn {1e6 * theirs_time[0]:7.0f} us  "
-        f"ratio {ratio:4.2f} of {limit:g} {verdict:6s} (clock {on_clock:4.2f})  {told}\n"
+        f"{case.links:6d} links  {kind:13s} ours {1e6 * mine / case.steps:8.2f} us a step  exudyn "
+        f"{1e6 * other / case.steps:8.2f}  ratio {ratio:5.3f} [{found.figure.low:5.3f}, {found.figure.high:5.3f}] of "
+        f"{case.limit:g} {verdict:11s} (clock {found.on_clock:5.3f})  {told}\n"
     )
     sys.stdout.flush()
-    return float(ours_time[0]), float(ratio) if fair else math.inf
+    return mine / case.steps, ratio if fair else math.inf
 
 
-def refined(case: Case) -> np.ndarray:
-    """q (3 N,) at the end of ``case``: the certified value, or with steps ``finer`` times smaller."""
+def refined(case: Case, hht: HHT, problem: Problem) -> np.ndarray:
+    """q (3 N,) at the end of ``case``: the certified value, or with steps ``FINER`` times smaller."""
     known = planar_chain.problem(n_links=case.links, t_end=1.0).reference
     if known is not None:
         rows = np.flatnonzero(np.isclose(known["t"], case.h * case.steps, rtol=1e-12, atol=0.0))
         if rows.size:
             return np.asarray(known["q"][rows[0]])
-    reference = Ours(case.links, case.h / case.finer)
-    for _ in range(case.steps * case.finer):
-        reference.step()
-    return reference.state.q
+    return np.asarray(solved(hht, problem, case.h / FINER, case.steps * FINER).q[-1])
 
 
 def main(sizes: list[int]) -> int:
@@ -200,15 +162,13 @@ def main(sizes: list[int]) -> int:
     times, broken = {}, 0
     for case in cases:
         seconds, ratio = measure(case)
-        if case.links != CERTIFIED or sizes:
-            times[case.links] = seconds
-        broken += ratio > LIMITS.get(case.links, math.inf)
-    if len(times) > 1:
-        first, last = min(times), max(times)
+        times[case.links] = seconds
+        broken += ratio > case.limit
+    larger = [links for links in times if links >= 100]
+    if len(larger) > 1:
+        first, last = min(larger), max(larger)
         growth = math.log(times[last] / times[first]) / math.log(last / first)
-        steepest = max(math.log(times[b] / times[a]) / math.log(b / a) for a, b in zip(times, list(times)[1:], strict=False))
-        sys.stdout.write(f"time per step grows like N^{growth:.2f} from {first} to {last} links (limit {GROWTH}), ")
-        sys.stdout.write(f"at most N^{steepest:.2f} between neighbours\n")
+        sys.stdout.write(f"time per step grows like N^{growth:.2f} from {first} to {last} links (limit {GROWTH})\n")
         broken += growth > GROWTH
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     sys.stdout.write(f"peak memory of this process {peak:.0f} MiB (limit {MEMORY:.0f})\n")

@@ -17,12 +17,12 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
-from hhtbench.lowering.dynamics.mass import Diagonal, inverse_of
+from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_pair, wrong_shape
 from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
-FULL = 256  # coordinates up to which a constant diagonal mass is a full matrix: half a megabyte
+FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
 _compared_by_identity: set[type] = set()
 _derived = Cache(64)  # reading a structure costs a trace for each function of the system
 
@@ -93,6 +93,7 @@ def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[s
         with preparing("evaluating mass_matrix"):
             mass: Any = declared(system, "mass_matrix") if structure.mass == "constant" else None
             constant = mass_as_matrix(mass(*place[:2]) if callable(mass) else mass, structure.n, jnp)
+            constant = compact(constant, jnp) if constant is not None and structure.n > FULL else constant
             return JaxDynamics(system, structure, ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error

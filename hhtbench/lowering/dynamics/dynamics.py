@@ -31,7 +31,7 @@ class Structure:
     n: int  #: coordinates
     m: int  #: position constraints
     p: int  #: velocity constraints
-    mass: str  #: "identity", "constant" or "variable"
+    mass: str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": constant, and M^-1 fills
     force_uses_q: bool = True  #: False: F_q is zero and not computed
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed

@@ -8,15 +8,15 @@ N and hold N^2 numbers.  Declared Jacobians are dense arrays and are not called.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
-from hhtbench.lowering.dynamics.mass import Diagonal
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact
 from hhtbench.protocol import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
@@ -52,11 +52,16 @@ class JaxDynamics(eqx.Module, Dynamics):
 
 
 class MatrixFree(Wrapper):
-    """The functions of ``inner`` as products; masses are diagonal."""
+    """The functions of ``inner`` as products; masses are diagonal or sparse."""
 
     inner: JaxDynamics
-    constant_mass: Diagonal | None  #: None: the identity
-    inverse_mass: Diagonal | None
+    constant_mass: Diagonal | Sparse | None  #: None: the identity
+    inverse_mass: Diagonal | BandInverse | None
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
+        s = self.inner.structure
+        return replace(s, mass="sparse") if isinstance(self.constant_mass, Sparse) else s
 
     @property
     def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
@@ -97,19 +102,15 @@ class MatrixFree(Wrapper):
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: not a JAX system, rows left out, or a mass that is no regular diagonal."""
+    """``dynamics`` without dense matrices; None: no JAX system, rows left out, a mass that varies, fills or is singular."""
     if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
         return None
-    mass = dynamics.constant_mass
+    mass, inverse = dynamics.constant_mass, dynamics.inverse_mass
     if mass is None:
         return MatrixFree(dynamics, None, None)
-    if not isinstance(mass, Diagonal):
-        values = np.asarray(mass)
-        diagonal = np.diag(values)
-        if np.any(values != np.diag(diagonal)):
-            return None
-        mass = Diagonal(jnp.asarray(diagonal))
-    inverse = mass.inverse()
+    if not isinstance(mass, Diagonal | Sparse):
+        mass = compact(mass, jnp)
+        inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
     return None if inverse is None else MatrixFree(dynamics, mass, inverse)
 
 

@@ -1,4 +1,4 @@
-"""The mass matrix, kept as its diagonal in a large system: is it symmetric, is it singular, what is its inverse."""
+"""The mass matrix, of a large system kept as its diagonal or its entries: is it symmetric, is it singular, its inverse."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.banded import solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
 
 if TYPE_CHECKING:
@@ -17,6 +22,7 @@ if TYPE_CHECKING:
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
+BROAD = 0.1  # of all coordinates: columns in a row, or diagonals of a band, from which the full matrix serves as well
 
 _constant = Cache(64)  # verdicts on masses that are constant
 
@@ -39,13 +45,109 @@ class Diagonal(eqx.Module):
         """The full matrix (n, n)."""
         return np.diag(np.asarray(self.values, dtype=dtype))
 
+    def entries(self) -> sp.csr_array:
+        """SciPy's matrix (n, n)."""
+        return sp.diags_array(np.asarray(self.values), format="csr")
+
     def inverse(self) -> Diagonal | None:
         """The inverse, or None where an entry is zero."""
         return None if np.any(np.asarray(self.values) == 0) else Diagonal(1.0 / self.values)
 
 
+class Sparse(eqx.Module):
+    """A matrix (n, n) by the entries of its rows; multiplies like it, and becomes it only where somebody asks."""
+
+    values: Any  #: (n, k)
+    columns: Any  #: (n, k) whole numbers; rows of less than k entries have the last column again, with zeros
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (self.columns.shape[0], self.columns.shape[0])
+
+    @property
+    def diagonal(self) -> Any:
+        """Its main diagonal (n,)."""
+        return (self.values * (self.columns == np.arange(len(self.columns))[:, None])).sum(axis=1)
+
+    def __matmul__(self, x: Any) -> Any:
+        """The product with a vector (n,)."""
+        return (self.values * x[self.columns]).sum(axis=1)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The full matrix (n, n)."""
+        return np.asarray(self.entries().toarray(), dtype=dtype)
+
+    def entries(self) -> sp.csr_array:
+        """SciPy's matrix (n, n)."""
+        n, k = self.columns.shape
+        given = np.array(self.values).ravel(), np.array(self.columns).ravel(), k * np.arange(n + 1, dtype=np.int32)
+        matrix = sp.csr_array(given, shape=(n, n))
+        matrix.sum_duplicates()
+        return matrix
+
+    def inverse(self) -> BandInverse | None:
+        """The inverse; None where the matrix is not symmetric, not positive definite, singular or no narrow band."""
+        matrix, n = self.entries(), self.shape[0]
+        size = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+        if not (size > 0.0).all():
+            return None
+        scale = sp.diags_array(1.0 / size)
+        unit = (scale @ matrix @ scale).tocsr()
+        order = reverse_cuthill_mckee(unit, symmetric_mode=True)
+        ordered = unit[order][:, order].tocoo()
+        width = int(np.abs(ordered.row - ordered.col).max())
+        if width > BROAD * n or abs(unit - unit.T).max() > SYMMETRIC:
+            return None
+        band, below = np.zeros((width + 1, n)), ordered.row >= ordered.col
+        band[(ordered.row - ordered.col)[below], ordered.col[below]] = ordered.data[below]
+        try:
+            lower = cholesky_banded(band, lower=True)
+        except LinAlgError:
+            return None
+        solve = lambda x: cho_solve_banded((lower, True), np.ravel(x))  # noqa: E731
+        if norm(unit, 1) * onenormest(LinearOperator((n, n), matvec=solve, rmatvec=solve)) > SINGULAR:
+            return None
+        factors = np.zeros((n, width + 1))  # row by row, of the matrix before it was scaled
+        for k in range(width + 1):
+            factors[k:, width - k] = lower[k, : n - k] * size[order][k:]
+        factors[:, width] = 1.0 / factors[:, width]
+        return BandInverse(factors, np.asarray(order, dtype=np.int32))
+
+
+class BandInverse(eqx.Module):
+    """The inverse of a band matrix; multiplies like it."""
+
+    factors: Any  #: as :func:`~hhtbench.lowering.compile.banded.solve_banded` takes them
+    order: Any  #: (n,) the coordinate in each place of the band
+
+    def __matmul__(self, x: Any) -> Any:
+        """The product with a vector (n,)."""
+        return solve_banded(self.factors, x[self.order])[np.argsort(self.order)]
+
+
+def compact(mass: Any, xp: Any) -> Any:
+    """A constant mass (n, n) as its diagonal, or as its entries where these are few and give an inverse; else as it is."""
+    if isinstance(mass, Diagonal | Sparse):
+        return mass
+    entries = sp.csr_array(np.asarray(mass))
+    n, counts = entries.shape[0], np.diff(entries.indptr)
+    if entries.nnz == np.count_nonzero(entries.diagonal()):
+        return Diagonal(xp.asarray(entries.diagonal()))
+    if counts.min() == 0 or counts.max() > BROAD * n or not np.isfinite(entries.data).all():
+        return mass
+    place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
+    where = entries.indptr[:-1, None] + place
+    values = np.where(place == np.arange(counts.max()), entries.data[where], 0.0)
+    sparse = Sparse(xp.asarray(values), entries.indices[where])
+    return mass if sparse.inverse() is None else sparse
+
+
 def full(matrix: Any, xp: Any) -> Any:
     """``matrix`` (n, n) as an array of the namespace ``xp``."""
+    if isinstance(matrix, Sparse):
+        rows = np.broadcast_to(np.arange(matrix.shape[0])[:, None], matrix.columns.shape)
+        return xp.zeros(matrix.shape).at[rows, matrix.columns].add(matrix.values)
     return xp.diag(matrix.values) if isinstance(matrix, Diagonal) else matrix
 
 
@@ -58,7 +160,7 @@ def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     """Whether the mass is singular at (t, q); one that is not finite is not.  Warns where it is not symmetric."""
     if dynamics.structure.mass == "identity":
         return False
-    if isinstance(dynamics.constant_mass, Diagonal):
+    if isinstance(dynamics.constant_mass, Diagonal | Sparse):
         return dynamics.inverse_mass is None
     mass = dynamics.constant_mass
     if mass is None:
@@ -78,7 +180,7 @@ def _judged(mass: Matrix) -> tuple[bool, str]:
 
 def inverse_of(mass: Any, xp: Any) -> Any:
     """The inverse of a constant mass, or None where there is none or it is singular (solvers then augment it)."""
-    if mass is None or isinstance(mass, Diagonal):
+    if mass is None or isinstance(mass, Diagonal | Sparse):
         return None if mass is None else mass.inverse()
     return None if mass_is_singular(np.asarray(mass)) else xp.asarray(np.linalg.inv(np.asarray(mass)))
 

@@ -16,7 +16,7 @@ ENTRY, CALL = "hhtbench_f", "hhtbench_call"
 READ = "ptr noalias readonly captures(none)"
 WRITTEN = "ptr noalias writeonly captures(none)"
 MEMORY = {"parameter": "%p", "argument": "%a{}", "entry": "%x{}"}  # where numbers are read from
-CALLS = "solve", "foreign"  # operations with many results
+CALLS = "solve", "banded", "foreign"  # operations with many results
 
 
 class Emitted(NamedTuple):
@@ -128,8 +128,8 @@ class Writer:
             *which, place = operands
             self.lines.append(f"  %g{node} = getelementptr double, ptr {MEMORY[operation].format(*which)}, i64 {place}")
             self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
-        elif operation == "solve":
-            self.solve(node, operands[0], operands[1], operands[2:])
+        elif operation in HELPERS:
+            self.solve(node, operation, (operands[0], operands[1]), operands[2:])
         elif operation == "foreign":
             self.foreign(node, operands[0], operands[1], operands[2:])
         elif operation not in ("constant", "true", "false"):
@@ -185,13 +185,14 @@ class Writer:
             f"  call void %c{self.calls}(ptr {arguments}, ptr {result})",
         ]
 
-    def solve(self, node: int, n: int, k: int, entries: tuple[int, ...]) -> None:
+    def solve(self, node: int, operation: str, sizes: tuple[int, int], entries: tuple[int, ...]) -> None:
         """Matrix and right-hand sides to the stack, then the call."""
         self.room(f"%x{node}", len(entries), entries)
-        self.solver(f"%x{node}", n, k)
+        self.solver(f"%x{node}", operation, sizes)
 
-    def solver(self, block: str, n: int, k: int) -> None:
+    def solver(self, block: str, operation: str, sizes: tuple[int, int]) -> None:
         """The helper, which leaves the solution in place of the right-hand sides."""
-        self.helpers[f"{n} {k}"] = helper(n, k)
-        self.declarations.add(f"declare void @{HELPERS}_{n}_{k}(ptr)")
-        self.lines.append(f"  call void @{HELPERS}_{n}_{k}(ptr {block})")
+        name = f"{HELPERS[operation]}_{sizes[0]}_{sizes[1]}"
+        self.helpers[name] = helper(operation, *sizes)
+        self.declarations.add(f"declare void @{name}(ptr)")
+        self.lines.append(f"  call void @{name}(ptr {block})")

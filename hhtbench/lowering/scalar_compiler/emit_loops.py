@@ -6,6 +6,7 @@ import numpy as np
 
 from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY, Emitted, Writer, head, wrapper
 from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
+from hhtbench.lowering.scalar_compiler.lu import HELPERS
 from hhtbench.lowering.scalar_compiler.reroll import CONSTANT, KEPT, TRUTH, Form, Loop, Rerolled
 
 FEW = 2  # turns that are written out
@@ -142,8 +143,8 @@ class _LoopWriter(Writer):
         self.operations += len(entries)
         for place, entry in enumerate(entries):
             self.lines.append(f"  store double {entry}, ptr {self._at(block, str(place))}, align 8")
-        if operation == "solve":
-            self.solver(block, *parameters)
+        if operation in HELPERS:
+            self.solver(block, operation, parameters)
         else:
             parameter, size = parameters
             self.callback(block, self._at(block, str(len(entries))), parameter, size)

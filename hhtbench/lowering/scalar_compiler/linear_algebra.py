@@ -112,6 +112,13 @@ def _foreign(ctx: Interpreter, equation: Any, address: Value, *inputs: Value) ->
     return made(equation, graph.each(partial(graph.node, "entry", call), np.arange(size).reshape(shape)))
 
 
+@rule_of_nodes("hhtbench_banded", numbers=True)
+def _banded(graph: Graph, equation: Any, factors: Ids, right: Ids) -> Ids:
+    n, width = factors.shape
+    call = graph.node("banded", n, width - 1, *factors.ravel().tolist(), *right.tolist())
+    return graph.each(partial(graph.node, "entry", call), factors.size + np.arange(n))
+
+
 @rule_of_nodes("triangular_solve", numbers=True)
 def _triangular(graph: Graph, equation: Any, matrices: Ids, rights: Ids) -> Ids:
     p = equation.params

@@ -25,7 +25,14 @@ from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Un
 RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
-CHEAP = ("constant", "parameter", "argument", "solve", "foreign")  # cost no operation, or are no numbers themselves
+CHEAP = (
+    "constant",
+    "parameter",
+    "argument",
+    "solve",
+    "banded",
+    "foreign",
+)  # cost no operation, or are no numbers themselves
 
 Shapes = tuple[tuple[int, ...], ...]
 

@@ -1,18 +1,71 @@
-"""The helper in LLVM assembly that solves a dense system with rows exchanged, of one size and number of right-hand sides."""
+"""Helpers in LLVM assembly: solves with a dense matrix, rows exchanged, and with the Cholesky factors of a band."""
 
 from __future__ import annotations
 
-HELPERS = "hhtbench_solve"
+HELPERS = {"solve": "hhtbench_solve", "banded": "hhtbench_banded"}  # by operation
 
 
-def helper(n: int, r: int) -> str:
+def helper(operation: str, n: int, k: int) -> str:
+    """Assembly of the helper of ``operation`` for its sizes."""
+    return _dense(n, k) if operation == "solve" else _banded(n, k)
+
+
+def _banded(n: int, w: int) -> str:
+    """Assembly that solves L L^T x = x in place; ``m``: L (n, w + 1) with reciprocal pivots, row by row, then x (n,)."""
+    known = f"""{_load("x.factor", "%i", "%x", w + 1)}{_of_solution("x.known", "%i", f"%x, {w}", n, w)}
+  %x.product = fmul double %x.factor, %x.known
+  %x.sum = load double, ptr %sum
+  %x.rest = fsub double %x.sum, %x.product
+  store double %x.rest, ptr %sum"""
+    forward = f"""{_of_solution("i.value", "%i", "0, 0", n, w)}
+  store double %i.value, ptr %sum
+  %i.ahead = sub i64 {w}, %i
+  %i.inside = icmp sgt i64 %i.ahead, 0
+  %i.first = select i1 %i.inside, i64 %i.ahead, i64 0
+  {_loop("x", "%i.first", w, known)}{_load("i.pivot", "%i", str(w), w + 1)}
+  %i.sum = load double, ptr %sum
+  %i.solved = fmul double %i.sum, %i.pivot
+  store double %i.solved, ptr %i.value.ptr"""
+    pending = f"""{_load("y.factor", "%e", "%y", w + 1)}{_of_solution("y.old", "%e", f"%y, {w}", n, w)}
+  %y.product = fmul double %y.factor, %e.solved
+  %y.new = fsub double %y.old, %y.product
+  store double %y.new, ptr %y.old.ptr"""
+    backward = f"""
+  %e = sub i64 {n - 1}, %d{_of_solution("e.value", "%e", "0, 0", n, w)}{_load("e.pivot", "%e", str(w), w + 1)}
+  %e.solved = fmul double %e.value, %e.pivot
+  store double %e.solved, ptr %e.value.ptr
+  %e.ahead = sub i64 {w}, %e
+  %e.inside = icmp sgt i64 %e.ahead, 0
+  %e.first = select i1 %e.inside, i64 %e.ahead, i64 0
+  {_loop("y", "%e.first", w, pending)}"""
+    return f"""
+define void @{HELPERS["banded"]}_{n}_{w}(ptr noalias captures(none) %m) noinline nounwind {{
+  %sum = alloca double
+  {_loop("i", 0, n, forward)}
+  {_loop("d", 0, n, backward)}
+  ret void
+}}
+"""
+
+
+def _of_solution(name: str, row: str, shift: str, n: int, w: int) -> str:
+    """The entry of x in the place ``row`` plus the difference of the two numbers in ``shift``."""
+    return f"""
+  %{name}.shift = sub i64 {shift}
+  %{name}.row = add i64 {row}, %{name}.shift
+  %{name}.at = add i64 %{name}.row, {n * (w + 1)}
+  %{name}.ptr = getelementptr double, ptr %m, i64 %{name}.at
+  %{name} = load double, ptr %{name}.ptr"""
+
+
+def _dense(n: int, r: int) -> str:
     """Assembly that solves (n, n) for (n, r) right-hand sides, both side by side in the rows of ``m`` (n, n + r), in place.
 
     LU with the largest pivot of each column.  A NaN loses every comparison of sizes, so a NaN column keeps its own row; a
     zero pivot divides to infinity or NaN.  LLVM's passes move what is on the stack here into registers.
     """
     return f"""
-define void @{HELPERS}_{n}_{r}(ptr noalias captures(none) %m) noinline nounwind {{
+define void @{HELPERS["solve"]}_{n}_{r}(ptr noalias captures(none) %m) noinline nounwind {{
   %largest = alloca double
   %best = alloca i64
   {_loop("k", 0, n, _eliminated(n, n + r))}

@@ -9,16 +9,20 @@ from solvers.hht.equations.formulas import EPS, GAUSS, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, cubic
-from solvers.hht.loops.sections import address, call, part, put
+from solvers.hht.loops.sections import address, call, part, put, view
 from solvers.hht.step.stopping import weigh, weighted_rms
 
 
 @compiled
-def begin(z: Any, source: Any, scale: Any) -> None:
-    """A right-hand side of ``source`` (n,) over ``scale`` in the force rows, and else zero."""
-    right = part(z, mem.RIGHT)
+def begin(z: Any, at: Any, scale: Any) -> None:
+    """A right-hand side of the accelerations (n,) in the memory from ``at`` over ``scale`` in the force rows, else zero."""
+    right, n = part(z, mem.RIGHT), z.i[mem.N]
+    if z.i[mem.C_INERTIA]:
+        call(z, mem.C_INERTIA, mem.WORK, (z.i[mem.BASE] + 8 * at,))
+        at = z.i[2 * mem.WORK]
+    source = view(z.w, at, n)
     for i in range(right.size):
-        right[i] = source[i] / scale if i < source.size else 0.0
+        right[i] = source[i] / scale if i < n else 0.0
 
 
 @compiled
@@ -47,18 +51,18 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[mem.N], part(z, mem.RAW), part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
+    n, raw, made, o = z.i[mem.N], z.i[2 * mem.RAW], part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
     error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
-    begin(z, raw[:n], in_q)
+    begin(z, raw, in_q)
     respond(z, slot)
     for i in range(n):
         error[i] = change[i]
         if z.i[mem.O_RK] >= 0:
             error[i] -= 0.5 * made * made * solution[z.i[mem.O_RK] + i]
-    begin(z, raw[n : 2 * n], in_v)
+    begin(z, raw + n, in_v)
     respond(z, slot)
-    begin(z, change[n:], in_v)  # once more, together with what the error of q makes of v across the constraints
+    begin(z, z.i[2 * mem.CHANGE] + n, in_v)  # once more, together with what the error of q makes of v across the constraints
     if z.i[mem.M] + z.i[mem.P] > 0:
         place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):
@@ -70,7 +74,7 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     size = weighted_rms(error, weights)
     if not inside:
         return size, 0.0
-    begin(z, change[:0], 1.0)
+    begin(z, raw, math.inf)
     levels_inside(z, h)
     put_levels(z, slot, 1.0, True)
     respond(z, slot)

@@ -39,7 +39,7 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         q1 = q1 + 0.5 * h * h * unknown["Rk"]  # (H10)
         v1 = v1 + h * unknown["Rk"]  # (H10)
     if s.m:
-        start_reaction = accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))  # (H8)
+        start_reaction = unknown["R0"] if layout.start_unknown else _start_reaction(dynamics, unknown["lam0"], known)
         q1 = q1 + known["q_R0"] * start_reaction
         v1 = v1 + known["v_R0"] * start_reaction
         end = known["q_stage"]  # (H8)
@@ -57,7 +57,7 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
 def layout(structure: Structure, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
     moving = method.reaction in ("implicit", "midpoint")
-    unknown = moving and (method.coefficients.b != 0.0 or structure.mass == "variable")
+    unknown = structure.mass == "sparse" or (moving and (method.coefficients.b != 0.0 or structure.mass == "variable"))
     return Layout(structure, moving, unknown)
 
 
@@ -99,11 +99,16 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
     s, h, t1 = layout.structure, known["h"], known["t1"]
     force = dynamics.force(t1, place.q1, place.v1)
     balance = dynamics.mass_product(t1, place.q1, _rate(unknown, known)) - known["end"] * force  # (H6)
-    rows = [accelerate(dynamics, known, balance)]
+    rows = [scaled_rows(dynamics, known, balance)]
+    if s.m and layout.start_unknown:
+        inertia = dynamics.mass_product(known["t0"], known["q0"], unknown["R0"])
+        rows.append(
+            scaled_rows(dynamics, known, inertia - dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))
+        )  # (H8)
     if s.m and layout.end_unknown:
         reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
         inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
-        rows.append(accelerate(dynamics, known, inertia - reaction))  # (H8)
+        rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H8)
     if s.m:
         rows.append(dynamics.constraint(t1, place.q1) * (2.0 / (h * h)))  # (H7)
         rows.append(dynamics.constraint_velocity(t1, place.q1, place.v1) / h)  # (H7)
@@ -111,7 +116,7 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
         half = 0.5 * (known["v0"] + place.v1)
         reaction = dynamics.velocity_reaction(known["t_half"], known["q_half"], half, unknown["mu"])
         inertia = dynamics.mass_product(known["t_half"], known["q_half"], unknown["Rk"])
-        rows.append(accelerate(dynamics, known, inertia - reaction))  # (H10)
+        rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H10)
         rows.append(dynamics.velocity_constraint(t1, place.q1, place.v1) / h)  # (H10)
     return rows
 
@@ -222,6 +227,10 @@ def columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
     return placed if row is None else row + placed
 
 
+def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
+    return accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
+
+
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
     return accelerate(dynamics, known, dynamics.reaction(known["t_stage"], q, lam), "inverse_mass_stage")  # (H8)
 
@@ -232,6 +241,11 @@ def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass
     if inverse is None:
         inverse = dynamics.inverse_mass
     return x if x is None or inverse is None else inverse @ x
+
+
+def scaled_rows(dynamics: Dynamics, known: Any, x: Any) -> Any:
+    """Rows ``x`` (n,) [N] as accelerations, (H13): M^-1 x, or where M^-1 is full x over the diagonal of M."""
+    return x / dynamics.constant_mass.diagonal if dynamics.structure.mass == "sparse" else accelerate(dynamics, known, x)
 
 
 def scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:

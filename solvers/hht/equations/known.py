@@ -23,7 +23,7 @@ class Layout:
 
     structure: Structure
     moving: bool  #: the end reaction is taken at a place that depends on q1
-    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or the mass there is not known
+    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or M^-1 there is not known or full
     inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
     multipliers: tuple[str, ...] = ("lam0", "lam1")  #: of position constraints
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
@@ -33,11 +33,18 @@ class Layout:
         s = self.structure
         unknowns = {"a": s.n}
         if s.m:
-            unknowns |= ({"R1": s.n} if self.end_unknown else {}) | dict.fromkeys(self.multipliers, s.m)
+            unknowns |= {"R0": s.n} if self.start_unknown else {}
+            unknowns |= {"R1": s.n} if self.end_unknown else {}
+            unknowns |= dict.fromkeys(self.multipliers, s.m)
         if s.p:
             unknowns |= {"Rk": s.n, "mu": s.p}
         object.__setattr__(self, "unknowns", unknowns)
         object.__setattr__(self, "size", sum(unknowns.values()))
+
+    @property
+    def start_unknown(self) -> bool:
+        """R0 is an unknown: M^-1 is full."""
+        return self.structure.mass == "sparse"
 
     def sparse_inverse(self, inverse: Any, xp: Any) -> Any:
         """M^-1 (n, n) from its entries (n*n,): the zeros that are known are written down, so that none is multiplied by."""

@@ -6,6 +6,7 @@ from typing import Any
 
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.discretise import scaled_rows
 from solvers.hht.equations.known import Layout, named, start_of
 
 CONTROL = ("h_next", "last", "error", "has_reaction_k")  # numbers that step control remembers
@@ -67,6 +68,11 @@ def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, a
     if s.mass == "variable":
         return layout.sparse_inverse(after["inverse_mass"], xp) @ force
     return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
+
+
+def scaled_inertia(dynamics: Dynamics, x: Any) -> Any:
+    """Accelerations ``x`` (n,) in the force rows of a step whose mass is sparse."""
+    return scaled_rows(dynamics, {}, dynamics.constant_mass @ x)
 
 
 def parabola(last: Any, h: Any, earliest: Any, start: Any, end: Any) -> Any:

@@ -26,6 +26,7 @@ CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_D
 NARROW = 64  # diagonals up to which a band is taken without a look at what SuperLU would fill
 BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
 CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
+OUTSIDE_COST = 4.0  # what a factorisation that Python keeps costs, in iterations
 NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
 
 
@@ -96,6 +97,15 @@ class Analysis:
     def inverse(self) -> int:
         """Numbers of one inverse, where it is kept."""
         return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= PRODUCT) else 0
+
+    @property
+    def matrix_cost(self) -> float:
+        """What a matrix and its factors cost, in iterations: by numbers computed, factors of bands and products."""
+        if self.kind != "band":
+            return OUTSIDE_COST
+        _, count, lower, upper = self.order.blocks.T
+        made = self.slots.size + self.storage + int((count * lower * (lower + upper)).sum())
+        return made / (self.rows.size + self.size + int((count * (2 * lower + upper)).sum()))
 
     def sections(self) -> dict[str, Any]:
         """Integer sections of the loops' memory."""

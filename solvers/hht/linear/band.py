@@ -87,9 +87,11 @@ def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
             for e in range(starts[i], starts[i + 1]):
                 value -= couplings[e] * y[places[e]]
             y[i] = value
+        moved = 0
         for j in range(count):
             at, column = start + j, offset + j * height + main
             other = at + pivots[at]
+            moved = max(moved, pivots[at])
             if other != at:
                 y[at], y[other] = y[other], y[at]
             first = y[at]
@@ -99,7 +101,7 @@ def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
             at, column = start + j, offset + j * height + main
             first = y[at] * storage[column]
             y[at] = first
-            for i in range(1, min(main, j) + 1):
+            for i in range(1, min(upper + moved, j) + 1):  # as far as exchanged rows reach
                 y[at - i] -= first * storage[column - i]
         offset += count * height
     for i in range(rows.size):

@@ -42,7 +42,7 @@ def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
     ended = inverse_at(z, slot) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, slot)
     counts[mem.FACTORISATIONS] += 1
     record = part(z, mem.RECORD + slot)
-    record[mem.MADE_H], record[mem.INVERTED] = h, 0.0
+    record[mem.MADE_H], record[mem.INVERTED], record[mem.KEPT_COST] = h, 0.0, 0.0
     record[mem.USES] = 1.0 if z.i[mem.KIND] == mem.KIND_INVERSE else 0.0
     return ended
 

@@ -85,7 +85,7 @@ NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS,
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff",
+    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff", "forgotten",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -111,7 +111,7 @@ REACTION_K = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 9)
+ATTEMPT = floats(lambda s: 10)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -126,10 +126,11 @@ EARLY_MATRIX = floats(lambda s: s.early_matrix)
 FRESH = floats(lambda s: s.fresh)
 TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
 RECIPROCAL = floats(lambda s: 2)
+NOISE = floats(lambda s: 2)  # what roundoff changes in an increment's q1 and v1, measured once a step; -1: not yet
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE = range(9)  # in ATTEMPT
+H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE, COST = range(10)  # in ATTEMPT
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -143,13 +144,13 @@ SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the u
 CHANGE = floats(lambda s: 2 * s.n)
 
 # Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
-RECORD = slots(lambda s: 8)
+RECORD = slots(lambda s: 7)
 STORAGE = slots(lambda s: s.storage)
 COUPLINGS = slots(lambda s: s.couplings)
 MAPS = slots(lambda s: s.maps)
 INVERSE = slots(lambda s: s.inverse)
 MADE_AT = slots(lambda s: s.size + s.given)
-MADE_H, RATE, USES, INVERTED, NOISE_Q, NOISE_V, LEAST_PIVOT, RANK = range(8)  # in RECORD
+MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECORD
 
 CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
 EVENT = floats(lambda s: 1)
@@ -177,7 +178,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF = range(11, 18)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN = range(11, 19)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
@@ -198,17 +199,18 @@ SAMPLES = integers(lambda s: s.events)
 
 # The header: starts and lengths of all sections, then single numbers.
 FIRST = 2 * (len(_floats) + len(_integers))
-N, M, P, SIZE, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 9)  # O_: offsets of unknowns, -1: absent
-VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 9, FIRST + 16)
-EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 16, FIRST + 24)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 24, FIRST + 31)
+N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
+VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 10, FIRST + 17)
+EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 17, FIRST + 25)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 25, FIRST + 32)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels", "constraints",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia",
 )  # fmt: skip
-CODE = FIRST + 31
+CODE = FIRST + 32
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
+C_INERTIA = CODE + 32
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

@@ -220,7 +220,7 @@ def _is_factorised(made: Factorised, state: State, given: int) -> bool:
     n, size = state.q.size, made.at.size - given
     h, (q, v) = float(made.at[size]), np.split(made.at[size + BEFORE : size + BEFORE + 2 * n], 2)
     seen = float(np.abs(q).max()) <= state.size_q and float(np.abs(v).max()) <= state.size_v
-    return seen and _is_length(h, state.t) and min(made.rate, made.uses) >= 0
+    return seen and _is_length(h, state.t) and min(made.rate, made.uses, made.cost) >= 0
 
 
 def _is_length(h: float, t: float) -> bool:

@@ -16,7 +16,7 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
 from hhtbench.lowering.dynamics.kkt import kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from solvers._finite import inverse_mass_at
@@ -33,7 +33,7 @@ from solvers.hht.equations.corrections import (
     state_size,
 )
 from solvers.hht.equations.known import Layout
-from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors
+from solvers.hht.equations.local_error import CONTROL, REMEMBERED, levels, raw_errors, scaled_inertia
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
@@ -42,8 +42,8 @@ from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
-SPARSE = NewtonOptions(matrix_cost=4.0, max_iterations=25)  # a matrix costs chains of 100 links and more four iterations
-FULL = "its functions give full matrices (not a JAX system, a mass that is no diagonal, or rows left out)"
+SPARSE = NewtonOptions(max_iterations=25)
+FULL = "its functions give full matrices (not a JAX system, a mass that varies or fills, or rows left out)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -99,6 +99,8 @@ class Functions:
                 codes = {"raw": self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)}
                 if s.constrained:
                     codes["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
+                if s.mass == "sparse":
+                    codes["inertia"] = self.made(scaled_inertia, s.n, ((s.n,),))
                 self._of_error = codes  # all of them, or none where the time budget ends in between
         return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
 
@@ -117,7 +119,7 @@ class Functions:
         z = self.analysis.memory(**self._sizes, computed=self.analysis.slots.size, events=events, samples=samples)
         sizes = self.layout.unknowns
         starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
-        z.i[mem.O_R1 : mem.O_R1 + 5] = [starts.get(name, -1) for name in ("R1", "lam0", "lam1", "Rk", "mu")]
+        z.i[mem.O_R0 : mem.O_R0 + 6] = [starts.get(name, -1) for name in ("R0", "R1", "lam0", "lam1", "Rk", "mu")]
         z.i[mem.CALLS_PYTHON] = self.in_python or self.callbacks is not None
         z.i[mem.NOISY] = self.newton.matrix_cost > 0.0
         z.i[mem.LINEAR] = self.layout.structure.linear_reaction
@@ -212,10 +214,10 @@ class SparseCode(MachineCode):
     """Machine code of a large system, without a full matrix."""
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
-        products = matrix_free(dynamics)
+        products = products_of(dynamics, method)
         if products is None:
             raise NotNative(f"more than {LARGEST} unknowns, and {FULL}")
-        super().__init__(products, method, layout, linsolver)
+        super().__init__(products, method, layout_of(products, method), linsolver)
 
     def _starts_alone(self) -> bool:
         return False
@@ -233,7 +235,7 @@ class SparseCode(MachineCode):
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
         self.analysis = of_pattern(pattern, self.layout.size, linsolver, late)
         if self.analysis.kind != "dense":
-            self.newton = SPARSE
+            self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
         return early, late
 
 
@@ -244,8 +246,8 @@ class PythonFunctions(Functions):
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         super().__init__(dynamics, method, layout)
-        static, size, n = (self.method, layout), layout.size, layout.structure.n
         self._source, entries = self._sparse(linsolver)
+        static, size, n = (self.method, self.layout), self.layout.size, layout.structure.n
         if entries is None:
             entries = compile_function(equations_of(method).residual_and_matrix, dynamics, *static)
         shapes = (size,), self.given, None
@@ -268,10 +270,12 @@ class PythonFunctions(Functions):
         size, n, static = self.layout.size, self.layout.structure.n, (self.method, self.layout)
         small = linsolver == "dense" or (linsolver == "auto" and size < SMALL)
         reason = f"below {SMALL} unknowns"
-        products = None if small else matrix_free(self.dynamics)
+        products = None if small else products_of(self.dynamics, self.method)
         if not small:
             reason = FULL
         if products is not None:
+            layout = layout_of(products, self.method)
+            static, size = (self.method, layout), layout.size
             try:
                 example = np.zeros(size), np.zeros(self.given)
                 coloured = Coloured(equations_of(self.method).residual_and_ends, products, *static, example=example)
@@ -280,11 +284,19 @@ class PythonFunctions(Functions):
             else:
                 self.analysis = of_pattern(coloured.pattern, size, linsolver)
                 if self.analysis.kind != "dense":
-                    self.newton = SPARSE
+                    self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
+                    self.layout = layout
                     return products, lambda x, given: np.delete(coloured.packed(x, given), np.s_[size : size + 2 * n])
                 reason = self.analysis.reason
-        self.analysis = full(size, n, linsolver, reason)
+        self.analysis = full(self.layout.size, n, linsolver, reason)
         return self.dynamics, None
+
+
+def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | None:
+    """``dynamics`` without dense matrices; None: there are some, or ``method`` needs M^-1, and that is full."""
+    products = matrix_free(dynamics)
+    fills = products is not None and products.structure.mass == "sparse" and method.equations != "hht"
+    return None if fills else products
 
 
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:

@@ -221,7 +221,7 @@ class Loops:
         self.section(mem.NUMBER)[:] = state.t, state.h or 0.0, state.size_q, state.size_v, known, slot
         if made is not None:
             record = self.section(mem.RECORD)
-            record[mem.RATE], record[mem.USES] = made.rate, made.uses
+            record[mem.RATE], record[mem.USES], record[mem.KEPT_COST] = made.rate, made.uses, made.cost
         if memory is not None:
             error = -1.0 if memory.error is None else memory.error
             self.section(mem.CONTROL)[:] = memory.h_next, memory.last, error, memory.velocity_reaction is not None
@@ -247,7 +247,8 @@ class Loops:
 
     def _factorised(self, slot: int) -> Factorised:
         record, at = self._made[slot]
-        return Factorised(at=at.copy(), rate=float(record[mem.RATE]), uses=int(record[mem.USES]))
+        rate, uses, _, cost = record[mem.RATE : mem.KEPT_COST + 1].tolist()
+        return Factorised(at=at.copy(), rate=rate, uses=int(uses), cost=cost)
 
 
 def in_plain_python(entry: Any, *arguments: Any) -> Any:

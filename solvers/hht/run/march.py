@@ -14,7 +14,6 @@ from solvers.hht.loops.compiled import called
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import indices, part, put, view
 from solvers.hht.step.attempt import attempt
-from solvers.hht.step.newton import corrected
 
 
 @called
@@ -69,7 +68,4 @@ def remake(z: Memory, made_at: FloatArray) -> Any:
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
     early(z)
-    ended = renew(z, 0, made_at[size], counts)
-    if ended == mem.CONVERGED:
-        corrected(z, 0, mem.C_RESIDUAL, True, counts)  # measures its roundoff where that matters
-    return ended
+    return renew(z, 0, made_at[size], counts)

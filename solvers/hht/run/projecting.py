@@ -93,7 +93,7 @@ def put(
 
 
 def _memory_for(functions: Functions) -> tuple[Memory, Vector, Any] | None:
-    """For :func:`project`: the loops' memory, a constant mass, and what owns the code that is called."""
+    """For :func:`project`: the loops' memory, a constant mass (none by entries), and what owns the code that is called."""
     found: tuple[Memory, Vector, Any] | None = _known.find(ById(functions), lambda: _memory(functions))
     return found
 
@@ -104,19 +104,19 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
         return None
     try:
         if too_large(dynamics) is None:
-            z, codes = level_memory(dynamics)
+            (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
         elif s.p or declared(dynamics.system, "reaction") is not None:  # what binds v only, or reactions across the rows
             return None
         else:
             (kkt, analysis), look = functions.kkt, native(levels, dynamics, shapes=((), (s.n,), (s.n,)))
             if analysis.kind == "sparse":  # Python would factorise
                 return None
-            z, codes = row_memory(kkt, analysis, s), (kkt, look)
+            z, codes, mass = row_memory(kkt, analysis, s), (kkt, look), np.zeros(0)
             z.i[mem.C_LEVELS : mem.C_LEVELS + 2] = look.pair
     except NotNative:
         return None
     z.i[mem.CALLS_PYTHON] = functions.callbacks is not None
-    return z, constant_mass(dynamics), codes
+    return z, mass, codes
 
 
 def level_memory(dynamics: Dynamics) -> tuple[Memory, Any]:

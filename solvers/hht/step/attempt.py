@@ -87,6 +87,8 @@ def plain_guess(z: Any, level: Any) -> None:
     put(x, 0, part(z, mem.A))
     for i in range(n):
         reaction = vdot[i] - f[i] if m == 0 or p == 0 else 0.0  # of both kinds together only the sum is known
+        if z.i[mem.O_R0] >= 0:
+            x[z.i[mem.O_R0] + i] = reaction
         if z.i[mem.O_R1] >= 0:
             x[z.i[mem.O_R1] + i] = reaction
         if z.i[mem.O_RK] >= 0:
@@ -233,7 +235,8 @@ def accept(z: Any, row: Any) -> None:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
     if slot >= 0:
-        part(z, mem.RECORD + slot)[mem.RATE] = tried[mem.CONTRACTION]
+        record = part(z, mem.RECORD + slot)
+        record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
         number[mem.FACTOR] = slot
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

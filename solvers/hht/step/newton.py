@@ -15,7 +15,7 @@ from solvers.hht.linear.matrix import correct, early, moved_by, renew, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, digits, has_digit
 from solvers.hht.loops.sections import part, put, view
-from solvers.hht.step.stopping import converged, enough_for, force_rows_end, scaled
+from solvers.hht.step.stopping import converged, enough, force_rows_end, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +33,7 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
+    forgotten: float = 0.95  #: what counts, a step later, of the cost of a step that began with a kept matrix
     constraint_cost: float = 5.0  #: the same, of the constraint rows alone, whose machine code evaluates no force
     remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
     stiff: float = 10.0  #: of an increment: a larger imbalance is of stiff directions, which may have turned since
@@ -62,6 +63,7 @@ class Iteration(NamedTuple):
     stagnated: bool  #: one at the very iterate has not shrunk the increment already
 
 
+FRESH = 2.0  # iterations with a matrix at the iterate
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 
 
@@ -72,7 +74,8 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
     The lagged matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
     """
     i, spare = begun(z, lagged, h), 1 - lagged if lagged >= 0 else 0
-    for _ in range(z.i[mem.MAX_ITERATIONS]):
+    kept = i.slot >= 0
+    for taken in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
         renewed = i.slot < 0
         if (renewed or i.rows != CONSTRAINTS) and not spend(z, counts):
@@ -98,6 +101,7 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
         if decision == DONE:
+            part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, lagged, i.fresh, taken + 1.0 if kept else 0.0)
             return mem.CONVERGED, i.slot, i.worst
         i = after(i, decision)
     return mem.DIVERGED, -1, 0.0
@@ -107,15 +111,33 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
 def begun(z: Any, lagged: Any, h: Any) -> Any:
     """The iteration before the first increment."""
     slot, worst = lagged, 0.0
-    part(z, mem.RECIPROCAL)[0] = 0.0
+    unmeasured(z)
     rows = UNTIL_ALLOWED if z.i[mem.STOPS_EARLY] else ALL_ROWS
     if slot >= 0:
         record, o = part(z, mem.RECORD + slot), part(z, mem.CONSTANTS)
         worst = record[mem.RATE]
         slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
-        if slow or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
+        dear = record[mem.KEPT_COST] > FRESH + o[mem.MATRIX_COST] > FRESH
+        if slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
             slot, worst = -1, 0.0
     return Iteration(rows, slot, False, math.inf, 0.0, worst, 0.0, 0, False)
+
+
+@compiled
+def unmeasured(z: Any) -> None:
+    """Neither sizes that increments are measured by are known, nor roundoff."""
+    noise = part(z, mem.NOISE)
+    part(z, mem.RECIPROCAL)[0] = 0.0
+    noise[0] = noise[1] = -1.0
+
+
+@compiled
+def cost_with_kept(z: Any, lagged: Any, renewed: Any, taken: Any) -> Any:
+    """Iterations of a step that begins with the ``lagged`` matrix: those ``taken`` by this one; 0: remembered."""
+    o = part(z, mem.CONSTANTS)
+    if taken > 0.0:
+        return taken + o[mem.MATRIX_COST] if renewed else taken
+    return o[mem.FORGOTTEN] * part(z, mem.RECORD + lagged)[mem.KEPT_COST] if lagged >= 0 else 0.0
 
 
 @compiled
@@ -154,7 +176,8 @@ def with_new_matrix(i: Any) -> Any:
 def judged(z: Any, i: Any, counts: Any) -> Any:
     """What follows after an increment."""
     o = part(z, mem.CONSTANTS)
-    if converged(z, i.slot, i.size, i.worst if i.rate != 0.0 else 0.0):
+    rate = i.worst if i.rate != 0.0 else 0.0
+    if converged(z, i.size, rate) or (may_be_roundoff(z, i, counts) and converged(z, i.size, rate)):
         return DONE
     if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
         return ALL_AGAIN
@@ -172,14 +195,26 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 
 
 @compiled
+def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
+    """Whether the increment may be roundoff, which then is measured, at most once a step: that costs an iteration."""
+    found, o = part(z, mem.NOISE), part(z, mem.CONSTANTS)
+    shrinks = i.rate < o[mem.STALLED] and i.size > o[mem.BLINDED]
+    if not z.i[mem.NOISY] or i.taken == 0 or found[0] >= 0.0 or shrinks or not spend(z, counts):
+        return False
+    counts[mem.SOLVES] += 1
+    found[0], found[1] = noise(z, i.slot, -1, 0)
+    return True
+
+
+@compiled
 def outworn(z: Any, i: Any) -> Any:
     """Whether a new matrix costs less than the iterations that this one still takes."""
-    o, enough = part(z, mem.CONSTANTS), enough_for(z, i.slot)
+    o, least = part(z, mem.CONSTANTS), enough(z)
     cost = o[mem.MATRIX_COST] if i.rows != CONSTRAINTS else max(o[mem.MATRIX_COST], o[mem.CONSTRAINT_COST])
     if cost > 0.0:  # told by the mean rate: single ratios alternate
         mean = (i.size / i.first) ** (1.0 / i.taken)
-        return i.rate >= 1.0 or math.log(enough / i.size) < cost * math.log(mean)
-    return i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * enough  # else one more ends it
+        return i.rate >= 1.0 or math.log(least / i.size) < cost * math.log(mean)
+    return i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * least  # else one more ends it
 
 
 @compiled
@@ -190,7 +225,8 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
     """
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
-    part(z, mem.RECIPROCAL)[0] = 0.0
+    unmeasured(z)
+    part(z, mem.ATTEMPT)[mem.COST] = 0.0
     for _ in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
@@ -203,7 +239,7 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
             return mem.NONFINITE, -1, 0.0
         moved = scaled(z, in_q, in_v)
         rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
-        ends = converged(z, spare, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
+        ends = converged(z, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
         if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
@@ -251,14 +287,9 @@ def spend(z: Any, counts: Any) -> Any:
 
 @compiled
 def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
-    """A correction by ``code``, and where roundoff is measured what that makes of one with a new matrix."""
+    """A counted correction by ``code``."""
     counts[mem.SOLVES] += 1
-    in_q, in_v = correct(z, slot, code, evaluated)
-    if evaluated and z.i[mem.NOISY] and spend(z, counts):
-        counts[mem.SOLVES] += 1
-        record = part(z, mem.RECORD + slot)
-        record[mem.NOISE_Q], record[mem.NOISE_V] = noise(z, slot, -1, 0)
-    return in_q, in_v
+    return correct(z, slot, code, evaluated)
 
 
 @compiled

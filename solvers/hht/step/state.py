@@ -26,6 +26,7 @@ class Factorised:
     at: Vector  #: the unknowns (size,), then the step, its signed length [s] first, and the state before it
     rate: float  #: worst contraction per iteration seen with it
     uses: int  #: solves with it: a small matrix that serves often is inverted
+    cost: float = 0.0  #: iterations of the last step that began with a kept one, fading where steps make their own
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,19 +25,17 @@ def scaled(z: Any, in_q: Any, in_v: Any) -> Any:
 
 
 @compiled
-def enough_for(z: Any, slot: Any) -> Any:
+def enough(z: Any) -> Any:
     """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
-    o, record, own = part(z, mem.CONSTANTS), part(z, mem.RECORD + slot), part(z, mem.RECIPROCAL)
-    if not z.i[mem.NOISY]:
-        return o[mem.TOLERANCE]
-    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(record[mem.NOISE_Q] * own[0], record[mem.NOISE_V] * own[1]))
+    o, noise, own = part(z, mem.CONSTANTS), part(z, mem.NOISE), part(z, mem.RECIPROCAL)
+    return max(o[mem.TOLERANCE], o[mem.NOISE_MARGIN] * max(noise[0] * own[0], noise[1] * own[1]))
 
 
 @compiled
-def converged(z: Any, slot: Any, moved: Any, rate: Any) -> Any:
+def converged(z: Any, moved: Any, rate: Any) -> Any:
     """Whether the last increment, or with a margin what the contraction ``rate`` leaves of it, needs not shrink further."""
-    enough, margin = enough_for(z, slot), part(z, mem.CONSTANTS)[mem.MARGIN]
-    return moved <= enough or (0.0 < rate < 1.0 and moved * rate <= margin * enough * (1.0 - rate))
+    least, margin = enough(z), part(z, mem.CONSTANTS)[mem.MARGIN]
+    return moved <= least or (0.0 < rate < 1.0 and moved * rate <= margin * least * (1.0 - rate))
 
 
 @compiled
@@ -71,6 +69,8 @@ def imbalance(z: Any) -> None:
         rows = part(z, mem.INCREMENT)[z.i[mem.SIZE] + 2 :]
     for i in range(n):
         left = abs(rows[i])
+        if z.i[mem.O_R0] >= 0:
+            left = max(left, abs(rows[z.i[mem.O_R0] + i]))
         if z.i[mem.O_R1] >= 0:
             left = max(left, abs(rows[z.i[mem.O_R1] + i]))
         if z.i[mem.O_RK] >= 0:
