@@ -15,6 +15,7 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, native
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from hhtbench.protocol import declared
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
@@ -103,7 +104,7 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        if too_large(dynamics) is None:
+        if not isinstance(dynamics, MatrixFree) and too_large(dynamics) is None:
             (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
         elif s.p or declared(dynamics.system, "reaction") is not None:  # what binds v only, or reactions across the rows
             return None
