@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,7 +99,9 @@ def test_both_levels_are_held_to_roundoff_at_every_step():
 
 def test_drift_is_seen_where_there_is_some():
     solution = integrate(TEST1, 50, alpha=-0.05)
-    bent = replace(solution, q=solution.q + np.array([1e-8, 0.0]), v=solution.v + np.array([0.0, 1e-8]))
+    steps = solution.interpolant
+    moved = SimpleNamespace(t=steps.t, q=steps.q + np.array([1e-8, 0.0]), v=steps.v + np.array([0.0, 1e-8]))
+    bent = replace(solution, interpolant=moved)
     position, velocity = scaled_drift(TEST1.problem, bent)
     assert position > 1e-10
     assert velocity > 1e-10

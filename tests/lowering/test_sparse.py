@@ -135,7 +135,7 @@ def test_an_inconsistent_start_of_a_large_system_is_projected(chain):
     levels = ConstraintLevels(chain)
     place = Place(0.0, CHAIN.q0 + 1e-5 * np.sin(np.arange(CHAIN.q0.size)), BENT_V)
     assert inconsistency(levels, place) is not None
-    projected, note = project(chain, levels, place, Work())
+    projected, note = project(chain, place, Work())
     assert inconsistency(levels, projected) is None and "moved q0" in note
 
 

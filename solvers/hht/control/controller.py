@@ -75,9 +75,9 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     smallest = abs(representable(t, math.copysign(least, stop - t)))
     tried[mem.FIRST_H] = 0.0
     while True:
-        h = representable(t, math.copysign(h, stop - t))
         asked = abs(h)
-        h, t1 = fit(t, h, stop, o.min_step)
+        h, t1 = fit(t, math.copysign(h, stop - t), stop, o.min_step)
+        h = representable(t, h)  # last: a half of what is left may fall between times
         if t + h == t or t1 == t:
             if failed == mem.NO_ADVANCE:
                 tried[mem.H_TRIED] = h
