@@ -76,9 +76,9 @@ class Counters:
     """Work done; None means not reported, never zero instead.
 
     One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.  Those that
-    output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each), are
-    ``output_evaluations`` and in no other counter, so that work does not depend on how much output is asked for; budgets
-    count both.
+    output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each; none
+    where the functions are in Python), are ``output_evaluations`` and in no other counter, so that work does not depend on
+    how much output is asked for.  A budget of evaluations ends with the steps.
     ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
     """
 

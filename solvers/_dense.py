@@ -53,8 +53,8 @@ class OnConstraints:
         """``found`` at ``t``, scalar or (k,), on the constraints; warns where no state near it is."""
         if not self._constrained:
             return found
-        times, steps = np.atleast_1d(np.asarray(t, dtype=np.float64)), self._steps
-        q, v = (np.array(x, dtype=np.float64).reshape(times.size, -1) for x in found)
+        times, steps = np.ravel(np.asarray(t, dtype=np.float64)), self._steps
+        q, v = (np.array(x, dtype=np.float64).reshape(times.size, np.shape(x)[-1]) for x in found)
         which = ~np.isin(times, steps.t) if self._held else np.ones(times.size, dtype=bool)
         moved = q[which], v[which]
         if text := str(self._put(times[which], *moved, sizes_from(steps.q, steps.v))):
@@ -103,15 +103,15 @@ class Pieces:
 
     def __call__(self, t: Any) -> DenseOutput:
         """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Times outside the steps are refused."""
-        times, ends = np.atleast_1d(np.asarray(t, dtype=np.float64)), self.t
+        times, ends = np.ravel(np.asarray(t, dtype=np.float64)), self.t
         low, high = min(ends[0], ends[-1]), max(ends[0], ends[-1])
         if not np.all((times >= low) & (times <= high)):
             raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
         sign = -1.0 if ends[-1] < ends[0] else 1.0
         index = np.searchsorted(sign * ends, sign * times, side="left")
         y = np.array([self._at(float(time), int(i)) for time, i in zip(times, index, strict=True)])
-        q, v = (y.reshape(times.size, -1)[:, block] for block in self._blocks)
-        return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
+        q, v = (y.reshape(times.size, self._ends[0].size)[:, block] for block in self._blocks)
+        return DenseOutput(*(x.reshape(*np.shape(t), x.shape[1]) for x in (q, v)))
 
     def _at(self, time: float, i: int) -> Vector:
         """y at ``time`` [s], up to the end of step ``i``."""

@@ -27,6 +27,7 @@ PROJECTED = 1e-12  # scaled violation that a projected state must reach
 MOST_ITERATIONS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
 BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
 FAR = 0.1  # of the largest coordinate: a row is off the constraints by its error; what lies further away is another place
+VISIBLE, UNMOVED = 1e-8, 1e-10  # violations that are no roundoff; relative changes that are, of g with large constants
 SMALL, STALLED = 1e-15, 1e-12  # increments of such a size change nothing; or nothing if they are no longer halved
 
 
@@ -143,10 +144,18 @@ class OneByOne:
             found = self._projection.nearest(t, q, v)
         except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
             found = q, v
-        if not (near(q, found[0], sizes) and self._violated(t, *found, sizes) <= PROJECTED):
+        if not (near(q, found[0], sizes) and self._meets(t, *found, sizes)):
             return self._violated(t, q, v, sizes)
         q[:], v[:] = found
         return 0.0
+
+    def _meets(self, t: float, q: Vector, v: Vector, sizes: Vector) -> bool:
+        """Whether what is violated is roundoff: of its size, or because a further projection does not move q and v."""
+        left = self._violated(t, q, v, sizes)
+        if left <= PROJECTED or not left <= VISIBLE:
+            return left <= PROJECTED
+        again = self._projection.nearest(t, q, v)
+        return all(np.abs(x - y).max() <= UNMOVED * np.abs(y).max() for x, y in zip(again, (q, v), strict=True))
 
     def _violated(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
         """The largest constraint of both levels over its row's size; infinite where one is not finite."""

@@ -86,7 +86,8 @@ class Onto:
             return y
         scales, t = self.run.problem.scales, self.run.time(t)
         q, v = self._projection.nearest(t, *self.run.form.state(y))
-        if not np.max(self._projection.levels.at(t, q, v).scaled_position(scales.q), initial=0.0) <= PROJECTED:
+        sizes = np.maximum(scales.q, np.abs(q))  # constraints carry the roundoff of what they are made of
+        if not np.max(self._projection.levels.at(t, q, v).scaled_position(sizes), initial=0.0) <= PROJECTED:
             raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
         return np.concatenate([q, v])
 

@@ -272,7 +272,9 @@ def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
 @compiled
 def projected(z: Any, o: Any, t: Any) -> Any:
     """Move y in END onto both levels at the problem's t [s]; how that ended."""
-    place, end = part(z, mem.PLACE), part(z, mem.END)
+    place, end, accepted = part(z, mem.PLACE), part(z, mem.END), view(z.w, z.i[2 * mem.Q], o.sizes.size)
+    for j in range(o.sizes.size):  # constraints carry the roundoff of what they are made of
+        o.sizes[j] = max(o.sizes[j], abs(accepted[j]))
     place[0] = t
     put(place, 1, end[: o.end.size])
     ended = onto_constraints(z, o.mass, o.sizes)

@@ -106,7 +106,7 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
     try:
         if not isinstance(dynamics, MatrixFree) and too_large(dynamics) is None:
             (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
-        elif s.p or declared(dynamics.system, "reaction") is not None:  # what binds v only, or reactions across the rows
+        elif declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
             return None
         else:
             (kkt, analysis), look = functions.kkt, native(levels, dynamics, shapes=((), (s.n,), (s.n,)))

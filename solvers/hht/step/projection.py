@@ -10,10 +10,11 @@ import math
 from typing import Any
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
+from solvers.hht.equations.formulas import TINY
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, part, put
+from solvers.hht.loops.sections import address, call, finite, largest, part, put
 from solvers.hht.step.acceleration import scaled_factor, scaled_solve
 from solvers.hht.step.entries import add_row_sizes, by_entries, compute_entries, factor_entries, solve_entries
 
@@ -21,6 +22,8 @@ MOST_ITERATIONS = 8  # at each level; a state leaves the constraints by its erro
 SLOW = 1e-2  # contraction from which the matrix is made anew, of that of the first iterate the square of an error
 ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
 CLOSE = 1e3 * ROUNDOFF  # one that counts as none where it no longer shrinks
+STALLED = 1e-10  # relative increments that stop shrinking are roundoff, of g beside constants far larger than the motion
+VISIBLE = 1e-8  # violations that are not roundoff of such g
 
 
 @called
@@ -52,12 +55,13 @@ def onto_constraints(z: Any, mass: Any, sizes: Any) -> Any:
     look(z)
     factored = False
     for level in range(2):
-        position, last, ended = level == 0, math.inf, mem.DIVERGED
+        position, last, moved, ended = level == 0, math.inf, math.inf, mem.DIVERGED
         for _ in range(MOST_ITERATIONS):
             violation = violated(z, sizes, position)
             if not violation < math.inf:
                 return mem.NONFINITE
-            if violation <= ROUNDOFF or last / 2 <= violation <= CLOSE:
+            room = VISIBLE if moved <= STALLED else CLOSE
+            if violation <= ROUNDOFF or last / 2 <= violation <= room:
                 ended = mem.CONVERGED
                 break
             if not factored or violation > SLOW * last:
@@ -66,7 +70,8 @@ def onto_constraints(z: Any, mass: Any, sizes: Any) -> Any:
                 if not factor(z, mass, position):
                     return mem.SINGULAR
                 factored = True
-            if not move(z, position):
+            moved = move(z, position)
+            if not moved < math.inf:
                 return mem.SINGULAR
             look(z)
             last = violation
@@ -162,14 +167,17 @@ def factor(z: Any, mass: Any, position: Any) -> Any:
 
 @compiled
 def move(z: Any, position: Any) -> Any:
-    """Change q, or v, at PLACE by the x of least x^T M x that undoes a level, (H47); False where it is not finite."""
+    """Change q, or v, at PLACE by the x of least x^T M x that undoes a level, (H47); its largest entry over theirs.
+
+    Infinity where it is not finite.
+    """
     n, m, p, place, entries = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.PLACE), by_entries(z)
     change = part(z, mem.COMPUTED) if entries else part(z, mem.LEVEL_TERMS)
     for i in range(n + m + p):
         change[i] = value(z, i - n, position) if n <= i < n + (m if position else m + p) else 0.0
     if not (solve_entries(z) if entries else scaled_solve(z)):
-        return False
+        return math.inf
     found, first = part(z, mem.INCREMENT) if entries else change, 1 if position else 1 + n
     for i in range(n):
         place[first + i] -= found[i]
-    return True
+    return largest(found[:n]) / max(largest(place[first : first + n]), TINY)
