@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import issparse
 
 from hhtbench.arguments import Vector, all_finite
 from hhtbench.counting import Work
@@ -38,6 +38,8 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
+
+RANKED = 4_000_000  # entries of [g_q; k_v] of a large system up to which dependent rows are named: some seconds
 
 
 @dataclass(frozen=True)
@@ -216,9 +218,7 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     if text:
         message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
         return Failure(Status.inconsistent_initial, message)
-    if isinstance(
-        at.position_jacobian, csr_array
-    ):  # a pivoted QR would be dense; dependent rows make the KKT matrix singular
+    if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
         return None
     if at.rank.redundant and not reduced:
         return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
@@ -259,6 +259,9 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     found = run.acceleration.solve(t, q, v, *guesses)
     run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
+        at = ConstraintLevels(run.dynamics).at(t, q, v)
+        if issparse(at.position_jacobian) and np.prod(at.rows.shape) <= RANKED and at.rank.redundant:
+            return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)
     if not all_finite(found.vdot):

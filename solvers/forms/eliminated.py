@@ -47,40 +47,43 @@ class Eliminated:
 class Differentiated:
     """dy'/dy of y = [q; v]: (F9) differentiated by its unknowns and by y, at once."""
 
-    def __init__(self, eliminated: Eliminated, products: MatrixFree) -> None:
+    def __init__(self, eliminated: Eliminated, products: MatrixFree, full: Callable[[float, Vector], Matrix]) -> None:
+        """``full``: the same by full matrices, for functions whose pattern cannot be read."""
+        self._full = full
         s = products.structure
         self._solve, self._products = eliminated.solve, products
         self._n, self._size = s.n, s.n + s.m + s.p
 
     def rhs_jacobian(self, t: float, y: Vector) -> Matrix:
         """dy'/dy (2n, 2n), not finite where (F9) is singular."""
-        n = self._n
-        entries = self._derivative.packed(np.concatenate([y, self._solve(t, y[:n], y[n:])]), float(t))[self._size :]
+        n, known = self._n, self._derivative
+        if known is None:
+            return self._full(t, y)
+        entries = known[0].packed(np.concatenate([y, self._solve(t, y[:n], y[n:])]), float(t))[self._size :]
         result = np.zeros((2 * n, 2 * n))
         result[:n, n:] = np.eye(n)
-        result[n:] = self._solved(entries)[:n]
+        result[n:] = self._solved(known[1], entries)[:n]
         return result
 
     @property
     def native(self) -> bool:
         """Whether no code of XLA is called; compiles."""
-        return self._derivative.native
+        return self._derivative is not None and self._derivative[0].native
 
     @cached_property
-    def _derivative(self) -> OftenCalled:
-        return OftenCalled(kkt_along, self._products, example=(np.zeros(2 * self._n + self._size), 0.0))
-
-    @cached_property
-    def _places(self) -> _Places:
-        rows, columns = self._derivative.pattern.rows, self._derivative.pattern.columns
+    def _derivative(self) -> tuple[OftenCalled, _Places] | None:
+        try:
+            found = OftenCalled(kkt_along, self._products, example=(np.zeros(2 * self._n + self._size), 0.0))
+        except NotImplementedError:  # a primitive whose sparsity asdex does not know
+            return None
+        rows, columns = found.pattern.rows, found.pattern.columns
         order = np.lexsort((rows, columns))  # column by column, those of y first
         right, matrix = np.split(order, [np.searchsorted(columns[order], 2 * self._n)])
         starts = np.searchsorted(columns[matrix], 2 * self._n + np.arange(self._size + 1)).astype(np.int32)
-        return _Places(right, (rows[right], columns[right]), matrix, rows[matrix], starts)
+        return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], starts)
 
-    def _solved(self, entries: Vector) -> Matrix:
+    def _solved(self, places: _Places, entries: Vector) -> Matrix:
         """The derivative of [v'; lam; mu] by y, (N, 2n)."""
-        places = self._places
         right = np.zeros((self._size, 2 * self._n), order="F")
         right[places.where] = -entries[places.right]
         if not np.isfinite(entries).all():
@@ -124,7 +127,7 @@ def kkt_made(dynamics: Dynamics) -> KKT | None:
 def _kkt_of(dynamics: Dynamics) -> list[KKT]:
     try:
         code = kkt_code(dynamics)
-    except NotNative:
+    except (NotNative, NotImplementedError):  # the second: a primitive whose sparsity asdex does not know
         return []
     return [] if code[1].kind == "sparse" else [code]
 

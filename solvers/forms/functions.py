@@ -5,7 +5,7 @@ system                                residual F, right-hand side y'            
 ====================================  ========================================  ====================================
 plain callables                       NumPy                                     full matrices, NumPy
 up to FULL unknowns n + m + p         code of full matrices                     full matrices, the same
-larger, mass constant and diagonal    code of products                          entries, likewise; dy'/dy is full
+larger, constant (sparse) mass        code of products                          entries, likewise; dy'/dy is full
 larger, any other                     code of full matrices                     full matrices, the same
 ====================================  ========================================  ====================================
 
@@ -57,8 +57,9 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
-    jacobian = compile_function(rhs_jacobian_function, dynamics)
     products = products_of(dynamics)
+    route = "xla" if _large(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
+    jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
     if _large(dynamics) and dynamics.structure.constrained:
         return _eliminated(dynamics, products, jacobian)
     if products is None:
@@ -75,7 +76,7 @@ def _eliminated(dynamics: Dynamics, products: MatrixFree | None, jacobian: Calla
     eliminated = Eliminated(dynamics, products)
     if products is None:
         return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
-    derivative = Differentiated(eliminated, products)
+    derivative = Differentiated(eliminated, products, jacobian)
 
     def outside(differentiated: bool) -> bool:
         return eliminated.native and (not differentiated or derivative.native)

@@ -41,8 +41,9 @@ class Levels:
 
     @cached_property
     def rank(self) -> ConstraintRank:
-        """Of dense [g_q; k_v]."""
-        return constraint_rank(self.position_jacobian, self.velocity_jacobian)
+        """Of [g_q; k_v], as full matrices."""
+        blocks = (self.position_jacobian, self.velocity_jacobian)
+        return constraint_rank(*(sp.csr_array(block).toarray() if sp.issparse(block) else block for block in blocks))
 
     @cached_property
     def rows(self) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhtbench.lowering import Dynamics, Native, Structure, native
+from hhtbench.lowering import Dynamics, Native, NotNative, Structure, native
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
@@ -17,6 +17,8 @@ from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import part, put
 from solvers.hht.step.acceleration import MAX_ITERATIONS, small
 from solvers.hht.step.entries import compute_entries, factor_entries, solve_entries
+
+LARGEST = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 
 
 @called
@@ -53,9 +55,16 @@ def kkt_code(dynamics: Dynamics) -> tuple[Native, Analysis]:
     """Machine code of residual and matrix of (H16), and the linear algebra for the entries that can differ from zero.
 
     The ``slots`` say where code puts each of [residual; entries].
+
+    Raises
+    ------
+    NotNative
+        There is none, or it would take long to make.
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
+    if size > LARGEST and not isinstance(dynamics, MatrixFree):
+        raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
     if isinstance(dynamics, MatrixFree):
         pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
