@@ -43,7 +43,7 @@ class Levels:
     def rank(self) -> ConstraintRank:
         """Of [g_q; k_v], as full matrices."""
         blocks = (self.position_jacobian, self.velocity_jacobian)
-        return constraint_rank(*(sp.csr_array(block).toarray() if sp.issparse(block) else block for block in blocks))
+        return constraint_rank(*(block.toarray() if isinstance(block, sp.csr_array) else block for block in blocks))
 
     @cached_property
     def rows(self) -> Any:
