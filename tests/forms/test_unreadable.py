@@ -1,0 +1,55 @@
+"""Systems for which the routes of larger systems have no code: functions that cannot be read, dependent rows."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.protocol import Problem, System
+from hhtbench.result import Status
+
+SOLVERS = ("hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected")
+
+
+class Unreadable(System):
+    """No sparsity is known of cumlogsumexp; one constraint among 48 coordinates."""
+
+    def force(self, t, q, v):
+        return jnp.sin(t) - q + 0.01 * jax.lax.cumlogsumexp(q)
+
+    def constraint(self, t, q):
+        return jnp.stack([q[20] - q[30] * (1.0 + 0.1 * q[3])])
+
+
+class Doubled(System):
+    """A chain of 140 masses; its first rod is there twice."""
+
+    def mass_matrix(self, t, q):
+        return jnp.eye(q.size)
+
+    def force(self, t, q, v):
+        return jnp.tile(jnp.array([0.0, -9.81]), q.size // 2)
+
+    def constraint(self, t, q):
+        places = jnp.concatenate([jnp.zeros((1, 2)), q.reshape(-1, 2)])
+        rods = places[1:] - places[:-1]
+        level = (jnp.sum(rods * rods, axis=1) - 1.0) / 2.0
+        return jnp.concatenate([level, level[:1]])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_functions_whose_sparsity_cannot_be_read_are_solved_with_full_matrices(solver):
+    problem = Problem(name="unreadable", system=Unreadable(), t_span=(0.0, 1.0), q0=np.zeros(48), v0=np.zeros(48))
+    found = hb.solve(problem, solver, rtol=1e-4, t_eval=np.linspace(0.0, 1.0, 30))
+    assert found.success
+    assert np.isfinite(found.lam).all()
+
+
+@pytest.mark.parametrize("solver", ["hht", "cvode", "ida(form=ggl)"])
+def test_redundant_rows_of_large_systems_are_named(solver):
+    q0 = np.stack([np.arange(1.0, 141.0), np.zeros(140)], axis=1).ravel()
+    problem = Problem(name="doubled", system=Doubled(), t_span=(0.0, 0.01), q0=q0, v0=np.zeros(280))
+    found = hb.solve(problem, solver, rtol=1e-3)
+    assert found.status is Status.redundant_constraints
+    assert "rank 140 of 141 rows; dependent on the others: rows [140]" in found.message
