@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.accuracy import solve_to
 from hhtbench.counting import Clock, handed_over
 from hhtbench.errors import BudgetSpent
 from hhtbench.protocol import Problem, Solver
@@ -18,7 +19,9 @@ from hhtbench.result import Solution, Status
 RTOL = 1e-4  #: where a request has neither tolerances nor steps: plain engineering accuracy
 
 
-def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) -> Solution:
+def solve(
+    problem: Problem | str, solver: Solver | str = "hht", *, accuracy: float | None = None, **request: Any
+) -> Solution:
     """Integrate ``problem`` with ``solver``.
 
     Parameters
@@ -27,6 +30,9 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
         A Problem or a spec such as ``planar_chain(n_links=100)``.
     solver
         A solver or a spec such as ``hht(alpha=-0.1)``.
+    accuracy
+        Largest error of q and v, scaled by the problem's scales, at the output times: the solver is run until finer runs
+        show that it is kept (:func:`hhtbench.accuracy.solve_to`).  None: tolerances or steps as requested, for one run.
     request
         Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
         tolerances nor steps ``rtol = 1e-4``, which the message says.
@@ -44,7 +50,7 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     """
     began = time.perf_counter()
     asked, note = make_request(**request), ""
-    if not asked.fixed and asked.rtol is None and asked.atol is None:
+    if accuracy is None and not asked.fixed and asked.rtol is None and asked.atol is None:
         asked, note = replace(asked, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
     clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
     loaded, chosen = load_problem(problem), load_solver(solver)
@@ -53,6 +59,8 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
         check_output_times(asked.t_eval, *loaded.t_span)
     with handed_over(clock):
         try:
+            if accuracy is not None:
+                return solve_to(loaded, chosen, accuracy, asked)
             reason = chosen.accepts(loaded, asked)
             found = chosen.solve(loaded, asked) if reason is None else _nothing(loaded, Status.declined, reason)
         except BudgetSpent as spent:

@@ -58,6 +58,11 @@ class Status(enum.Enum):
     )
     evaluation_budget = ("evaluation_budget", None, "The budget of evaluations is used up; raise max_evaluations.")
     deadline = ("deadline", None, "The time budget is used up; raise max_seconds.")
+    accuracy_not_shown = (
+        "accuracy_not_shown",
+        None,
+        "Runs do not show that the error is as small as asked; the message says what is known.",
+    )
     interrupted = ("interrupted", None, "The solve was interrupted from outside.")
     declined = ("declined", -22, "The solver cannot take this problem or request; the message says why.")
     unreliable = ("unreliable", None, "The library reported success but its result failed the check.")
@@ -116,6 +121,22 @@ class DenseOutput(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ErrorEstimate:
+    """What finer and finer runs of a solver tell of the error of the finest, scaled by the problem's scales.
+
+    NaN, and ``bound`` None, where it cannot be told.
+    """
+
+    asked: float  #: the error asked for, of q and v
+    bound: float | None  #: of the largest error of q and v over the output times
+    q: Vector  #: (n_t,) estimated error at every output time, largest component
+    v: Vector  #: (n_t,)
+    lam: Vector  #: (n_t,) the same of the multipliers, which ``bound`` does not cover
+    differences: tuple[float, ...]  #: largest, between each run and the next
+    settings: tuple[float, ...]  #: of the runs: tolerances, or numbers of steps
+
+
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
 
@@ -139,6 +160,8 @@ class Solution:
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
     interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = None  #: what puts it onto the constraints; not pickled
+    error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
+    extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
 
     @property
     def success(self) -> bool:

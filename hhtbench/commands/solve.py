@@ -21,6 +21,7 @@ from hhtbench.registry import load_problem
 @click.option("--steps", type=int, help="Number of equal steps.")
 @click.option("--rtol", type=float, help="Relative tolerance: steps chosen by error control.")
 @click.option("--atol", type=float, help="Absolute tolerance.")
+@click.option("--accuracy", type=float, help="Largest scaled error of q and v: the tolerance or step is found.")
 @click.option("--max-num-steps", type=int, help="Most accepted steps.")
 @click.option("--max-evaluations", type=int, help="Most residual evaluations.")
 @click.option("--max-seconds", type=float, help="Most wall-clock time [s].")

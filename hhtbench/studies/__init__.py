@@ -1,0 +1,1 @@
+"""Studies of the bench's own promises, over the library and over scenes that were not looked at when they were made."""
