@@ -27,11 +27,14 @@ COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
-LEAST_SHARE = 1 / 3  # of the last difference: less is not believed, however fast the differences fall
-PROPORTIONAL = 12.0  # the difference before the last over the error of the last run, where errors fall by four
+LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
+LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
+ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
+ROUNDOFF = 1e-13  # scaled differences that are none
 AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
 MOST_FINER = 1e4  # at once, of a tolerance
 MOST_RUNS = 12
+BUDGETS = (Status.deadline, Status.evaluation_budget)
 TOLERATED = 3  # runs in a row that fail: some libraries start at tight tolerances only
 
 
@@ -92,7 +95,9 @@ class _Search:
 
     def __init__(self, problem: Problem, solver: Solver, accuracy: float, request: Request, kind: str) -> None:
         self.problem, self.solver, self.accuracy, self.request, self.kind = problem, solver, accuracy, request, kind
-        self.finer = FINER[kind]
+        self.finer, self.order = FINER[kind], ORDER[kind]
+        self.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
+        self.least_share = LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
         self.runs: list[_Run] = []
         self.differences: list[float] = []  #: between neighbouring runs
         self.spent: list[Counters] = []
@@ -112,7 +117,7 @@ class _Search:
                 setting = self._next(bound)
             else:
                 failed += 1
-                if self.runs or failed == TOLERATED or found.status in (Status.deadline, Status.evaluation_budget):
+                if self.runs or failed == TOLERATED or found.status in BUDGETS:
                     return self._unknown(
                         f"a run at {self._told(setting)} ended with {found.status.label}: {found.message}", found
                     )
@@ -157,24 +162,28 @@ class _Search:
         if len(self.differences) < 2 or not self._is_pair():
             return None
         before, last = self.differences[-2:]
-        if last == 0.0:
-            return 0.0
+        if max(before, last) <= ROUNDOFF and self._differ_in_work():
+            return ROUNDOFF
         contraction = last / before if before > 0.0 else math.inf
         if not contraction < CONTRACTS:
             return None
-        left = last * max(LEAST_SHARE, contraction / (1 - contraction))
-        if self._is_pair(2):
-            left = max(left, before / PROPORTIONAL)  # the last difference may be small by chance
-        return SAFETY * left
+        first, second, third = (run.setting**self.order for run in self.runs[-3:])
+        proportional = before * third / (first - second)  # the last difference may be small by chance
+        return SAFETY * max(last * max(self.least_share, contraction / (1 - contraction)), proportional)
+
+    def _differ_in_work(self) -> bool:
+        """Whether the last runs took different steps: else they are one run, which tells nothing."""
+        return len({run.solution.counters.steps_accepted for run in self.runs[-3:]}) == len(self.runs[-3:])
 
     def _next(self, bound: float | None) -> float:
         """The next setting: the other run of a pair, or the first of a pair whose finer run should reach the accuracy."""
         last = self.runs[-1].setting
         if not self._is_pair():
             return last / self.finer
-        error = SAFETY * LEAST_SHARE * self.differences[-1] if bound is None else bound
-        order = 1.0 if self.kind == "rtol" else 2.0
-        wanted = last * self.finer * max(AIM * self.accuracy / error if error > 0 else 0.0, 1 / MOST_FINER) ** (1 / order)
+        error = SAFETY * self.least_share * self.differences[-1] if bound is None else bound
+        wanted = (
+            last * self.finer * max(AIM * self.accuracy / error if error > 0 else 0.0, 1 / MOST_FINER) ** (1 / self.order)
+        )
         return wanted if wanted < last / self.finer**1.5 else last / self.finer
 
     def _finished(self, bound: float) -> Solution:
@@ -190,7 +199,7 @@ class _Search:
         if not self.runs and failed is not None:
             return replace(failed, counters=_summed(self.spent))
         text = f"An error of {self.accuracy:g} is not shown: {why}.{seen}{self._scales()}"
-        status = failed.status if failed is not None and failed.status is Status.deadline else Status.accuracy_not_shown
+        status = failed.status if failed is not None and failed.status in BUDGETS else Status.accuracy_not_shown
         return self._solution(status, text, None)
 
     def _scales(self) -> str:
@@ -205,7 +214,7 @@ class _Search:
         finest = self.runs[-1]
         error = None
         if len(self.runs) > 1:
-            share = SAFETY * LEAST_SHARE if not self.differences[-1] else (bound or math.nan) / self.differences[-1]
+            share = SAFETY * self.least_share if not self.differences[-1] else (bound or math.nan) / self.differences[-1]
             apart = self._rows_apart(self.runs[-2], finest)
             rows = apart * share if bound is not None else np.full_like(apart, np.nan)
             lam = _apart(self.runs[-2].solution.lam, finest.solution.lam, self.problem.scales.lam) * share
@@ -233,8 +242,7 @@ class _Search:
 
         Offered of solvers whose error is a smooth function of the step, or of the tolerance (``smooth_error``).
         """
-        smooth = self.kind == "steps" or getattr(self.solver, "smooth_error", False)
-        if bound is None or not (smooth and self._is_pair() and self._is_pair(2)):
+        if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
             return None
         before, last = self.differences[-2:]
         if not 0.8 < 4 * last / before < 1.25:

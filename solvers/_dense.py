@@ -32,6 +32,9 @@ class Steps(Protocol):
     def v(self) -> Matrix:
         """Likewise."""
 
+    def __call__(self, t: Any) -> DenseOutput:
+        """The interpolated states at times (k,)."""
+
 
 class OnConstraints:
     """``Solution.projection`` of a solve: states of its dense output moved onto both levels of the constraints.
@@ -55,7 +58,11 @@ class OnConstraints:
             return found
         times, steps = np.ravel(np.asarray(t, dtype=np.float64)), self._steps
         q, v = (np.array(x, dtype=np.float64).reshape(times.size, np.shape(x)[-1]) for x in found)
-        which = ~np.isin(times, steps.t) if self._held else np.ones(times.size, dtype=bool)
+        which = np.ones(times.size, dtype=bool)
+        if self._held:
+            ends = np.flatnonzero(np.isin(times, steps.t))
+            own = steps(times[ends])
+            which[ends] = (own.q != q[ends]).any(axis=1) | (own.v != v[ends]).any(axis=1)
         moved = q[which], v[which]
         if text := str(self._put(times[which], *moved, sizes_from(steps.q, steps.v))):
             warnings.warn(text, UserWarning, stacklevel=3)

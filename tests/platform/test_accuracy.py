@@ -1,0 +1,183 @@
+"""``solve(..., accuracy=...)``: the error that was asked for, an estimate of it, or the word that it cannot be told."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.accuracy import MOST_RUNS
+from hhtbench.result import Status
+
+SOLVERS = ["hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected", "generalised_alpha", "rattle"]
+
+
+def true_errors(problem, found):
+    """Largest scaled error at every row, of q and of v."""
+    rows = [problem.exact(float(t)) for t in found.t]
+    return [
+        np.max(np.abs(getattr(found, name) - np.array([getattr(row, name) for row in rows])), axis=1)
+        / getattr(problem.scales, name)
+        for name in ("q", "v")
+    ]
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return hb.load_problem("simple_pendulum(t_end=3)")  # its motion is known in elliptic functions
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
+def test_the_true_error_is_below_what_was_asked_and_below_its_bound(pendulum, solver, accuracy):
+    found = hb.solve(pendulum, solver, accuracy=accuracy)
+    assert found.status is Status.success, found.message
+    error = max(map(np.max, true_errors(pendulum, found)))
+    assert error <= accuracy
+    assert error <= 2 * found.error.bound  # an estimate, of solvers whose errors are no smooth function of their tolerance
+    assert 1e-3 * accuracy < found.error.bound <= accuracy  # work is not wasted on what nobody asked for
+    assert f"{found.error.bound:.2g}" in found.message
+
+
+def test_every_row_has_an_estimate_of_the_size_of_its_error(pendulum):
+    found = hb.solve(pendulum, "hht", accuracy=1e-4)
+    assert [x.shape for x in (found.error.q, found.error.v, found.error.lam)] == [found.t.shape] * 3
+    for estimate, error in zip((found.error.q, found.error.v), true_errors(pendulum, found), strict=True):
+        large = error > 0.5 * error.max()  # where an error passes through zero, so may an estimate at another place
+        assert np.all(estimate[large] > 0.8 * error[large])
+        assert np.all(estimate[large] < 4 * error[large])
+    assert max(found.error.q.max(), found.error.v.max()) == pytest.approx(found.error.bound)
+
+
+def test_the_extrapolated_answer_is_better_and_on_the_constraints(pendulum):
+    found = hb.solve(pendulum, "hht", accuracy=1e-4)
+    better = replace(found, q=found.extrapolated.q, v=found.extrapolated.v)
+    ours, theirs = (max(map(np.max, true_errors(pendulum, x))) for x in (better, found))
+    assert ours < 0.5 * theirs
+    assert np.max(np.abs(np.hypot(*better.q.T) - 1.0)) < 1e-14
+    assert np.max(np.abs(np.sum(better.q * better.v, axis=1))) < 1e-13
+    assert (
+        hb.solve(pendulum, "ida", accuracy=1e-2).extrapolated is None
+    )  # its errors are no smooth function of its tolerance
+
+
+def test_the_cost_is_that_of_all_runs(pendulum):
+    found = hb.solve(pendulum, "hht", accuracy=1e-3)
+    singles = [hb.solve(pendulum, "hht", rtol=rtol, t_eval=found.t) for rtol in found.error.settings]
+    assert found.counters.residual_evaluations == sum(run.counters.residual_evaluations for run in singles)
+    assert found.counters.provenance.startswith(f"sum of {len(singles)} runs")
+    np.testing.assert_array_equal(found.q, singles[-1].q)
+    apart = [np.max(np.abs(a.q - b.q)) for a, b in pairwise(singles)]
+    assert all(difference >= x for difference, x in zip(found.error.differences, apart, strict=True))
+
+
+def test_a_solver_whose_runs_do_not_contract_is_not_believed(pendulum):
+    class Noisy:
+        name = "noisy"
+        rng = np.random.default_rng(1)
+
+        def accepts(self, problem, request):
+            return None
+
+        def solve(self, problem, request):
+            found = hb.load_solver("projected").solve(problem, replace(request, rtol=1e-8))
+            return replace(found, q=found.q + 1e-3 * self.rng.standard_normal(found.q.shape))
+
+    found = hb.solve(pendulum, Noisy(), accuracy=1e-4)
+    assert found.status is Status.accuracy_not_shown
+    assert found.error.bound is None
+    assert np.isnan(found.error.q).all()
+    assert "differ by 0.00" in found.message
+    assert len(found.error.settings) <= MOST_RUNS
+
+
+def test_one_small_difference_by_chance_is_not_believed(pendulum):
+    class Lucky:
+        name = "lucky"
+
+        def accepts(self, problem, request):
+            return None
+
+        def solve(self, problem, request):
+            exact = hb.load_solver("projected").solve(problem, replace(request, rtol=1e-10))
+            off = 0.0 if request.rtol < 1e-4 else request.rtol  # 1e-3, 2.5e-4: then two runs that agree by chance
+            off = 3e-4 if request.rtol < 2e-4 else off
+            return replace(exact, q=exact.q + off)
+
+    found = hb.solve(pendulum, Lucky(), accuracy=1e-5)
+    assert not (found.success and np.max(true_errors(pendulum, found)) > 3e-5)
+
+
+def test_one_run_made_again_and_again_tells_nothing(pendulum):
+    class Deaf:
+        name = "deaf"
+
+        def accepts(self, problem, request):
+            return None
+
+        def solve(self, problem, request):
+            return hb.load_solver("hht").solve(problem, replace(request, rtol=1e-2))
+
+    assert hb.solve(pendulum, Deaf(), accuracy=1e-4).status is Status.accuracy_not_shown
+
+
+def test_a_motion_that_every_step_finds_exactly_is_believed():
+    system = hb.NumpySystem(force=lambda t, q, v: np.array([-2.0]))  # a quadratic in time
+    fall = hb.Problem(name="fall", system=system, t_span=(0.0, 1.0), q0=[1.0], v0=[0.0], scales=hb.Scales(q=1.5))
+    found = hb.solve(fall, "rattle", accuracy=1e-6)
+    assert found.success
+    assert found.q[-1, 0] == pytest.approx(0.0, abs=1e-12)
+    assert len(found.error.settings) == 3
+
+
+def test_what_was_known_when_a_budget_was_spent_is_told(pendulum):
+    whole = hb.solve(pendulum, "hht", accuracy=1e-4)
+    budget = whole.counters.residual_evaluations - 100
+    found = hb.solve(pendulum, "hht", accuracy=1e-4, max_evaluations=budget)
+    assert found.status is Status.evaluation_budget
+    assert "An error of 0.0001 is not shown" in found.message
+    assert found.counters.residual_evaluations <= budget
+    assert found.error.settings == whole.error.settings[:-1]
+    assert found.error.bound is None
+
+
+def test_a_solver_that_fails_says_how():
+    system = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan]))
+    broken = hb.Problem(name="broken", system=system, t_span=(0.0, 1.0), q0=[0.0], v0=[0.0])
+    assert hb.solve(broken, "hht", accuracy=1e-3).status is Status.nonfinite_callback
+    declined = hb.solve("jay_negrut_test1", "cvode", accuracy=1e-3)
+    assert declined.status is Status.declined
+    assert "linear" in declined.message
+
+
+def test_a_problem_without_scales_is_told_so():
+    system = hb.NumpySystem(force=lambda t, q, v: -q)
+    spring = hb.Problem(name="spring", system=system, t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+    assert "declares no scales" in hb.solve(spring, "hht", accuracy=1e-3).message
+    scaled = replace(spring, scales=hb.Scales(q=2.0))
+    assert "declares no scales" not in hb.solve(scaled, "hht", accuracy=1e-3).message
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        ({"accuracy": 1e-16}, "accuracy must lie between 1e-13"),
+        ({"accuracy": 2.0}, "accuracy must lie between"),
+        ({"accuracy": float("nan")}, "accuracy"),
+        ({"accuracy": 1e-3, "rtol": 1e-3}, "accuracy excludes rtol"),
+        ({"accuracy": 1e-3, "steps": 10}, "accuracy excludes"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_refused(pendulum, request_, text):
+    with pytest.raises(hb.ProblemError, match=text):
+        hb.solve(pendulum, "hht", **request_)
+
+
+def test_a_solution_with_its_estimate_is_pickled(pendulum):
+    found = hb.solve(pendulum, "hht", accuracy=1e-2)
+    again = pickle.loads(pickle.dumps(found))
+    assert again.error.bound == found.error.bound
