@@ -25,6 +25,16 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rules:
+    """What every solver of a campaign is given alike; it stands in the request of every row."""
+
+    accuracies: tuple[float, ...]  #: achieved scaled errors to reach
+    max_seconds: float  #: of one solve [s]
+    pair_seconds: float  #: of all solves of one problem by one solver [s]
+    refinements: int  #: most solves of one problem by one solver
+
+
+@dataclass(frozen=True, kw_only=True)
 class Point:
     """One row of the store, reduced; every row gives one, failed or not."""
 
@@ -39,7 +49,12 @@ class Point:
     doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
-    time: float | None  #: wall time of one solve [s]
+    time: float | None  #: processor time of one solve [s]
+    repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
+    spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
+    allowed: float | None  #: what the solve was allowed [s]
+    rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
+    held_out: bool  #: of a problem that was not looked at while defaults were tuned
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve
@@ -125,6 +140,11 @@ def point(row: RunRow) -> Point:
         compared=None if compared is None else int(compared),
         limit=0.0 if digits is None else 10.0**-digits,
         time=number(row.timing, "solve_s") if alone is None else alone,
+        repeats=_repeats(row),
+        spent=_spent(row),
+        allowed=number(row.request, "max_seconds"),
+        rules=rules_of(row),
+        held_out=row.request.get("held_out") is True,
         alone=alone is not None,
         disturbed=row.timing.get("disturbed") is True,
         share=_share(row),
@@ -133,6 +153,25 @@ def point(row: RunRow) -> Point:
         velocity=number(row.metrics, "drift", "velocity"),
         absolute=number(row.metrics, "drift", "position_absolute"),
     )
+
+
+def rules_of(row: RunRow) -> Rules | None:
+    """The campaign's rules as the row's request holds them."""
+    rules = row.request.get("rules")
+    if not rules:
+        return None
+    return Rules(**{**rules, "accuracies": tuple(rules["accuracies"])})
+
+
+def _repeats(row: RunRow) -> tuple[float, ...]:
+    found = row.timing.get("rounds_s") or []
+    return tuple(float(value) for value in found if value)
+
+
+def _spent(row: RunRow) -> float | None:
+    """A solve that was killed, or found no end, has spent what it was allowed."""
+    seconds = number(row.timing, "solve_s")
+    return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
 
 
 def _share(row: RunRow) -> float | None:

@@ -14,8 +14,9 @@ import click
 from hhtbench import plugins
 from hhtbench.campaign.campaign import Done, Progress, run_campaign
 from hhtbench.campaign.execute import Limits
+from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.machine import total_memory, usable_cores
-from hhtbench.campaign.plan import Campaign, Grid, named_campaign, restrict
+from hhtbench.campaign.plan import Campaign, Grid, restrict
 from hhtbench.errors import ProblemError
 from hhtbench.registry import load_solver
 from hhtbench.specs import parse_spec
@@ -64,8 +65,13 @@ def _campaign(
     """The campaign of the options."""
     some = tuple(split_specs(problems)), tuple(split_specs(solvers))
     if name is None:
-        axes = {"rtol": _numbers("rtol", rtol, float), "step": _numbers("step", step, float)}
-        grid = Grid(problems=some[0], solvers=some[1], steps=_numbers("steps", steps, int), **axes)
+        grid = Grid(
+            problems=some[0],
+            solvers=some[1],
+            rtol=_numbers("rtol", rtol, float),
+            step=_numbers("step", step, float),
+            steps=_numbers("steps", steps, int),
+        )
         campaign = Campaign(grids=(grid,))
     elif rtol or step or steps:
         raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")
