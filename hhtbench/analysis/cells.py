@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from hhtbench.store.rows import RunRow
 SUBJECT = "hht"  # the family that the comparison is about
 TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
 NEAR = 10.0  # errors within this factor of one another are called equal
+MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
@@ -69,8 +71,9 @@ class Point:
 
 
 def family(entry: str) -> str:
-    """The part of a solver's spec before its arguments."""
-    return entry.partition("(")[0].partition(",")[0]
+    """The part of a solver's spec before its arguments; in minimal coordinates that of the solver which is given them."""
+    inner = MINIMAL.match(entry)
+    return inner[1] if inner else entry.partition("(")[0].partition(",")[0]
 
 
 def number(mapping: Mapping[str, Any], *path: str) -> float | None:
@@ -103,6 +106,11 @@ def _short(value: float) -> str:
     """``1e-03`` and ``2.5e-04``: all settings of one axis written alike."""
     whole = f"{value:.0e}"
     return whole if float(whole) == value else f"{value:.3g}"
+
+
+def kind_of(run: Point) -> str:
+    """What a campaign refines in runs like this: "rtol" or "steps"."""
+    return "rtol" if run.setting.kind == "rtol" else "steps"
 
 
 def entry_of(row: RunRow) -> str:
@@ -169,8 +177,9 @@ def _repeats(row: RunRow) -> tuple[float, ...]:
 
 
 def _spent(row: RunRow) -> float | None:
-    """A solve that was killed, or found no end, has spent what it was allowed."""
-    seconds = number(row.timing, "solve_s")
+    """Processor time where it is known; a solve that was killed has spent what it was allowed."""
+    seconds = number(row.timing, "solve_cpu_s")
+    seconds = number(row.timing, "solve_s") if seconds is None else seconds
     return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
 
 

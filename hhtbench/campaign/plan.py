@@ -36,7 +36,6 @@ class Grid:
     problems: tuple[Text, ...]
     solvers: tuple[Text, ...]
     refine: Literal["rtol", "steps"] = "rtol"  #: what is refined: tolerances, or numbers of equal steps
-    accuracies: tuple[Accuracy, ...] = ()  #: errors to reach; empty: the campaign's
     held_out: bool = False  #: these problems were not looked at while defaults were tuned
     rtol: tuple[Positive, ...] = ()  #: with one of these three nothing is refined
     step: tuple[Positive, ...] = ()  #: [s]
@@ -132,7 +131,7 @@ def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
             problem=problem,
             solver=solver,
             kind=kind,
-            rules=_rules(campaign, grid),
+            rules=_rules(campaign),
             behind=behind[problem, solver],
             fixed={"outputs": campaign.outputs, "counting": campaign.counting},
             held_out=grid.held_out,
@@ -158,10 +157,9 @@ def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:
                 yield grid, problem, solver
 
 
-def _rules(campaign: Campaign, grid: Grid) -> Rules:
-    accuracies = tuple(sorted({*(grid.accuracies or campaign.accuracies)}, reverse=True))
+def _rules(campaign: Campaign) -> Rules:
     return Rules(
-        accuracies=accuracies,
+        accuracies=tuple(sorted({*campaign.accuracies}, reverse=True)),
         max_seconds=campaign.max_seconds,
         pair_seconds=campaign.pair_seconds,
         refinements=campaign.refinements,
