@@ -22,10 +22,13 @@ SLOPES = {
 USUAL = {"rtol": 1.0, "steps": 2.0}  # slope before two errors are known
 MOST = {"rtol": 30.0, "steps": 10.0}  # times finer at once
 LEAST = 1.4  # times finer at least: less would hardly change the error
+AGAIN = 10.0  # times finer after a run that failed before any has succeeded
+BEYOND = 3.0  # times finer than a failure that may have been a single one
 AIM = 0.6  # of the target: a run that misses it by little costs another
 BETTER = 0.9  # of the best error so far: what a finer run must stay below to count as an improvement
 STANDSTILL = 2  # finer runs in a row without improvement that end a ladder
-FAILURES = 2  # runs in a row that do not come to a believed end, the same
+FAILURES = 2  # runs finer than the finest success that fail, the same
+EARLY = 6  # runs that fail before any has succeeded, the same: a loose tolerance may be too loose for what a check bears
 CAPS = ("deadline", "max_steps", "evaluation_budget")  #: statuses of a run that used up what a run may use
 
 
@@ -51,12 +54,10 @@ def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Nex
     if not known:
         return Next(value=FIRST[kind], seconds=min(rules.max_seconds, rules.pair_seconds))
     last, allowed = known[-1], _allowed(known, rules)
-    if last.status == "deadline" and last.allowed is not None and last.allowed < _allowed(known[:-1], rules):
-        return Next(value=last.setting.value, seconds=_allowed(known[:-1], rules))  # the budget has been raised since
     end = _ended(known, rules) or _out_of_budget(known, rules, allowed)
     if end is not None:
         return end
-    value = rounded(last.setting.value / _factor(known, rules, kind), last.setting.value, kind)
+    value = _finer(known, rules, kind)
     if value < FINEST[kind]:
         return End(kind="capped", text=f"no finer setting than {last.setting.text} is asked for")
     return Next(value=value, seconds=allowed)
@@ -74,18 +75,30 @@ def _ended(known: Sequence[Point], rules: Rules) -> End | None:
         return End(kind="unjudged", text="no exact solution or reference to compare with")
     if not _open(known, rules):
         return End(kind="reached", text="every target that can be judged is reached")
-    failed = known[-FAILURES:]
-    if len(failed) == FAILURES and not any(run.success for run in failed):
-        return End(kind="fails", text=f"{last.status} at {' and '.join(run.setting.text for run in failed)}: {last.message}")
+    if len(_failures(known)) >= (FAILURES if good else EARLY):
+        return _failed(known)
     if _standstill(good, rules):
-        return End(kind="standstill", text=f"no better when finer: error {last.error:.2g} at {last.setting.text}")
+        text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"
+        return End(kind="standstill", text=text)
     return None
+
+
+def _failures(known: Sequence[Point]) -> Sequence[Point]:
+    """Runs finer than the finest success."""
+    places = [i for i, run in enumerate(known) if run.success]
+    return known[places[-1] + 1 :] if places else known
+
+
+def _failed(known: Sequence[Point]) -> End:
+    failed = _failures(known)
+    settings = f"{failed[0].setting.text} to {failed[-1].setting.text}" if len(failed) > 1 else failed[0].setting.text
+    return End(kind="fails", text=f"{failed[-1].status} at {settings}: {failed[-1].message}")
 
 
 def _out_of_budget(known: Sequence[Point], rules: Rules, allowed: float) -> End | None:
     if len(known) >= rules.refinements:
         return End(kind="capped", text=f"{rules.refinements} runs, the most of one solver on one problem")
-    if allowed <= (known[-1].spent or 0.0):  # a finer run takes longer than the one before it
+    if allowed <= (known[-1].spent or 0.0):  # a finer run takes longer
         return End(
             kind="capped",
             text=f"what is left of {rules.pair_seconds:g} s is less than the run at {known[-1].setting.text} took",
@@ -112,9 +125,24 @@ def _standstill(good: Sequence[Point], rules: Rules) -> bool:
     return best <= max(rules.accuracies) and all(error > BETTER * best for error in errors[-STANDSTILL:])
 
 
+def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
+    """The next setting: by the slope; before a failure halfway to it; beyond it where no room is left between."""
+    good, failed = [run for run in known if run.success], _failures(known)
+    if not good:
+        return rounded(known[-1].setting.value / AGAIN, known[-1].setting.value, kind)
+    finest = good[-1].setting.value
+    value = rounded(finest / _factor(known, rules, kind), finest, kind)
+    if not failed or value > LEAST * failed[0].setting.value:
+        return value
+    broken = failed[0].setting.value
+    if finest > LEAST**2 * broken:
+        return rounded(math.sqrt(finest * broken), finest, kind)
+    return rounded(broken / BEYOND, broken, kind)
+
+
 def _factor(known: Sequence[Point], rules: Rules, kind: str) -> float:
-    """How many times finer the next setting is."""
-    last = known[-1]
+    """How many times finer than the finest success the next setting is."""
+    last = [run for run in known if run.success][-1]
     if not last.error or last.error > max(rules.accuracies):
         return MOST[kind]
     ratio = last.error / (AIM * _open(known, rules)[0])

@@ -86,6 +86,11 @@ class Pair:
     held_out: bool = False
     given: tuple[dict[str, Any], ...] = field(default=())  #: the settings, where they are given
 
+    @property
+    def name(self) -> tuple[str, ...]:
+        """What tells it from others of a plan."""
+        return self.problem, self.solver, self.kind
+
     def cell(self, asked: Mapping[str, Any], seconds: float) -> Cell:
         """The cell of one setting that may take ``seconds`` [s]; these and the rules are outside of the key."""
         request = {"atol": None, **dict.fromkeys(AXES), **asked, **self.fixed}
@@ -122,7 +127,7 @@ def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
         positive_integer(name, getattr(campaign, name))
     reader = SourceReader()
     behind: dict[tuple[str, str], dict[str, str]] = {}
-    pairs: dict[tuple[str, str, str], Pair] = {}
+    pairs: dict[tuple[str, ...], Pair] = {}
     for grid, problem, solver in _combinations(campaign):
         if (problem, solver) not in behind:
             behind[problem, solver] = reader.behind(_parse(problem), _parse(solver))
@@ -137,8 +142,8 @@ def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
             held_out=grid.held_out,
             given=tuple(_given(grid, campaign.max_seconds)),
         )
-        before = pairs.setdefault((problem, solver, kind), found)
-        pairs[problem, solver, kind] = replace(before, given=_once((*before.given, *found.given)))
+        before = pairs.setdefault(found.name, found)
+        pairs[found.name] = replace(before, given=_once((*before.given, *found.given)))
     if not pairs:
         raise ProblemError("there is nothing to run: give problems, solvers and accuracies, rtol, step or steps.")
     order = list(dict.fromkeys(pair.problem for pair in pairs.values()))

@@ -9,7 +9,7 @@ from hhtbench.analysis.ladder import End, next_setting
 from hhtbench.campaign.plan import Cell, Pair
 from hhtbench.store.rows import RunRow
 
-__all__ = ["End", "next_request"]
+__all__ = ["End", "next_cells", "next_request"]
 
 
 def next_request(rows: Sequence[RunRow], pair: Pair) -> Cell | End:
@@ -23,3 +23,11 @@ def next_request(rows: Sequence[RunRow], pair: Pair) -> Cell | End:
         return found
     asked = {"rtol": found.value} if pair.kind == "rtol" else {"steps": round(1.0 / found.value)}
     return pair.cell(asked, found.seconds)
+
+
+def next_cells(pair: Pair, rows: Sequence[RunRow]) -> Sequence[Cell]:
+    """The cells to run after ``rows``; none where there is nothing more to run."""
+    if not pair.kind:
+        return () if rows else pair.cells()
+    found = next_request(rows, pair)
+    return () if isinstance(found, End) else (found,)
