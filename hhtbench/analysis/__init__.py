@@ -7,6 +7,7 @@ from hhtbench.analysis.cells import (
     SUBJECT,
     TYPICAL_ERROR,
     Point,
+    Rules,
     by_entry,
     family,
     number,
@@ -22,28 +23,45 @@ from hhtbench.analysis.drift import (
     invariant_series,
     multiplier_series,
 )
-from hhtbench.analysis.fronts import HELD, HELD_TARGETS, TARGETS, Comparison, Cost, compare, constrained_levels, fronts
-from hhtbench.analysis.missing import Missing
+from hhtbench.analysis.fronts import (
+    BOUNDS,
+    SAME,
+    TARGETS,
+    Comparison,
+    Cost,
+    compare,
+    constrained_levels,
+    fronts,
+    level_of,
+    targets_of,
+)
+from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
+from hhtbench.analysis.missing import UNKNOWN, Missing
 from hhtbench.analysis.newest import Newest, newest
 from hhtbench.analysis.outcomes import counters, failures, machines, silent, statuses
 from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
 
 __all__ = [
+    "BOUNDS",
     "DOUBTED",
-    "HELD",
-    "HELD_TARGETS",
+    "FIRST",
     "NEAR",
     "RACE_TARGETS",
+    "SAME",
     "STEADY",
     "SUBJECT",
     "TARGETS",
     "TYPICAL_ERROR",
+    "UNKNOWN",
     "Comparison",
     "Cost",
+    "End",
     "Missing",
     "Newest",
+    "Next",
     "Point",
     "Race",
+    "Rules",
     "Slope",
     "by_entry",
     "compare",
@@ -59,16 +77,19 @@ __all__ = [
     "fronts",
     "invariant_names",
     "invariant_series",
+    "level_of",
     "machines",
     "multiplier_series",
     "multipliers",
     "newest",
+    "next_setting",
     "number",
     "points",
     "problems",
     "race",
     "silent",
     "statuses",
+    "targets_of",
     "typical",
     "work_precision",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from hhtbench.store.rows import RunRow
 SUBJECT = "hht"  # the family that the comparison is about
 TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
 NEAR = 10.0  # errors within this factor of one another are called equal
+MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
@@ -22,6 +24,16 @@ class Setting:
     kind: str  #: "rtol", "step" or "steps"
     value: float  #: relative tolerance, step [s] or 1 / number of steps
     text: str  #: as a reader would say it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """What every solver of a campaign is given alike; it stands in the request of every row."""
+
+    accuracies: tuple[float, ...]  #: achieved scaled errors to reach
+    max_seconds: float  #: of one solve [s]
+    pair_seconds: float  #: of all solves of one problem by one solver [s]
+    refinements: int  #: most solves of one problem by one solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +51,11 @@ class Point:
     doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
-    time: float | None  #: wall time of one solve [s]
+    time: float | None  #: processor time of one solve [s]
+    repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
+    spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
+    rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
+    held_out: bool  #: of a problem that was not looked at while defaults were tuned
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve
@@ -54,8 +70,9 @@ class Point:
 
 
 def family(entry: str) -> str:
-    """The part of a solver's spec before its arguments."""
-    return entry.partition("(")[0].partition(",")[0]
+    """The part of a solver's spec before its arguments; in minimal coordinates that of the solver which is given them."""
+    inner = MINIMAL.match(entry)
+    return inner[1] if inner else entry.partition("(")[0].partition(",")[0]
 
 
 def number(mapping: Mapping[str, Any], *path: str) -> float | None:
@@ -88,6 +105,11 @@ def _short(value: float) -> str:
     """``1e-03`` and ``2.5e-04``: all settings of one axis written alike."""
     whole = f"{value:.0e}"
     return whole if float(whole) == value else f"{value:.3g}"
+
+
+def kind_of(run: Point) -> str:
+    """What a campaign refines in runs like this: "rtol" or "steps"."""
+    return "rtol" if run.setting.kind == "rtol" else "steps"
 
 
 def entry_of(row: RunRow) -> str:
@@ -125,6 +147,10 @@ def point(row: RunRow) -> Point:
         compared=None if compared is None else int(compared),
         limit=0.0 if digits is None else 10.0**-digits,
         time=number(row.timing, "solve_s") if alone is None else alone,
+        repeats=_repeats(row),
+        spent=_spent(row),
+        rules=rules_of(row),
+        held_out=row.request.get("held_out") is True,
         alone=alone is not None,
         disturbed=row.timing.get("disturbed") is True,
         share=_share(row),
@@ -135,9 +161,29 @@ def point(row: RunRow) -> Point:
     )
 
 
+def rules_of(row: RunRow) -> Rules | None:
+    """The campaign's rules as the row's request holds them."""
+    rules = row.request.get("rules")
+    if not rules:
+        return None
+    return Rules(**{**rules, "accuracies": tuple(rules["accuracies"])})
+
+
+def _repeats(row: RunRow) -> tuple[float, ...]:
+    found = row.timing.get("rounds_s") or []
+    return tuple(float(value) for value in found if value)
+
+
+def _spent(row: RunRow) -> float | None:
+    """Processor time where it is known; a solve that was killed has spent what it was allowed."""
+    seconds = number(row.timing, "solve_cpu_s")
+    seconds = number(row.timing, "solve_s") if seconds is None else seconds
+    return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
+
+
 def _share(row: RunRow) -> float | None:
-    """CPU time over wall time; None where either is unknown."""
-    cpu, wall = number(row.timing, "cpu_s"), number(row.timing, "median_s")
+    """Processor time over wall time; None where either is unknown."""
+    cpu, wall = number(row.timing, "median_s"), number(row.timing, "wall_s")
     return None if cpu is None or not wall else cpu / wall
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family, points, problems
-from hhtbench.analysis.missing import Missing, drifting, unjudged, why_missing
+from hhtbench.analysis.missing import UNKNOWN, Missing, drifting, unjudged, why_missing
 from hhtbench.store.rows import RunRow
 
-TARGETS = (1e-2, 1e-3, 1e-4, 1e-5)  # achieved scaled errors
-HELD_TARGETS = (1e-3, 1e-4, 1e-5)  # at which steady solvers are compared
-HELD = 1e-8  # drift that counts as none: what stabilised forms keep at plain engineering tolerances
+TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, where the rows name none
+BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
-LEVEL = 1.1  # factors below it are called level: repeated timings differ by as much
+SAME = 0.99  # of the comparisons of a solver with itself that must not find a difference
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 
@@ -50,6 +50,8 @@ class Comparison:
     rival: Cost | None
     missing: dict[str, Missing]
     family: str  #: of the subject
+    level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
+    held: float | None = None  #: bound of the drift of the runs that count
 
     @property
     def factor(self) -> float | None:
@@ -58,29 +60,38 @@ class Comparison:
 
     @property
     def outcome(self) -> str:
-        """ "wins", "loses", "level"; "absent" (it was tried and does not get there), "untried" (it was not asked for it);
-
-        "alone" (others were tried, only the subject gets there), "unrivalled" (others were not asked), "unheld" (others
-        drift too far, as far as they were tried); "unknown".
+        """ "wins", "loses", "level"; "absent" (the subject does not get there), "alone" (nobody else does), "unheld" (others
+        only with more drift), "unknown" (nothing is known of one side).
         """
+        if self.factor is not None:
+            if 1 / self.level <= self.factor <= self.level:
+                return "level"
+            return "wins" if self.factor > 1 else "loses"
+        known = {reason.kind for reason in self._reasons(own=self.subject is None)}
+        if not known or known <= set(UNKNOWN) or "unfinished" in known or (self.subject is None and self.rival is None):
+            return "unknown"
         if self.subject is None:
-            tried = "absent" if self.own_missing is None or self.own_missing.kind != "untried" else "untried"
-            return "unknown" if self.rival is None else tried
-        if self.factor is None:
-            others = [reason.kind for entry, reason in self.missing.items() if family(entry) != self.family]
-            if "drifts" in others:
-                return "unheld"
-            return "unrivalled" if not others or {"untried", "uncounted"} & set(others) else "alone"
-        if 1 / LEVEL <= self.factor <= LEVEL:
-            return "level"
-        return "wins" if self.factor > 1 else "loses"
+            return "absent"
+        return "unheld" if "drifts" in known else "alone"
+
+    @property
+    def least_factor(self) -> float | None:
+        """A lower bound of the dearer side's cost over the other's, where the dearer side does not get to the error."""
+        winner = self.subject or self.rival
+        bounds = [reason.bound for reason in self._reasons(own=self.subject is None) if reason.kind not in UNKNOWN]
+        if winner is None or self.factor is not None or not bounds or None in bounds:
+            return None
+        return min(bound for bound in bounds if bound is not None) / winner.value
 
     @property
     def own_missing(self) -> Missing | None:
-        """Why the subject has no cost: the reason of its entry that came nearest, one not tried before one that failed."""
-        own = [reason for entry, reason in self.missing.items() if family(entry) == self.family]
-        nearest = sorted(own, key=lambda reason: (reason.kind != "untried", reason.error or math.inf))
+        """Why the subject has no cost: the reason of its entry that came nearest."""
+        nearest = sorted(self._reasons(own=True), key=lambda reason: reason.error or math.inf)
         return nearest[0] if nearest and self.subject is None else None
+
+    def _reasons(self, *, own: bool) -> list[Missing]:
+        """Of the subject's entries, or of all others'."""
+        return [reason for entry, reason in self.missing.items() if (family(entry) == self.family) is own]
 
     def drift_ratio(self, level: str) -> float | None:
         """The rival's drift over the subject's at ``level``; None where either is unknown."""
@@ -123,11 +134,18 @@ def _between(coarse: Point, fine: Point, target: float, measure: str) -> float:
     return math.exp(low + share * (high - low))
 
 
+def targets_of(found: Iterable[Point]) -> tuple[float, ...]:
+    """The errors that the campaign of these runs asked for, the loosest first."""
+    asked = {accuracy for run in found if run.rules is not None for accuracy in run.rules.accuracies}
+    return tuple(sorted(asked, reverse=True)) or TARGETS
+
+
 def fronts(
-    rows: Iterable[RunRow], measure: str, targets: Sequence[float] = TARGETS, held: float | None = None
+    rows: Iterable[RunRow], measure: str, targets: Sequence[float] = (), held: float | None = None
 ) -> tuple[Front, ...]:
     """One front for each problem and target; with ``held`` of the runs whose position and velocity drift stay within it."""
     found = points(rows)
+    targets = targets or targets_of(found)
     result = []
     for problem in dict.fromkeys(run.problem for run in found):
         groups = by_entry(run for run in found if run.problem == problem)
@@ -169,8 +187,17 @@ def holds(run: Point, levels: Sequence[str], bound: float) -> bool:
     return all(getattr(run, level) is not None and getattr(run, level) <= bound for level in levels)
 
 
+def level_of(found: Iterable[Point]) -> float:
+    """The factor within which ``SAME`` of all pairs of repeats of one solve lie: costs that differ by less are level.
+
+    Every run is timed in several rounds over all of them, so that a round sees the machine at another time.
+    """
+    ratios = [max(a, b) / min(a, b) for run in found for a, b in combinations(run.repeats, 2)]
+    return sorted(ratios)[math.ceil(SAME * len(ratios)) - 1] if ratios else 1.0
+
+
 def compare(
-    rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = TARGETS, held: float | None = None
+    rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = (), held: float | None = None
 ) -> tuple[Comparison, ...]:
     """For each problem, measure and target: the best of the family ``subject`` against the best of all others.
 
@@ -178,6 +205,7 @@ def compare(
     """
     result = []
     found = points(rows)
+    level = {"time": level_of(found), "evaluations": 1.0}
     for measure in MEASURES:
         for front in fronts(rows, measure, targets, held):
             if held is not None and not constrained_levels(run for run in found if run.problem == front.problem):
@@ -193,6 +221,8 @@ def compare(
                     rival=others[0] if others else None,
                     missing=front.missing,
                     family=subject,
+                    level=level[measure],
+                    held=held,
                 )
             )
     order = {problem: index for index, problem in enumerate(problems(rows))}

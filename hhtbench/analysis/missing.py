@@ -1,25 +1,30 @@
-"""Why a solver has no cost at an error: refused, failed, no better, not tried that far, not counted."""
+"""Why a solver has no cost at an error, and what it would pay at least: what its finest run has paid.
+
+A target that was not reached is a censored cell.  A campaign asks every solver for every target, so there is always a
+reason: refused, failed, no better when finer, a stated cap, or drift.
+"""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhtbench.analysis.cells import Point
+from hhtbench.analysis.cells import Point, kind_of
+from hhtbench.analysis.ladder import Next, next_setting
 
-NOT_RUN = "not run"  # status of a run for which there was no time: it says nothing about the solver
-LEAST_ORDER = 0.25  # of error against setting between the two finest runs: a lower one is a standstill
+NOT_RUN = "not run"  # status of a run for which `make bench-engine` had no time: it says nothing about the solver
+UNKNOWN = (NOT_RUN, "unjudged", "uncounted", "unfinished")  #: kinds that say nothing about the solver
 
 
 @dataclass(frozen=True, kw_only=True)
 class Missing:
-    """Why one solver has no cost; ``kind`` tells whether it was asked for this error at all."""
+    """Why one solver has no cost."""
 
-    kind: str  #: "untried", "fails", "drifts", "uncounted" or "unjudged"
+    kind: str  #: "refused", "fails", "standstill", "capped" or "drifts"; one of ``UNKNOWN``
     text: str
     error: float | None = None  #: the smallest that was reached
+    bound: float | None = None  #: lower bound of the cost, s or evaluations: what the finest run took
 
 
 def unjudged(limit: float) -> Missing:
@@ -37,29 +42,37 @@ def why_missing(runs: Sequence[Point], measure: str) -> Missing:
     """From all runs of one solver on one problem, loosest first, none of which reaches the error."""
     if any(run.status == NOT_RUN for run in runs):
         message = next(run.message for run in runs if run.status == NOT_RUN)
-        return Missing(kind="untried", text=f"{NOT_RUN}: {message}")
-    failed = Counter(run.status for run in runs if not run.success)
-    outcome = ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
-    good = [run for run in runs if run.error is not None]
-    if not good:
-        text = outcome or "no exact solution or reference to compare with"
-        return Missing(kind="fails" if outcome else "unjudged", text=text)
-    best = min(run.error for run in good if run.error is not None)
-    if not any(run.work(measure) for run in good):
+        return Missing(kind=NOT_RUN, text=f"{NOT_RUN}: {message}")
+    errors = [run.error for run in runs if run.error is not None]
+    best = min(errors, default=None)
+    if errors and not any(run.work(measure) for run in runs if run.error is not None):
         return Missing(kind="uncounted", text=f"{measure} not reported", error=best)
-    finest = good[-1]
-    if finest is runs[-1] and _falling(good):
-        text = f"not tried: finest run {finest.setting.text}, error {finest.error:.2g}"
-        return Missing(kind="untried", text=text, error=best)
-    return Missing(kind="fails", text=f"smallest error {best:.2g}; {outcome or 'finer settings do not help'}", error=best)
+    kind, text = _reason(runs)
+    reached = "" if best is None else f"smallest error {best:.2g}; "
+    return Missing(kind=kind, text=f"{reached}{text}", error=best, bound=_bound(runs, measure))
 
 
-def _falling(good: Sequence[Point]) -> bool:
-    """The finest run is the best, and better than the one before it by what its setting should bring."""
-    if len(good) < 2:
-        return True
-    coarse, fine = good[-2:]
-    if not coarse.error or not fine.error or fine.error > min(run.error for run in good if run.error is not None):
-        return False
-    refinement = coarse.setting.value / fine.setting.value
-    return math.log(coarse.error / fine.error) >= LEAST_ORDER * math.log(refinement)
+def _reason(runs: Sequence[Point]) -> tuple[str, str]:
+    """Kind and text: as the ladder of settings ended, or of settings that were asked for by themselves."""
+    finest = runs[-1]
+    if finest.rules is not None:
+        end = next_setting(runs, finest.rules, kind_of(finest))
+        if isinstance(end, Next):
+            return "unfinished", "the campaign was stopped here: resume it"
+        return end.kind, end.text
+    failed = Counter(run.status for run in runs if not run.success)
+    if failed:
+        kind = "refused" if set(failed) == {"declined"} else "fails"
+        return kind, ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
+    if finest.error is None:
+        return "unjudged", "no exact solution or reference to compare with"
+    return "capped", f"finest run {finest.setting.text}, error {finest.error:.2g}"
+
+
+def _bound(runs: Sequence[Point], measure: str) -> float | None:
+    """Work of the finest run: being more accurate costs no less."""
+    for run in reversed(runs):
+        work = run.work(measure) if run.success else (run.spent if measure == "time" else run.evaluations)
+        if work:
+            return work
+    return None

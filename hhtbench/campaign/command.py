@@ -13,16 +13,15 @@ import click
 
 from hhtbench import plugins
 from hhtbench.campaign.campaign import Done, Progress, run_campaign
-from hhtbench.campaign.execute import Limits
-from hhtbench.campaign.machine import total_memory, usable_cores
-from hhtbench.campaign.plan import Campaign, Grid, named_campaign, restrict
+from hhtbench.campaign.execute import machine_limits
+from hhtbench.campaign.files import named_campaign
+from hhtbench.campaign.plan import Campaign, Grid, restrict
 from hhtbench.errors import ProblemError
 from hhtbench.registry import load_solver
 from hhtbench.specs import parse_spec
 from hhtbench.store import Store
 
 MOST_SHOWN = 12  # failures on the terminal; the store holds all
-MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 
 
 @click.command("run")
@@ -43,12 +42,10 @@ def run_command(file: Path, jobs: int | None, timing: bool, **chosen: Any) -> No
     campaign = _campaign(**chosen)
     if chosen["name"] is None:
         refuse_misspelt(chosen["solvers"])
-    jobs = jobs or usable_cores()
-    limits = Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
     with Store(file) as store:
         for repair in store.repairs:
             click.echo(f"{file}: {repair}", err=True)
-        done = run_campaign(campaign, store, limits=limits, timing=timing, progress=terminal_progress())
+        done = run_campaign(campaign, store, limits=machine_limits(jobs), timing=timing, progress=terminal_progress())
     click.echo(_summary(done, file))
 
 
@@ -64,8 +61,13 @@ def _campaign(
     """The campaign of the options."""
     some = tuple(split_specs(problems)), tuple(split_specs(solvers))
     if name is None:
-        axes = {"rtol": _numbers("rtol", rtol, float), "step": _numbers("step", step, float)}
-        grid = Grid(problems=some[0], solvers=some[1], steps=_numbers("steps", steps, int), **axes)
+        grid = Grid(
+            problems=some[0],
+            solvers=some[1],
+            rtol=_numbers("rtol", rtol, float),
+            step=_numbers("step", step, float),
+            steps=_numbers("steps", steps, int),
+        )
         campaign = Campaign(grids=(grid,))
     elif rtol or step or steps:
         raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")

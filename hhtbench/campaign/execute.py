@@ -1,4 +1,5 @@
-"""A pool of worker processes in which a task that crashes, hangs or eats the memory costs only itself.
+"""Worker processes behind the interface of ``concurrent.futures``: a task that crashes, hangs or eats the memory costs
+only itself.
 
 Tasks go out one at a time, so nothing else is lost with a worker; they go where their problem and solver are loaded and
 compiled already.
@@ -6,15 +7,21 @@ compiled already.
 
 from __future__ import annotations
 
+import os
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import CancelledError, Executor, Future
+from dataclasses import asdict, dataclass
+from functools import cache
 from multiprocessing.connection import wait
 from typing import Any
 
-from hhtbench.campaign.plan import Cell
+from hhtbench.campaign.machine import total_memory, usable_cores
 from hhtbench.campaign.process import WorkerProcess
 from hhtbench.campaign.run import WARM_UP
+from hhtbench.campaign.waiting import WaitingTasks
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
 
@@ -22,6 +29,7 @@ POLL = 0.05  # s between looks at deadlines and memory
 GRACE = 5.0  # s beyond its budget before a worker is killed: a solver that obeys its budget ends by itself
 START_LIMIT = 120.0  # s to start Python and import JAX
 COMPILE_LIMIT = 60.0  # s for compiling, beyond the budget of the solve
+MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,106 +40,197 @@ class Limits:
     memory: int = 4 * 2**30  #: resident memory [bytes]
 
 
-Result = Callable[[Cell, dict[str, Any]], None]  #: called with the answer of a cell, in the parent
+def machine_limits(jobs: int | None = None) -> Limits:
+    """As many workers as cores, if no number is given, that share the machine's memory."""
+    jobs = jobs or usable_cores()
+    return Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
 
 
-class Pool:
-    """Worker processes that stay for several passes; a context manager that leaves none behind."""
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One cell to solve and measure, or to time."""
+
+    problem: str  #: canonical spec
+    solver: str  #: canonical spec
+    request: dict[str, Any]  #: as in :class:`~hhtbench.store.rows.RunRow`
+    repeats: int = 0  #: > 0: time that many solves instead of measuring one
+
+
+def run_task(task: Task) -> dict[str, Any]:
+    """The part of a row that ``task`` makes, whatever it does: a crash, a timeout, lack of memory are its ``status``.
+
+    A :class:`WorkerPool` runs it in its own workers.  Any other executor calls it where it wants to, in a thread or on
+    another machine: that process has workers of its own then.
+    """
+    return dict(_pool_of_this_process().submit(run_task, task).result())
+
+
+@cache
+def _pool_of_this_process() -> WorkerPool:
+    return WorkerPool(machine_limits())
+
+
+@dataclass
+class _Entry:
+    """A task in the pool."""
+
+    task: Task
+    future: Future[dict[str, Any]]
+
+
+class WorkerPool(Executor):
+    """An executor of :func:`run_task` alone; a context manager that leaves no process behind.
+
+    One thread starts the workers, hands out, looks at deadlines and memory.  It lives as long as they do: the system
+    ends a worker with the thread that started it.
+    """
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
+        self._lock = threading.Lock()
+        self._arrived: deque[_Entry] = deque()  # submitted, not yet seen by the thread
+        self._closed = False
+        self._cancelled = False
+        self._failure: BaseException | None = None  # why nothing more can be run
+        self._bell = self._ring = -1  # ends of a pipe: what wakes the thread
+        self._thread: threading.Thread | None = None
+        self._waiting = WaitingTasks()
         self._workers: list[WorkerProcess] = []
+        self._looked = 0.0
 
-    def __enter__(self) -> Pool:
-        return self
+    def __exit__(self, kind: Any, *_: object) -> None:
+        """Wait for all tasks; after an exception, Ctrl-C too, end them."""
+        self.shutdown(wait=True, cancel_futures=kind is not None)
 
-    def __exit__(self, *_: object) -> None:
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """``submit(run_task, task)``: the future's result is a mapping; only where no worker can start it raises."""
+        if fn is not run_task or kwargs or len(args) != 1 or not isinstance(args[0], Task):
+            raise TypeError("a WorkerPool runs nothing but run_task(Task(...)).")
+        entry = _Entry(args[0], Future())
+        with self._lock:
+            if self._failure is not None:
+                raise self._failure
+            if self._closed:
+                raise RuntimeError("the pool is closed; no task can be submitted.")
+            self._arrived.append(entry)
+            if self._thread is None:
+                self._bell, self._ring = os.pipe()
+                self._thread = threading.Thread(target=self._serve, name="hhtbench workers", daemon=True)
+                self._thread.start()
+            elif len(self._arrived) == 1:
+                self._wake()
+        return entry.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers once all is done; ``cancel_futures`` ends them now, with what they work on."""
+        with self._lock:
+            self._closed = True
+            self._cancelled = self._cancelled or cancel_futures
+            self._wake()
+        if wait and self._thread is not None:
+            self._thread.join()
+
+    def _wake(self) -> None:
+        """Under the lock: the thread closes the pipe under it when it ends."""
+        if self._ring >= 0:
+            os.write(self._ring, b"!")
+
+    def _serve(self) -> None:
+        """The thread."""
+        try:
+            while not self._cancelled and (not self._closed or self._arrived or self._waiting or self._busy()):
+                self._turn()
+        except BaseException as error:  # noqa: BLE001 - who waits for a future is told
+            self._failure = error
+        busy = [worker.task for worker in self._busy()]
         for worker in self._workers:
             worker.kill()
-        self._workers.clear()
+        with self._lock:
+            self._closed = True
+            left = [*self._arrived, *self._waiting.clear()]
+            self._arrived.clear()
+            os.close(self._bell)
+            os.close(self._ring)
+            self._bell = self._ring = -1
+        for entry in left:
+            if self._failure is None:
+                entry.future.cancel()
+            if entry.future.set_running_or_notify_cancel():
+                busy.append(entry)
+        for entry in busy:
+            entry.future.set_exception(self._failure or CancelledError("the pool was shut down."))
 
-    def run(self, cells: tuple[Cell, ...], on_result: Result, *, repeats: int = 0, at_once: int | None = None) -> None:
-        """Run every cell, at most ``at_once`` at the same time; ``repeats`` > 0 times them instead of measuring.
-
-        Raises
-        ------
-        ProblemError
-            A worker cannot even start.
-        """
-        waiting = list(cells)
-        at_once = self.limits.jobs if at_once is None else at_once
-        while waiting or self._busy():
-            self._refill(min(self.limits.jobs, len(waiting) + len(self._busy())))
-            self._hand_out(waiting, at_once, repeats)
-            wait([worker.connection for worker in self._workers], timeout=POLL)
-            for worker in list(self._workers):
-                self._look_at(worker, on_result)
+    def _turn(self) -> None:
+        with self._lock:
+            arrived = list(self._arrived)
+            self._arrived.clear()
+        for entry in arrived:
+            self._waiting.put((entry.task.problem, entry.task.solver), entry)
+        while len(self._workers) < min(self.limits.jobs, len(self._waiting) + len(self._busy())):
+            self._workers.append(WorkerProcess())
+        for worker in self._workers:
+            if worker.ready and worker.task is None:
+                self._hand_out(worker)
+        under_way = any(worker.task is not None or not worker.ready for worker in self._workers)
+        said = wait([self._bell, *(worker.connection for worker in self._workers)], timeout=POLL if under_way else None)
+        if self._bell in said:
+            os.read(self._bell, 65536)
+        self._look(said)
 
     def _busy(self) -> list[WorkerProcess]:
         return [worker for worker in self._workers if worker.task is not None]
 
-    def _refill(self, count: int) -> None:
-        while len(self._workers) < count:
-            self._workers.append(WorkerProcess())
-
-    def _hand_out(self, waiting: list[Cell], at_once: int, repeats: int) -> None:
-        while waiting and len(self._busy()) < at_once:
-            idle = [worker for worker in self._workers if worker.ready and worker.task is None]
-            choices = [(self._rank(worker, cell), i, worker) for worker in idle for i, cell in enumerate(waiting)]
-            choices = [choice for choice in choices if choice[0] is not None]
-            if not choices:
+    def _hand_out(self, worker: WorkerProcess) -> None:
+        while (entry := self._waiting.take(worker)) is not None:
+            if entry.future.set_running_or_notify_cancel():
+                worker.submit(entry, asdict(entry.task))
                 return
-            _, index, worker = min(choices, key=lambda choice: choice[:2])
-            cell = waiting.pop(index)
-            worker.submit(
-                cell, {"problem": cell.problem, "solver": cell.solver, "request": cell.request, "repeats": repeats}
-            )
 
-    def _rank(self, worker: WorkerProcess, cell: Cell) -> int | None:
-        """How well the cell suits the worker, 0 best; None where it should wait for another that has compiled it."""
-        pair = (cell.problem, cell.solver)
-        if pair in worker.pairs:
-            return 0
-        if any(pair in other.pairs for other in self._workers):
-            return None
-        if cell.problem in worker.problems:
-            return 1
-        return 3 if any(cell.problem in other.problems for other in self._workers) else 2
+    def _look(self, said: list[Any]) -> None:
+        """At the workers that have said something; every ``POLL`` at all: one may have died without a word."""
+        every = time.monotonic() > self._looked + POLL
+        if every:
+            self._looked = time.monotonic()
+        for worker in list(self._workers):
+            if every or worker.connection in said:
+                self._look_at(worker)
 
-    def _look_at(self, worker: WorkerProcess, on_result: Result) -> None:
+    def _look_at(self, worker: WorkerProcess) -> None:
         try:
             result = worker.receive()
         except EOFError:
-            self._bury(worker, on_result, Status.crashed, f"the worker died in {worker.phase}: {worker.last_words()}.")
+            self._bury(worker, Status.crashed, f"the worker died in {worker.phase}: {worker.last_words()}.")
             return
         if result is not None:
-            cell, worker.task = worker.task, None
-            on_result(cell, result)
+            entry, worker.task = worker.task, None
+            self._hand_out(worker)  # before the result is told: the worker need not wait for what becomes of it
+            entry.future.set_result(result)
         elif worker.task is not None or not worker.ready:
-            self._enforce(worker, on_result)
+            self._enforce(worker)
 
-    def _enforce(self, worker: WorkerProcess, on_result: Result) -> None:
+    def _enforce(self, worker: WorkerProcess) -> None:
         """Kill a worker that is over its time or memory."""
         limit = START_LIMIT
         if worker.task is not None:
-            limit = worker.task.request["max_seconds"] + (COMPILE_LIMIT if worker.phase == WARM_UP else GRACE)
+            limit = worker.task.task.request["max_seconds"] + (COMPILE_LIMIT if worker.phase == WARM_UP else GRACE)
         spent = time.monotonic() - worker.since
         if spent > limit:
             text = f"{worker.phase} did not end within {limit:g} s and was killed; raise max_seconds."
-            self._bury(worker, on_result, Status.deadline, text)
+            self._bury(worker, Status.deadline, text)
             return
         used = worker.resident()
         if used > self.limits.memory:
             text = (
                 f"{worker.phase} used {used / 2**30:.1f} GiB and was killed; the limit is {self.limits.memory / 2**30:.1f}."
             )
-            self._bury(worker, on_result, Status.out_of_memory, text)
+            self._bury(worker, Status.out_of_memory, text)
 
-    def _bury(self, worker: WorkerProcess, on_result: Result, status: Status, message: str) -> None:
-        cell, started = worker.task, worker.ready
+    def _bury(self, worker: WorkerProcess, status: Status, message: str) -> None:
+        entry, started = worker.task, worker.ready
         worker.kill()
         self._workers.remove(worker)
-        if cell is not None:
-            on_result(cell, {"status": status.label, "message": message})
+        self._waiting.lost(worker)
+        if entry is not None:
+            entry.future.set_result({"status": status.label, "message": message})
         elif not started:
             raise ProblemError(f"a worker cannot start: {message}")

@@ -1,17 +1,18 @@
-"""From grids of problems, solvers and tolerances or steps to cells, each with the key of its content."""
+"""From grids of problems and solvers to pairs, and from a pair's settings to cells, each with the key of its content."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from msgspec import Meta
+
+from hhtbench.analysis.cells import Rules
 from hhtbench.arguments import positive_integer
 from hhtbench.campaign.sources import SourceReader
 from hhtbench.errors import NotFoundError, ProblemError
@@ -20,28 +21,45 @@ from hhtbench.specs import Spec, canonical, parse_spec
 
 OUTPUTS = 51  # output times: enough for a plot; work is measured by solves without them
 AXES = ("rtol", "step", "steps")
+ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+
+Positive = Annotated[float, Meta(gt=0)]
+Whole = Annotated[int, Meta(ge=1)]
+Accuracy = Annotated[float, Meta(gt=0, lt=1)]
+Text = Annotated[str, Meta(min_length=1)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """All combinations of problems, solvers and the values of the axes given."""
+    """All combinations of problems and solvers, refined until the accuracies are reached, or at the settings given."""
 
-    problems: tuple[str, ...]
-    solvers: tuple[str, ...]
-    rtol: tuple[float, ...] = ()
-    step: tuple[float, ...] = ()  #: [s]
-    steps: tuple[int, ...] = ()
+    problems: tuple[Text, ...]
+    solvers: tuple[Text, ...]
+    refine: Literal["rtol", "steps"] = "rtol"  #: what is refined: tolerances, or numbers of equal steps
+    held_out: bool = False  #: these problems were not looked at while defaults were tuned
+    rtol: tuple[Positive, ...] = ()  #: with one of these three nothing is refined
+    step: tuple[Positive, ...] = ()  #: [s]
+    steps: tuple[Whole, ...] = ()
+
+    @property
+    def explicit(self) -> bool:
+        """Whether its settings are given."""
+        return bool(self.rtol or self.step or self.steps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """What to run and how long a cell may take."""
+    """What to run, the errors to reach, and what every solver is given for it."""
 
     grids: tuple[Grid, ...]
-    outputs: int = OUTPUTS
-    max_seconds: float = 20.0  #: of one solve [s]
-    repeats: int = 3  #: of the timed solve
+    accuracies: tuple[Accuracy, ...] = ACCURACIES  #: achieved scaled errors
+    refinements: Whole = 16  #: most solves of one problem by one solver
+    max_seconds: Positive = 20.0  #: of one solve [s]
+    pair_seconds: Positive = 60.0  #: of all solves of one problem by one solver [s]
+    outputs: Whole = OUTPUTS
+    repeats: Whole = 3  #: of the timed solve, one in each round over all cells
     counting: bool = True  #: let solvers that count in a run of their own do so; it may compile once more
+    reference: Literal["none", "auto"] = "none"  #: "auto": certify what has neither closed solution nor reference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,25 +73,48 @@ class Cell:
     request: dict[str, Any]  #: as in :class:`~hhtbench.store.rows.RunRow`
 
 
-def named_campaign(name: str) -> Campaign:
-    """The campaign of the file ``hhtbench/campaign/<name>.toml``."""
-    folder = files("hhtbench.campaign")
-    known = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
-    if name not in known:
-        raise NotFoundError(f"there is no campaign named {name!r}; known: {', '.join(known)}.")
-    return read_campaign((folder / f"{name}.toml").read_text(encoding="utf-8"))
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """One problem by one solver: its settings are given, or follow from the rows (:mod:`hhtbench.campaign.refine`)."""
+
+    problem: str  #: canonical spec
+    solver: str  #: canonical spec
+    kind: str  #: what is refined, "rtol" or "steps"; "" where the settings are given
+    rules: Rules
+    behind: Mapping[str, str]  #: files and versions that its results rest on
+    fixed: Mapping[str, Any]  #: what every request of the pair holds, inside the key
+    held_out: bool = False
+    given: tuple[dict[str, Any], ...] = field(default=())  #: the settings, where they are given
+
+    @property
+    def name(self) -> tuple[str, ...]:
+        """What tells it from others of a plan."""
+        return self.problem, self.solver, self.kind
+
+    def cell(self, asked: Mapping[str, Any], seconds: float) -> Cell:
+        """The cell of one setting that may take ``seconds`` [s]; these and the rules are outside of the key."""
+        request = {"atol": None, **dict.fromkeys(AXES), **asked, **self.fixed}
+        identity = _digest([self.problem, self.solver, request])
+        beside: dict[str, Any] = {"max_seconds": seconds}
+        if self.kind:
+            beside["rules"] = {**vars(self.rules), "accuracies": list(self.rules.accuracies)}
+        if self.held_out:
+            beside["held_out"] = True
+        return Cell(
+            key=_digest([identity, dict(self.behind)]),
+            identity=identity,
+            problem=self.problem,
+            solver=self.solver,
+            request={**request, **beside},
+        )
+
+    def cells(self) -> tuple[Cell, ...]:
+        """Those whose settings are given."""
+        return tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)
 
 
-def read_campaign(text: str) -> Campaign:
-    """A campaign from TOML: fields of :class:`Campaign`, and ``[[grid]]`` tables with the fields of :class:`Grid`."""
-    table = tomllib.loads(text)
-    grids = tuple(_grid(entry) for entry in table.pop("grid", []))
-    _refuse_unknown("campaign", table, Campaign)
-    return Campaign(grids=grids, **table)
-
-
-def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
-    """Every cell once, in the order of problem, solver, tolerance.
+def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
+    """Every problem by every solver, in the order of problems.
 
     Raises
     ------
@@ -82,40 +123,62 @@ def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
     ProblemError
         A spec or a value of the request cannot be used, or there is nothing to run.
     """
+    for name in ("outputs", "repeats", "refinements"):
+        positive_integer(name, getattr(campaign, name))
     reader = SourceReader()
     behind: dict[tuple[str, str], dict[str, str]] = {}
-    cells: dict[str, Cell] = {}
-    for problem, solver, asked in _combinations(campaign):
+    pairs: dict[tuple[str, ...], Pair] = {}
+    for grid, problem, solver in _combinations(campaign):
         if (problem, solver) not in behind:
             behind[problem, solver] = reader.behind(_parse(problem), _parse(solver))
-        request = {**asked, "outputs": campaign.outputs, "counting": campaign.counting}
-        identity = _digest([problem, solver, request])
-        cells.setdefault(
-            identity,
-            Cell(
-                key=_digest([identity, behind[problem, solver]]),
-                identity=identity,
-                problem=problem,
-                solver=solver,
-                request={**request, "max_seconds": campaign.max_seconds},  # outside the key: a result holds for any budget
-            ),
+        kind = "" if grid.explicit else grid.refine
+        found = Pair(
+            problem=problem,
+            solver=solver,
+            kind=kind,
+            rules=_rules(campaign),
+            behind=behind[problem, solver],
+            fixed={"outputs": campaign.outputs, "counting": campaign.counting},
+            held_out=grid.held_out,
+            given=tuple(_given(grid, campaign.max_seconds)),
         )
-    if not cells:
-        raise ProblemError("there is nothing to run: give problems, solvers and rtol, step or steps.")
-    order = list(dict.fromkeys(cell.problem for cell in cells.values()))
-    return tuple(sorted(cells.values(), key=lambda cell: order.index(cell.problem)))
+        before = pairs.setdefault(found.name, found)
+        pairs[found.name] = replace(before, given=_once((*before.given, *found.given)))
+    if not pairs:
+        raise ProblemError("there is nothing to run: give problems, solvers and accuracies, rtol, step or steps.")
+    order = list(dict.fromkeys(pair.problem for pair in pairs.values()))
+    return tuple(sorted(pairs.values(), key=lambda pair: order.index(pair.problem)))
 
 
-def _combinations(campaign: Campaign) -> Iterable[tuple[str, str, dict[str, Any]]]:
-    positive_integer("outputs", campaign.outputs)
-    positive_integer("repeats", campaign.repeats)
+def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
+    """Every cell whose setting is given, once, in the order of problem, solver, setting."""
+    return tuple(cell for pair in plan_pairs(campaign) for cell in pair.cells())
+
+
+def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:
     for grid in campaign.grids:
         for problem in dict.fromkeys(map(canonical, grid.problems)):
             for solver in dict.fromkeys(map(canonical, grid.solvers)):
-                for axis in AXES:
-                    for value in getattr(grid, axis):
-                        request = make_request(**{axis: value, "max_seconds": campaign.max_seconds})
-                        yield problem, solver, {"atol": None, **{name: getattr(request, name) for name in AXES}}
+                yield grid, problem, solver
+
+
+def _rules(campaign: Campaign) -> Rules:
+    return Rules(
+        accuracies=tuple(sorted({*campaign.accuracies}, reverse=True)),
+        max_seconds=campaign.max_seconds,
+        pair_seconds=campaign.pair_seconds,
+        refinements=campaign.refinements,
+    )
+
+
+def _given(grid: Grid, seconds: float) -> Iterable[dict[str, Any]]:
+    for axis in AXES:
+        for value in getattr(grid, axis):
+            yield {axis: getattr(make_request(**{axis: value, "max_seconds": seconds}), axis)}
+
+
+def _once(settings: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+    return tuple({json.dumps(asked): asked for asked in settings}.values())
 
 
 def _parse(text: str) -> Spec:
@@ -124,18 +187,6 @@ def _parse(text: str) -> Spec:
     if spec.path is not None and not Path(spec.path).expanduser().is_file():
         raise NotFoundError(f"there is no file {spec.path} in {Path.cwd()}; give the path as seen from there.")
     return spec
-
-
-def _grid(entry: dict[str, Any]) -> Grid:
-    _refuse_unknown("grid", entry, Grid)
-    return Grid(**{name: tuple(value) for name, value in entry.items()})
-
-
-def _refuse_unknown(what: str, table: dict[str, Any], kind: Any) -> None:
-    known = [field.name for field in fields(kind)]
-    unknown = sorted(set(table) - set(known))
-    if unknown:
-        raise ProblemError(f"{what}: unknown {', '.join(unknown)}; known: {', '.join(known)}.")
 
 
 def _digest(content: Any) -> str:
@@ -160,14 +211,10 @@ def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]
     def kept(texts: tuple[str, ...], some: list[str]) -> tuple[str, ...]:
         return tuple(text for text in texts if not some or canonical(text) in some)
 
-    grids = [
-        Grid(
-            problems=kept(grid.problems, chosen["problem"]),
-            solvers=kept(grid.solvers, chosen["solver"]),
-            **{axis: getattr(grid, axis) for axis in AXES},
-        )
+    grids = (
+        replace(grid, problems=kept(grid.problems, chosen["problem"]), solvers=kept(grid.solvers, chosen["solver"]))
         for grid in campaign.grids
-    ]
+    )
     return replace(campaign, grids=tuple(grids))
 
 

@@ -46,14 +46,10 @@ class WorkerProcess:
         self.ready = False
         self.phase = "starting"
         self.since = time.monotonic()  #: when the phase began
-        self.problems: set[str] = set()  #: what it has loaded and compiled
-        self.pairs: set[tuple[str, str]] = set()
 
     def submit(self, task: Any, message: dict[str, Any]) -> None:
         """Hand over a task; a worker that has died meanwhile is noticed by :meth:`receive`."""
         self.task, self.phase, self.since = task, "loading", time.monotonic()
-        self.problems.add(message["problem"])
-        self.pairs.add((message["problem"], message["solver"]))
         self._stderr.seek(0)
         self._stderr.truncate()
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""One cell in a worker: decline, warm up, solve, judge, measure; and the timed repeats.
+"""One cell in a worker: decline, warm up, solve, judge, measure.
 
 Work is that of a solve to the end of the interval, without output on the way.  Errors and curves come from another solve
 with output, drift from a third one with output at every step; neither is timed or counted.
@@ -7,10 +7,8 @@ with output, drift from a third one with output at every step; neither is timed 
 from __future__ import annotations
 
 import gc
-import os
-import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,12 +22,19 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 
-ENOUGH = 0.15  # s of timed solves after which no repeat is begun: long solves vary little
 WARM_UP = "the warm-up"  #: name of the phase that compiles
-DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end
 
-TIMED = ("best_s", "median_s", "repeats", "cpu_s", "load", "disturbed")  #: of ``timing``, null until the timing pass
+TIMED = (
+    "best_s",
+    "median_s",
+    "rounds_s",
+    "repeats",
+    "solves",
+    "wall_s",
+    "load",
+    "disturbed",
+)  #: of ``timing``, null until the timing pass
 
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
 
@@ -43,7 +48,6 @@ class Outcome:
     solution: Solution | None
     seconds: float  #: wall time [s]
     cpu: float  #: processor time of this process [s]
-    load: float | None  #: of the machine, tasks that run or wait, averaged over a minute
 
 
 def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
@@ -74,7 +78,7 @@ def run_cell(
     if reason is not None:
         return {"status": Status.declined.label, "message": reason}
     if "s" not in warm:
-        warm["s"] = _warm_up(problem, solver, request)
+        warm["s"] = warm_up(problem, solver, request)
     phase("the solve")
     outcome = attempt(problem, solver, request)
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
@@ -95,39 +99,7 @@ def run_cell(
         "metrics": measured.metrics,
         "series": measured.series,
         "counters": counters_of(counters),
-        "timing": {"compile_s": warm["s"], "solve_s": work.seconds, **dict.fromkeys(TIMED)},
-    }
-
-
-def time_cell(
-    problem: Problem, solver: Solver, asked: Mapping[str, Any], repeats: int, warm: bool, phase: Phase
-) -> dict[str, Any]:
-    """``timing`` of a row from up to ``repeats`` solves; ``note`` where one of them failed."""
-    request = without_output(problem, request_of(problem, asked))
-    if not warm:
-        phase(WARM_UP)
-        _warm_up(problem, solver, request)
-    taken: list[Outcome] = []
-    while len(taken) < repeats and sum(solve.seconds for solve in taken) < ENOUGH:
-        phase("a timed solve")
-        outcome = attempt(problem, solver, request)
-        if not succeeded(outcome):
-            return {"repeats": 0, "note": f"a timed solve ended with {outcome.status.label}: {outcome.message}"}
-        taken.append(outcome)
-    return timing_of(taken)
-
-
-def timing_of(solves: Sequence[Outcome]) -> dict[str, Any]:
-    """The values of ``TIMED``: best and median wall time, and what else is known of the median solve."""
-    times = [solve.seconds for solve in solves]
-    median = solves[times.index(statistics.median_low(times))]
-    return {
-        "best_s": min(times),
-        "median_s": median.seconds,
-        "repeats": len(times),
-        "cpu_s": median.cpu,
-        "load": median.load,
-        "disturbed": median.seconds > DISTURBED * median.cpu,
+        "timing": {"compile_s": warm["s"], "solve_s": work.seconds, "solve_cpu_s": work.cpu, **dict.fromkeys(TIMED)},
     }
 
 
@@ -148,7 +120,7 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this cell only
         raised = error
     finally:
-        cost = time.perf_counter() - started, time.process_time() - cpu, _load()
+        cost = time.perf_counter() - started, time.process_time() - cpu
         gc.enable()
     if raised is not None:
         partial = getattr(raised, "partial_solution", None)
@@ -159,10 +131,6 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
         kept = solution if isinstance(solution, Solution) else None
         return Outcome(Status.unreliable, fault, kept, *cost)
     return Outcome(solution.status, solution.message, solution, *cost)
-
-
-def _load() -> float | None:
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def _work(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Outcome:
@@ -212,13 +180,13 @@ def text_of(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}{place}"
 
 
-def _warm_up(problem: Problem, solver: Solver, request: Request) -> float:
+def warm_up(problem: Problem, solver: Solver, request: Request) -> float:
     """Compile what the solve compiles, by the solver's own ``warm_up`` or by one solve; what fails will fail again."""
     started = time.perf_counter()
-    warm_up = getattr(solver, "warm_up", None)
-    if callable(warm_up):
+    own = getattr(solver, "warm_up", None)
+    if callable(own):
         with suppress(Exception):  # the solve that follows says it
-            warm_up(problem, request)
+            own(problem, request)
     else:
         attempt(problem, solver, request)
     seconds = time.perf_counter() - started

@@ -11,7 +11,8 @@ import sys
 from multiprocessing.connection import Connection
 from typing import Any
 
-from hhtbench.campaign.run import run_cell, status_of, text_of, time_cell
+from hhtbench.campaign.clock import time_cell
+from hhtbench.campaign.run import run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
@@ -51,7 +52,7 @@ class _Bench:
             return self._do(task)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - it costs this task only
             if task["repeats"]:
-                return {"repeats": 0, "note": text_of(error)}
+                return {"note": text_of(error)}
             return {"status": status_of(error).label, "message": text_of(error)}
 
     def _do(self, task: dict[str, Any]) -> dict[str, Any]:
@@ -67,7 +68,7 @@ class _Bench:
         problem, solver = self._problems[names[0]], self._solvers[names[1]]
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
-            return time_cell(problem, solver, task["request"], task["repeats"], "s" in warm, self._phase)
+            return time_cell(problem, solver, task["request"], "s" in warm, self._phase)
         return run_cell(problem, solver, task["request"], warm, self._phase)
 
     def _phase(self, name: str) -> None:

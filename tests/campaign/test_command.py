@@ -32,7 +32,7 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
     [
         (["--problems", "fal", "--solvers", "told", "--rtol", "1e-3"], "Did you mean fall"),
         (["--problems", "fall", "--solvers", "told", "--rtol", "small"], "--rtol takes numbers"),
-        (["--problems", "fall", "--solvers", "told"], "nothing to run"),
+        (["--problems", "fall", "--rtol", "1e-3"], "nothing to run"),
         (["--campaign", "quick", "--rtol", "1e-3"], "has its own tolerances"),
         (["--campaign", "slow"], "known: quick"),
         (["--campaign", "quick", "--problems", "nosuch"], "the campaign has no problem 'nosuch'"),

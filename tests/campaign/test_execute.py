@@ -83,12 +83,11 @@ def test_successes_are_timed_once_and_a_resumed_campaign_runs_nothing(outside: P
         solves = len(log.read_text().split())
         again = run_campaign(asked, store, limits=limits)
         assert (again.ran, again.timed) == (0, 0)
-    assert len(log.read_text().split()) == solves == 2 * (3 + 3)  # each: with rows, without, at every step; three timed
+    assert len(log.read_text().split()) == solves == 2 * (3 + 3 * 4)  # with rows, without, at every step; three readings
     rows = {(row.solver[:9], row.request["rtol"]): row for row in load_rows(tmp_path / "runs.db")}
     timing = rows["told(log=", 1e-3].timing
     assert timing["repeats"] == 3
-    assert 0.01 < timing["best_s"] <= timing["median_s"] < 1.0
-    assert timing["cpu_s"] < 0.01  # it sleeps
+    assert 0.0 < timing["best_s"] <= timing["median_s"] < 0.01 < timing["wall_s"]  # it sleeps
     assert timing["disturbed"] is True
     assert rows["told(does", 1e-6].timing == {}
     assert rows["told(log=", 1e-3].counters["steps_accepted"] == 4

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_solver
-from hhtbench.campaign.run import WARM_UP, Outcome, request_of, run_cell, time_cell, timing_of
+from hhtbench.campaign.run import WARM_UP, request_of, run_cell
 from hhtbench.errors import ProblemError
 from solvers import ida
 from tests.adapters import scenes
@@ -96,18 +95,6 @@ def test_a_counting_run_that_fails_costs_nothing(monkeypatch: pytest.MonkeyPatch
     assert (row["status"], row["counters"]["residual_evaluations"]) == ("success", None)
 
 
-def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delattr(Line, "warm_up")
-    solver = Line()
-    time_cell(PROBLEM, solver, ASKED, 3, False, lambda _: None)
-    assert solver.diary == ["solve 1"] * 4
-    solver.diary.clear()
-    timing = time_cell(PROBLEM, solver, ASKED, 3, True, lambda _: None)
-    assert solver.diary == ["solve 1"] * 3
-    assert timing["repeats"] == 3
-    assert timing["best_s"] <= timing["median_s"]
-
-
 @pytest.mark.parametrize(
     ("spec", "accuracy"),
     [
@@ -164,31 +151,6 @@ def test_a_result_that_is_not_believed_keeps_its_rows_errors_and_drift(monkeypat
     assert row["metrics"]["drift"]["sampled"] == "steps"
     assert row["metrics"]["drift"]["position_absolute"] == pytest.approx(0.22, rel=0.01)
     assert row["counters"]["steps_accepted"] > 4
-
-
-def solved(seconds: float, cpu: float) -> Outcome:
-    return Outcome(Status.success, "", None, seconds, cpu, 0.5)
-
-
-def test_the_median_solve_tells_its_processor_time_and_whether_it_was_disturbed():
-    timing = timing_of([solved(3.0, 1.0), solved(1.0, 0.9), solved(1.3, 1.0)])
-    assert timing == {
-        "best_s": 1.0,
-        "median_s": 1.3,
-        "repeats": 3,
-        "cpu_s": 1.0,
-        "load": 0.5,
-        "disturbed": True,
-    }
-    assert timing_of([solved(1.0, 0.9), solved(9.0, 1.0)])["disturbed"] is False
-
-
-def test_a_solve_that_waits_uses_no_processor_time(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(Line, "solve", lambda self, problem, request: time.sleep(0.05) or line(request.t_eval))
-    timing = time_cell(PROBLEM, Line(), ASKED, 3, True, lambda _: None)
-    assert timing["disturbed"] is True
-    assert timing["cpu_s"] < 0.02 < timing["median_s"]
-    assert timing["load"] is None or timing["load"] >= 0.0
 
 
 def test_what_was_reached_before_an_exception_is_measured(monkeypatch: pytest.MonkeyPatch):

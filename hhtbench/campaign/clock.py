@@ -1,0 +1,82 @@
+"""The timing pass: readings of a clock, each long enough for it, of solves without output on the way.
+
+A reading is processor time of one solve, taken alone on a core: what other work takes from that core does not count, and in
+a process of one thread it is the wall time of an idle machine.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import statistics
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hhtbench.campaign.run import WARM_UP, Phase, attempt, request_of, succeeded, warm_up, without_output
+from hhtbench.protocol import Problem, Solver
+from hhtbench.request import Request
+
+LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
+MOST_SOLVES = 1000  # in a reading
+LONG = 0.3  # s: of longer solves one reading is enough, they vary little
+DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
+
+
+def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: bool, phase: Phase) -> dict[str, Any]:
+    """One reading; ``note`` where a solve failed."""
+    request = without_output(problem, request_of(problem, asked))
+    if not warm:
+        phase(WARM_UP)
+        warm_up(problem, solver, request)
+    phase("a timed solve")
+    first = attempt(problem, solver, request)
+    if not succeeded(first):
+        return {"note": f"a timed solve ended with {first.status.label}: {first.message}"}
+    if first.seconds >= LEAST:
+        return {"cpu_s": first.cpu, "wall_s": first.seconds, "solves": 1, "load": load()}
+    return reading(problem, solver, request, min(MOST_SOLVES, round(LEAST / first.seconds) + 1))
+
+
+def reading(problem: Problem, solver: Solver, request: Request, count: int) -> dict[str, Any]:
+    """Of ``count`` solves in a row the times of one [s]."""
+    gc.collect()
+    gc.disable()
+    try:
+        wall, cpu = time.perf_counter(), time.process_time()
+        for _ in range(count):
+            solver.solve(problem, request)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    finally:
+        gc.enable()
+    return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load()}
+
+
+def load() -> float | None:
+    """Tasks that run or wait, averaged over a minute; None where the system does not tell."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+def enough(readings: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether no further reading is needed: it was long, or it failed and will again."""
+    return any("cpu_s" not in reading or reading["cpu_s"] >= LONG for reading in readings)
+
+
+def timing_of(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What a row's ``timing`` holds of all readings; of the median one what else is known."""
+    failed = [reading for reading in readings if "cpu_s" not in reading]
+    if failed:
+        note = failed[0].get("note") or f"{failed[0].get('status')}: {failed[0].get('message')}"
+        return {"repeats": 0, "note": note}
+    times = [reading["cpu_s"] for reading in readings]
+    median = readings[times.index(statistics.median_low(times))]
+    return {
+        "best_s": min(times),
+        "median_s": median["cpu_s"],
+        "rounds_s": times,
+        "repeats": len(times),
+        "solves": median["solves"],
+        "wall_s": median["wall_s"],
+        "load": median["load"],
+        "disturbed": median["wall_s"] > DISTURBED * median["cpu_s"],
+    }

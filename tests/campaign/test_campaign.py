@@ -1,0 +1,64 @@
+"""The loop over a campaign's cells, with executors and stores of the test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hhtbench.campaign.campaign import AccuracyPass
+from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
+from hhtbench.campaign.plan import Cell
+from hhtbench.store import RunRow, Store
+
+MOST = 4
+
+
+class Immediate(Executor):
+    """Answers at once, and keeps a diary."""
+
+    def __init__(self) -> None:
+        self.diary: list[float] = []
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        (task,) = args
+        assert fn is run_task and isinstance(task, Task)
+        self.diary.append(task.request["rtol"])
+        future: Future[Any] = Future()
+        future.set_result({"status": "success", "message": "there", "metrics": {"error": task.request["rtol"] / 2}})
+        return future
+
+
+def cell(rtol: float) -> Cell:
+    request = {"rtol": rtol, "max_seconds": 1.0}
+    return Cell(key=f"key {rtol}", identity=f"identity {rtol}", problem="fall", solver="told", request=request)
+
+
+def refine(rows: Sequence[RunRow]) -> Sequence[Cell]:
+    """A tenth of the last error, until ``MOST`` rows are there."""
+    return [cell(rows[-1].metrics["error"] / 10 if rows else 1e-1)] if len(rows) < MOST else []
+
+
+def test_what_a_pair_runs_next_follows_from_its_rows_and_a_resumed_campaign_runs_nothing(tmp_path: Path):
+    with Store(tmp_path / "runs.db") as store:
+        executor = Immediate()
+        first = AccuracyPass({("fall", "told"): refine}, store, executor, lambda *_: None)
+        first.run()
+        assert executor.diary == pytest.approx([1e-1, 5e-3, 2.5e-4, 1.25e-5])
+        again = AccuracyPass({("fall", "told"): refine}, store, executor, lambda *_: None)
+        again.run()
+    assert (first.ran, again.ran, len(executor.diary)) == (MOST, 0, MOST)
+    assert again.cells == first.cells
+
+
+def test_the_pool_is_an_executor_of_one_function_and_says_so():
+    with WorkerPool(Limits(jobs=1)) as pool:
+        with pytest.raises(TypeError, match="nothing but run_task"):
+            pool.submit(print, "something")
+        with pytest.raises(TypeError, match="nothing but run_task"):
+            pool.submit(run_task, {"problem": "fall"})
+    with pytest.raises(RuntimeError, match="closed"):
+        pool.submit(run_task, Task(problem="fall", solver="told", request={}))
