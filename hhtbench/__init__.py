@@ -11,6 +11,7 @@ from hhtbench.jax_settings import settle_jax
 
 if TYPE_CHECKING:
     from hhtbench.api import solve
+    from hhtbench.campaign.public import Runs, run
     from hhtbench.checks import check
     from hhtbench.description import describe
     from hhtbench.equations import Equations
@@ -38,6 +39,7 @@ __all__ = [
     "Problem",
     "ProblemError",
     "Request",
+    "Runs",
     "Scales",
     "Solution",
     "Status",
@@ -54,11 +56,13 @@ __all__ = [
     "load_verification",
     "parameter",
     "plan_steps",
+    "run",
     "solve",
 ]
 
 _MODULES = {  # no module has the name of what is in it: importing it would put the module into the name's place
     "api": ("solve",),
+    "campaign.public": ("Runs", "run"),
     "checks": ("check",),
     "description": ("describe",),
     "equations": ("Equations",),

@@ -28,7 +28,7 @@ def rk4():
 
 
 def test_every_page_has_code_that_is_run_here():
-    assert {file.name for file in DOCS.glob("*.md")} == {"write_a_solver.md", "write_a_problem.md"}
+    assert {file.name for file in DOCS.glob("*.md")} == {"write_a_solver.md", "write_a_problem.md", "campaigns.md"}
 
 
 @pytest.mark.parametrize("name", ["jay_negrut_pendulum", "knife_edge", "rolling_disk3d_steady"])
@@ -110,3 +110,14 @@ def test_the_mechanism_of_the_page_moves_as_its_equation_in_one_coordinate_says(
 
     angle = solve_ivp(falling, (0.0, 0.4), [1.2, 0.0], rtol=1e-11, atol=1e-12).y[0, -1]
     np.testing.assert_allclose(found.q[-1, 2], angle, atol=1e-5)
+
+
+def test_the_campaign_of_the_page_reaches_its_errors_and_tells_costs(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    scope = run_page("campaigns.md")
+    told = capsys.readouterr().out
+    assert all(row["status"] == "success" for row in scope["runs"].table())
+    assert all(f"{solver:16}" in told for solver in ("hht", "ida(form=ggl)", "projected"))
+    assert (tmp_path / "runs.csv").read_text().count("\n") == len(scope["runs"].rows) + 1
+    text = (DOCS / "campaigns.md").read_text(encoding="utf-8")
+    assert all(name in hb.analysis.__all__ for name in re.findall(r"`(\w+)\(rows", text))

@@ -1,0 +1,76 @@
+"""``hb.run``: a campaign from Python; its rows as a list, a file, a data frame."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+import hhtbench as hb
+
+ASKED = {"rtol": [1e-2, 1e-4], "jobs": 1, "timing": False}
+
+
+@pytest.fixture
+def runs(outside):
+    return hb.run("fall", "told", **ASKED)
+
+
+def test_there_is_a_row_for_every_solve_with_its_error(runs):
+    table = runs.table()
+    assert [(row["problem"], row["solver"], row["setting"], row["value"]) for row in table] == [
+        ("fall", "told", "rtol", 1e-2),
+        ("fall", "told", "rtol", 1e-4),
+    ]
+    assert [row["error"] for row in table] == pytest.approx([1e-2, 1e-4])  # what the solver adds to the exact motion
+    assert [row.key for row in runs.rows] == list(dict.fromkeys(row.key for row in runs.rows))
+
+
+def test_a_csv_file_holds_the_table(runs, tmp_path):
+    file = tmp_path / "runs.csv"
+    runs.to_csv(file)
+    with file.open(newline="") as stream:
+        read = list(csv.DictReader(stream))
+    assert [float(row["error"]) for row in read] == [row["error"] for row in runs.table()]
+    assert list(read[0]) == list(runs.table()[0])
+
+
+def test_a_data_frame_is_made_by_pandas(runs, monkeypatch):
+    frame = SimpleNamespace(DataFrame=lambda rows, columns: (rows, columns))
+    monkeypatch.setitem(sys.modules, "pandas", frame)
+    rows, columns = runs.to_pandas()
+    assert rows == runs.table()
+    assert columns == list(rows[0])
+
+
+def test_a_store_is_resumed(outside, tmp_path):
+    log = tmp_path / "calls"
+    asked = ("fall", f"told(log='{log}')")
+    first = hb.run(*asked, store=tmp_path / "runs.sqlite", **ASKED)
+    calls = log.read_text()
+    second = hb.run(*asked, store=tmp_path / "runs.sqlite", **ASKED)
+    assert log.read_text() == calls
+    assert first.rows == second.rows
+
+
+def test_numbers_of_steps_are_told_as_whole_numbers(outside):
+    table = hb.run("fall", "told", steps=[5, 10], jobs=1, timing=False).table()
+    assert [(row["setting"], row["value"]) for row in table] == [("steps", 5), ("steps", 10)]
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "text"),
+    [
+        ({"rtoll": [1e-3]}, TypeError, "run does not know rtoll; known: .*accuracies.*rtol"),
+        ({"campaign": "quick", "rtol": [1e-3]}, hb.ProblemError, "has its own rtol"),
+        ({"campaign": "quick"}, hb.NotFoundError, "the campaign has no problem 'fall'"),
+        ({"campaign": "slow"}, hb.NotFoundError, "no campaign named 'slow'"),
+    ],
+)
+def test_wrong_use_is_refused_before_anything_runs(outside, asked, error, text):
+    with pytest.raises(error, match=text):
+        hb.run("fall", "told", **asked)
+    with pytest.raises(hb.ProblemError, match="nothing to run"):
+        hb.run()
