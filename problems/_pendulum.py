@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import ellipj, ellipkm1
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import circle_lines, pin_lines
 from hhtbench.protocol import Motion
-from problems._sketch import circle_lines, pin_lines
 
 
 def quarter(amplitude: float) -> float:

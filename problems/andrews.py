@@ -35,9 +35,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import pin_lines, spring_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import pin_lines, spring_lines
 
 SOURCE = "Schiehlen (ed.), Multibody Systems Handbook, 1990; Test Set for IVP Solvers, Andrews' squeezing mechanism"
 

@@ -26,9 +26,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector, positive_integer
+from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import chain, outline
 
 SOURCE = "textbook mechanics, points on rigid links"
 LARGE = 100  # beads from which the tag "large" is set: dense linear algebra stops being the best choice about here

@@ -25,9 +25,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import circle_lines, pin_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import circle_lines, pin_lines
 
 SOURCE = "Goldstein, Classical Mechanics, section 1.6; closed solution by insertion"
 

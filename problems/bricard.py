@@ -32,9 +32,7 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
-from hhtbench.protocol import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._rigid_body import (
+from hhtbench.mechanics.space import (
     energy_of_bodies,
     force_on_bodies,
     mass_of_bodies,
@@ -44,6 +42,8 @@ from problems._rigid_body import (
     rotation,
     split,
 )
+from hhtbench.protocol import Problem, Scales, System, parameter
+from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A04"
 X, Y, Z = np.eye(3)

@@ -29,9 +29,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import circle_lines, ground_lines, spring_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import circle_lines, ground_lines, spring_lines
 
 SOURCE = "Test Set for IVP Solvers, car axis problem"
 

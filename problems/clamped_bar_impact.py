@@ -31,9 +31,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector, positive_integer
+from hhtbench.mechanics.lines import ground_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import ground_lines
 
 SOURCE = "Hughes, The Finite Element Method, Prentice Hall 1987 (linear bar elements, consistent mass)"
 LARGE = 100  # coordinates from which the tag "large" is set: dense linear algebra stops being the best choice about here

@@ -24,9 +24,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import ground_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import ground_lines
 
 SOURCE = "test equation of this bench; closed solution by insertion"
 

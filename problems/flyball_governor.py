@@ -36,9 +36,7 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
-from hhtbench.protocol import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._rigid_body import (
+from hhtbench.mechanics.space import (
     energy_of_bodies,
     force_on_bodies,
     mass_of_bodies,
@@ -52,6 +50,8 @@ from problems._rigid_body import (
     space_rate,
     split,
 )
+from hhtbench.protocol import Problem, Scales, System, parameter
+from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A05"
 PUBLISHED = (8e5, 4e4, 0.5, 5.0, 9.81, 0.5, math.pi / 6, 2 * math.pi)

@@ -40,9 +40,9 @@ from jax import Array
 from scipy.special import ellipj, ellipkm1
 
 from hhtbench.arguments import Vector, positive_integer
+from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import pin_lines
 
 SOURCE = "IFToMM library of computational benchmarks, A02: N four-bar mechanism"
 LARGE = 50  # windows from which the tag "large" is set: about 300 coordinates

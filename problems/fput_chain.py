@@ -25,9 +25,9 @@ from jax import Array
 
 from hhtbench.arguments import Vector, positive_integer
 from hhtbench.errors import ProblemError
+from hhtbench.mechanics.lines import chain, ground_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import chain, ground_lines
 
 SOURCE = "Fermi, Pasta, Ulam (and Tsingou), Studies of Nonlinear Problems, LA-1940, Los Alamos 1955"
 LARGE = 100  # masses from which the tag "large" is set: dense linear algebra stops being the best choice about here

@@ -12,7 +12,7 @@ Source: M. Geradin, A. Cardona, Flexible Multibody Dynamics: A Finite Element Ap
 
 The weight turns the axis about z, and the axis nods on its way.  Moments about the axis of symmetry are zero: the spin,
 the second body rate, is constant, and so are energy and moment of momentum about z.  ``lam[0]`` depends on j0 (see
-``problems/_rigid_body.py``), motion and ``lam[1:4]`` do not.  SI units.
+``hhtbench/mechanics/space.py``), motion and ``lam[1:4]`` do not.  SI units.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import chain
+from hhtbench.mechanics.space import body_rate, norm_rows, quaternion_rate, rotation, rotational_force, rotational_mass
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._rigid_body import body_rate, norm_rows, quaternion_rate, rotation, rotational_force, rotational_mass
-from problems._sketch import chain
 
 SOURCE = "Geradin and Cardona, Flexible Multibody Dynamics, Wiley 2001 (heavy top)"
 PUBLISHED = {"m": 15.0, "l": 1.0, "A": 0.234375, "C": 0.46875, "g": 9.81, "spin": 150.0, "turn": -4.61538}

@@ -27,9 +27,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import box_lines, ground_lines, spring_lines
 
 SOURCE = "made for this bench; modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"
 PUBLISHED = {1e4: "hf_linear_constrained_k1e4", 1e8: "hf_linear_constrained_k1e8"}  #: stiffness -> stored values

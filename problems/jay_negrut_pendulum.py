@@ -29,9 +29,9 @@ from jax import Array
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
+from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import chain, pin_lines
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, second problem"
 REST_ANGLE = 1.5 * math.pi  # hanging [rad]

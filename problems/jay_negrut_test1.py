@@ -32,9 +32,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import chain, circle_lines
 from hhtbench.protocol import Motion, Problem, Scales, System
 from problems._common import checked, load_reference
-from problems._sketch import chain, circle_lines
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, first problem"
 

@@ -26,9 +26,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import box_lines, circle_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import box_lines, circle_lines
 
 SOURCE = "Kapitza 1951; Landau and Lifshitz, Mechanics, section 30"
 

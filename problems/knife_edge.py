@@ -26,9 +26,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import outline
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import outline
 
 SOURCE = "Bloch, Nonholonomic Mechanics and Control, Springer 2003"
 

@@ -25,9 +25,9 @@ from jax import Array
 
 from hhtbench.arguments import Vector, positive_integer
 from hhtbench.errors import ProblemError
+from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked
-from problems._sketch import box_lines, ground_lines, spring_lines
 
 SOURCE = "linear chain, modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"
 LARGE = 100  # masses from which the tag "large" is set: dense linear algebra stops being the best choice about here

@@ -28,9 +28,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector, positive_integer
+from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import pin_lines
 
 SOURCE = "textbook mechanics, N-link pendulum in absolute coordinates"
 LARGE = 100  # rods from which the tag "large" is set: dense linear algebra stops being the best choice about here

@@ -15,7 +15,7 @@ as in P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice H
 With ``a_z = p0^2 - p1^2 - p2^2 + p3^2`` and ``sin(theta) = sqrt(1 - a_z^2)`` the contact lies at
 ``rho = -R (e_z - a_z a) / sin(theta)`` from the centre.
 
-Mass ``4 G^T J G + 4 j0 p p^T`` and force of the quaternion as derived in ``problems/_rigid_body.py``.  The motion, lam[1]
+Mass ``4 G^T J G + 4 j0 p p^T`` and force of the quaternion as in ``hhtbench/mechanics/space.py``.  The motion, lam[1]
 and mu do not depend on j0, and **lam[0] does**; it depends also on the scale of the norm constraint and on writing the
 height homogeneous in p.  The reference values belong to this choice and the default ``j0 = (2 A + C) / 3``.  With
 j0 = 0 M is singular while the KKT matrix stays regular.
@@ -40,9 +40,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.space import body_rate, norm_rows, rotation, rotational_force, rotational_mass, velocity_at
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._rigid_body import body_rate, norm_rows, rotation, rotational_force, rotational_mass, space_rate
 
 SOURCE = "Routh, Advanced Rigid Dynamics, 1905; Nikravesh, Computer-Aided Analysis of Mechanical Systems, 1988"
 
@@ -76,9 +76,9 @@ class RollingDisk(System):
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
         """Horizontal velocity of the point of contact, (2,) [m/s]."""
-        a, omega = rotation(q[3:])[:, 2], space_rate(q[3:], v[3:])
+        a = rotation(q[3:])[:, 2]
         rho = -self.R * (jnp.array([0.0, 0.0, 1.0]) - a[2] * a) / jnp.sqrt(1 - a[2] ** 2)
-        return (v[:3] + jnp.cross(omega, rho))[:2]
+        return velocity_at(q, v, [0], rho[None])[0, :2]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy and height [J]; j0 takes no part."""

@@ -31,9 +31,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.space import norm_rows, quaternion_rate, rotation, space_rate
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._rigid_body import norm_rows, quaternion_rate, rotation, space_rate
 
 SOURCE = "Neimark and Fufaev, Dynamics of Nonholonomic Systems, American Mathematical Society 1972"
 PUBLISHED = {"m": 2.0, "R": 0.25, "Om": 3.0, "x": 1.0, "y": 0.0, "vx": 0.0, "vy": 0.5, "wz": 1.0}

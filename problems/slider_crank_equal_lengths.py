@@ -34,9 +34,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import pin_lines
 
 SOURCE = "textbook mechanics, slider-crank of equal lengths"
 

@@ -34,9 +34,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import chain, pin_lines
 
 SOURCE = "Test Set for IVP Solvers, slider crank problem"
 PI = 3.1415927  #: the source's value, which its reference values need

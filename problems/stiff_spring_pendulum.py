@@ -25,9 +25,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import chain, pin_lines, spring_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import chain, pin_lines, spring_lines
 
 SOURCE = "textbook mechanics, stiff spring pendulum with a rigid rod added"
 COILS = 6  # of the drawn spring

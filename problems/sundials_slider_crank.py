@@ -32,9 +32,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
+from hhtbench.mechanics.lines import pin_lines, spring_lines
 from hhtbench.protocol import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
-from problems._sketch import pin_lines, spring_lines
 
 SOURCE = "SUNDIALS (Lawrence Livermore National Laboratory), example idaSlCrank"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from problems._rigid_body import body_rate
+from hhtbench.mechanics.space import body_rate
 from problems.bricard import middle
 from problems.flyball_governor import arm_angle, shaft_angle, shaft_rate, slider_height
 from tests.problems.published import Published

@@ -5,7 +5,7 @@ import jax
 import numpy as np
 import pytest
 
-from problems._rigid_body import body_rate, quaternion_rate, rotation, space_rate, split
+from hhtbench.mechanics.space import body_rate, quaternion_rate, rotation, space_rate, split
 from tests.problems.cases import CHANGED
 from tests.problems.spatial import NAMES, RANKS, acceleration_level, accelerations, consistent_states, rows_and_values
 

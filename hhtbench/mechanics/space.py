@@ -1,4 +1,4 @@
-r"""What the spatial problems share: unit quaternions, their inertia and the rows of joints, for one body or k at once.
+r"""Rigid bodies in space: unit quaternions, their inertia and the rows of joints, for one body or k at once.
 
 Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice Hall 1988, chapters 6 and 7.
 
@@ -158,3 +158,12 @@ def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, across
     ``first``.
     """
     return jnp.concatenate([spherical_rows(at, first, second, a, b), perpendicular_rows(at, first, second, across, axis)])
+
+
+def velocity_at(q: Array, v: Array, body: Any, offset: Any) -> Array:
+    """Velocities (j, 3) [m/s] of the material points ``offset`` (j, 3), in space, from the centres of the bodies ``body``.
+
+    A body rolls where this is zero at its point of contact: a velocity constraint.
+    """
+    (_, p), (xdot, pdot), body = split(q), split(v), jnp.asarray(body)
+    return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), jnp.asarray(offset))

@@ -1,0 +1,89 @@
+"""Rigid bodies in the plane and their joints, for one body or k at once.
+
+Coordinates of k bodies: ``(x1, y1, angle1, x2, y2, angle2, ...)``, 3 each, (x, y) the centre of mass [m], angles [rad]
+counterclockwise.  Rows of joints are zero where the joint holds; points and directions are in the frames of their bodies.
+
+Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice Hall 1988, chapters 4 and 5.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+
+class Placement(NamedTuple):
+    """Where bodies are: centres ``x`` (k + 1, 2) [m] and ``angle`` (k + 1,) [rad]; the last one is the ground."""
+
+    x: Array
+    angle: Array
+
+
+def placed_with_ground(q: Array) -> Placement:
+    """k bodies of ``q`` (3 k,) and the ground as number k (or -1), its frame that of the plane."""
+    bodies = jnp.concatenate([q.reshape(-1, 3), jnp.zeros((1, 3))])
+    return Placement(bodies[:, :2], bodies[:, 2])
+
+
+def turned(angle: Any, vector: Any) -> Array:
+    """``vector`` (..., 2) turned by ``angle`` (...) [rad]."""
+    c, s, vector = jnp.cos(angle), jnp.sin(angle), jnp.asarray(vector)
+    x, y = vector[..., 0], vector[..., 1]
+    return jnp.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+
+def points_on(at: Placement, body: Any, local: Any) -> Array:
+    """Points (j, 2) [m] in the plane; ``local`` (j, 2) in the frames of the bodies numbered ``body`` (j,)."""
+    body = jnp.asarray(body)
+    return at.x[body] + turned(at.angle[body], local)
+
+
+def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
+    """Points ``a`` (j, 2) of bodies ``first`` less points ``b`` of bodies ``second``, (2 j,) [m]: pins."""
+    return (points_on(at, first, a) - points_on(at, second, b)).ravel()
+
+
+def slot_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any) -> Array:
+    """Pins at ``a`` of ``first`` in slots of ``second`` through ``b`` in the unit directions ``along`` (j, 2), (j,) [m]."""
+    apart = points_on(at, first, a) - points_on(at, second, b)
+    direction = turned(at.angle[jnp.asarray(second)], along)
+    return direction[:, 0] * apart[:, 1] - direction[:, 1] * apart[:, 0]
+
+
+def angle_rows(at: Placement, first: Any, second: Any, angle: Any = 0.0) -> Array:
+    """Angles of ``first`` less those of ``second`` less ``angle`` (j,), (j,) [rad]."""
+    return at.angle[jnp.asarray(first)] - at.angle[jnp.asarray(second)] - jnp.asarray(angle)
+
+
+def prismatic_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any, angle: Any = 0.0) -> Array:
+    """Bodies ``first`` that slide on ``second`` without turning: :func:`slot_rows`, then :func:`angle_rows`, (2 j,)."""
+    return jnp.concatenate([slot_rows(at, first, second, a, b, along), angle_rows(at, first, second, angle)])
+
+
+def velocity_at(v: Array, body: Any, offset: Any) -> Array:
+    """Velocities (j, 2) [m/s] of the material points ``offset`` (j, 2), in the plane's frame, from the bodies' centres.
+
+    A body rolls where this is zero at its point of contact: a velocity constraint.
+    """
+    bodies, offset = v.reshape(-1, 3)[jnp.asarray(body)], jnp.asarray(offset)
+    rate = bodies[..., 2:]
+    return bodies[..., :2] + rate * jnp.stack([-offset[..., 1], offset[..., 0]], axis=-1)
+
+
+def mass_of_bodies(m: Any, J: Any) -> Array:
+    """Diagonal (3 k,) of the mass matrix: masses ``m`` (k,) [kg], moments ``J`` (k,) about the centres [kg m^2]."""
+    return jnp.stack([jnp.asarray(m), jnp.asarray(m), jnp.asarray(J)], axis=-1).ravel()
+
+
+def weight_of_bodies(m: Any, gravity: Any) -> Array:
+    """Generalised forces (3 k,) of the weights; ``gravity`` (2,) [m/s^2]."""
+    m = jnp.asarray(m)
+    return jnp.concatenate([m[:, None] * jnp.asarray(gravity), jnp.zeros((m.size, 1))], axis=1).ravel()
+
+
+def energy_of_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
+    """Kinetic energy and height [J]."""
+    heights = q.reshape(-1, 3)[:, :2] @ jnp.asarray(gravity)
+    return jnp.sum(mass_of_bodies(m, J) * v**2) / 2 - jnp.asarray(m) @ heights
