@@ -229,6 +229,16 @@ class Scales:
     mu: Any = 1.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class MinimalCoordinates:
+    """The same motion by as many coordinates ``s`` (d,) as it has freedoms: no constraints, an ODE."""
+
+    system: System  #: its coordinates are ``s``
+    embed: Callable[[Any], Any]  #: s (d,) -> q (n,), in ``jax.numpy``
+    s0: Any  #: (d,) start, embedded that of the problem
+    u0: Any  #: (d,) ds/dt there
+
+
 Observable = Callable[[float, Vector, Vector, Vector], Any]
 
 
@@ -248,6 +258,7 @@ class Problem:
     exact: Callable[[float], Motion] | None = None  #: closed solution
     reference: Mapping[str, Any] | None = None  #: {"t": (k,), "q": (k,n), "v": (k,n), "lam": (k,m), "digits": int}
     sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
+    minimal: Callable[[], MinimalCoordinates] | None = None  #: where somebody has written them down
     tags: tuple[str, ...] = ()  #: of ``TAGS``, what a solver must be able to take
     good_for: str = ""  #: one sentence: what this problem shows that others do not
     source: str = ""  #: where the equations and values come from

@@ -25,6 +25,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._minimal import hanging_point
 from problems._pendulum import pendulum_lines, quarter, swinging_point
 
 SOURCE = "Landau and Lifshitz, Mechanics, section 11, with the constraint repeated; closed solution by insertion"
@@ -115,6 +116,7 @@ def problem(
         exact=functools.partial(exact, m, L, g, factor, amplitude),
         reference=load_reference("redundant_pendulum", t_end) if published else None,
         sketch=sketch,
+        minimal=functools.partial(hanging_point, m, L, g, amplitude),
         tags=("holonomic", "redundant"),
         good_for="the smallest redundant system: is a singular KKT matrix noticed, and which multipliers come out?",
         source=SOURCE,

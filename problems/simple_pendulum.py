@@ -27,6 +27,7 @@ from jax import Array
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
+from problems._minimal import hanging_point
 from problems._pendulum import pendulum_lines, quarter, swinging_point
 
 SOURCE = "IFToMM Library of Computational Benchmark Problems, A01; Landau and Lifshitz, Mechanics, section 11"
@@ -106,6 +107,7 @@ def problem(
         exact=functools.partial(exact, m, L, g, amplitude),
         reference=load_reference("simple_pendulum", t_end) if published else None,
         sketch=sketch,
+        minimal=functools.partial(hanging_point, m, L, g, amplitude),
         tags=("holonomic",),
         good_for="the smallest holonomic system with a closed solution: orders of all variables, multiplier included",
         source=SOURCE,

@@ -36,7 +36,7 @@ from hhtbench.analysis.fronts import (
     targets_of,
 )
 from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
-from hhtbench.analysis.missing import UNKNOWN, Missing
+from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, Missing
 from hhtbench.analysis.newest import Newest, newest
 from hhtbench.analysis.outcomes import counters, failures, machines, silent, statuses
 from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
@@ -46,6 +46,7 @@ __all__ = [
     "DOUBTED",
     "FIRST",
     "NEAR",
+    "NOT_RUN",
     "RACE_TARGETS",
     "SAME",
     "STEADY",

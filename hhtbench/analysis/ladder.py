@@ -26,7 +26,7 @@ AGAIN = 10.0  # times finer after a run that failed before any has succeeded
 BEYOND = 3.0  # times finer than a failure that may have been a single one
 AIM = 0.6  # of the target: a run that misses it by little costs another
 BETTER = 0.9  # of the best error so far: what a finer run must stay below to count as an improvement
-STANDSTILL = 2  # finer runs in a row without improvement that end a ladder
+STANDSTILL = {"rtol": 3, "steps": 2}  # finer runs in a row without improvement that end a ladder, each ``MOST`` finer
 FAILURES = 2  # runs finer than the finest success that fail, the same
 EARLY = 6  # runs that fail before any has succeeded, the same: a loose tolerance may be too loose for what a check bears
 CAPS = ("deadline", "max_steps", "evaluation_budget")  #: statuses of a run that used up what a run may use
@@ -54,7 +54,7 @@ def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Nex
     if not known:
         return Next(value=FIRST[kind], seconds=min(rules.max_seconds, rules.pair_seconds))
     last, allowed = known[-1], _allowed(known, rules)
-    end = _ended(known, rules) or _out_of_budget(known, rules, allowed)
+    end = _ended(known, rules, kind) or _out_of_budget(known, rules, allowed)
     if end is not None:
         return end
     value = _finer(known, rules, kind)
@@ -63,7 +63,7 @@ def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Nex
     return Next(value=value, seconds=allowed)
 
 
-def _ended(known: Sequence[Point], rules: Rules) -> End | None:
+def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
     """Reached, refused, failed or no better."""
     last = known[-1]
     good = [run for run in known if run.success]
@@ -77,7 +77,7 @@ def _ended(known: Sequence[Point], rules: Rules) -> End | None:
         return End(kind="reached", text="every target that can be judged is reached")
     if len(_failures(known)) >= (FAILURES if good else EARLY):
         return _failed(known)
-    if _standstill(good, rules):
+    if _idle(good, rules) >= STANDSTILL[kind]:
         text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"
         return End(kind="standstill", text=text)
     return None
@@ -118,11 +118,13 @@ def _open(known: Sequence[Point], rules: Rules) -> list[float]:
     return sorted((target for target in rules.accuracies if limit <= target < best), reverse=True)
 
 
-def _standstill(good: Sequence[Point], rules: Rules) -> bool:
-    """Whether the last runs are all no better than the best before them, which had reached a target."""
-    errors = [run.error for run in good if run.error is not None]
-    best = min(errors[:-STANDSTILL], default=math.inf)
-    return best <= max(rules.accuracies) and all(error > BETTER * best for error in errors[-STANDSTILL:])
+def _idle(good: Sequence[Point], rules: Rules) -> int:
+    """How many of the last runs are no better than the best before them, which had reached a target."""
+    best, idle = math.inf, 0
+    for error in (run.error for run in good if run.error is not None):
+        idle = idle + 1 if best <= max(rules.accuracies) and error > BETTER * best else 0
+        best = min(best, error)
+    return idle
 
 
 def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
@@ -142,8 +144,9 @@ def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
 
 def _factor(known: Sequence[Point], rules: Rules, kind: str) -> float:
     """How many times finer than the finest success the next setting is."""
-    last = [run for run in known if run.success][-1]
-    if not last.error or last.error > max(rules.accuracies):
+    good = [run for run in known if run.success]
+    last = good[-1]
+    if not last.error or last.error > max(rules.accuracies) or _idle(good, rules):
         return MOST[kind]
     ratio = last.error / (AIM * _open(known, rules)[0])
     return min(max(ratio ** (1.0 / _slope(known, kind)), LEAST), MOST[kind])

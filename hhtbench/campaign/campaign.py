@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
@@ -42,14 +43,16 @@ def run_campaign(
     *,
     limits: Limits,
     executor: Executor | None = None,
+    references: Mapping[str, Path] | None = None,
     timing: bool = True,
     progress: Progress | None = None,
 ) -> Done:
     """Run what ``store`` does not hold yet; every cell is on the disk before it counts as done.
 
-    ``executor`` runs the accuracy pass; None: worker processes here.
+    ``executor`` runs the accuracy pass; None: worker processes here.  ``references`` are certificates of problems that
+    bring none (:func:`~hhtbench.campaign.references.auto_references`).
     """
-    asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign)}
+    asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
     with WorkerPool(limits) as pool:
         accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell)

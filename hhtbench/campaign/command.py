@@ -6,8 +6,9 @@ import re
 import sys
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -16,6 +17,7 @@ from hhtbench.campaign.campaign import Done, Progress, run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.plan import Campaign, Grid, restrict
+from hhtbench.campaign.references import auto_references
 from hhtbench.errors import ProblemError
 from hhtbench.registry import load_solver
 from hhtbench.specs import parse_spec
@@ -36,16 +38,29 @@ MOST_SHOWN = 12  # failures on the terminal; the store holds all
 )
 @click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
 @click.option("--max-seconds", type=float, help="Most wall-clock time of one solve [s].")
+@click.option(
+    "--reference",
+    type=click.Choice(["none", "auto"]),
+    help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
+)
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
-def run_command(file: Path, jobs: int | None, timing: bool, **chosen: Any) -> None:
+def run_command(
+    file: Path, jobs: int | None, timing: bool, reference: Literal["none", "auto"] | None, **chosen: Any
+) -> None:
     """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again."""
     campaign = _campaign(**chosen)
     if chosen["name"] is None:
         refuse_misspelt(chosen["solvers"])
+    if reference is not None:
+        campaign = replace(campaign, reference=reference)
     with Store(file) as store:
         for repair in store.repairs:
             click.echo(f"{file}: {repair}", err=True)
-        done = run_campaign(campaign, store, limits=machine_limits(jobs), timing=timing, progress=terminal_progress())
+        limits = machine_limits(jobs)
+        references = auto_references(campaign, file, limits.jobs, partial(click.echo, err=True))
+        done = run_campaign(
+            campaign, store, limits=limits, references=references, timing=timing, progress=terminal_progress()
+        )
     click.echo(_summary(done, file))
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from hhtbench.campaign.machine import total_memory, usable_cores
 from hhtbench.campaign.process import WorkerProcess
-from hhtbench.campaign.run import WARM_UP
+from hhtbench.campaign.run import MEASURING, WARM_UP
 from hhtbench.campaign.waiting import WaitingTasks
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
@@ -28,7 +28,7 @@ from hhtbench.result import Status
 POLL = 0.05  # s between looks at deadlines and memory
 GRACE = 5.0  # s beyond its budget before a worker is killed: a solver that obeys its budget ends by itself
 START_LIMIT = 120.0  # s to start Python and import JAX
-COMPILE_LIMIT = 60.0  # s for compiling, beyond the budget of the solve
+COMPILE_LIMIT = 60.0  # s for compiling, and for measuring, beyond the budget of the solve
 MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 
 
@@ -212,7 +212,9 @@ class WorkerPool(Executor):
         """Kill a worker that is over its time or memory."""
         limit = START_LIMIT
         if worker.task is not None:
-            limit = worker.task.task.request["max_seconds"] + (COMPILE_LIMIT if worker.phase == WARM_UP else GRACE)
+            limit = worker.task.task.request["max_seconds"] + (
+                COMPILE_LIMIT if worker.phase in (WARM_UP, MEASURING) else GRACE
+            )
         spent = time.monotonic() - worker.since
         if spent > limit:
             text = f"{worker.phase} did not end within {limit:g} s and was killed; raise max_seconds."

@@ -84,6 +84,7 @@ class Pair:
     behind: Mapping[str, str]  #: files and versions that its results rest on
     fixed: Mapping[str, Any]  #: what every request of the pair holds, inside the key
     held_out: bool = False
+    reference: Path | None = None  #: of a problem that brings none: the file of its certificate
     given: tuple[dict[str, Any], ...] = field(default=())  #: the settings, where they are given
 
     @property
@@ -100,6 +101,8 @@ class Pair:
             beside["rules"] = {**vars(self.rules), "accuracies": list(self.rules.accuracies)}
         if self.held_out:
             beside["held_out"] = True
+        if self.reference is not None:
+            beside["reference_file"] = str(self.reference)
         return Cell(
             key=_digest([identity, dict(self.behind)]),
             identity=identity,
@@ -113,8 +116,8 @@ class Pair:
         return tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)
 
 
-def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
-    """Every problem by every solver, in the order of problems.
+def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None) -> tuple[Pair, ...]:
+    """Every problem by every solver, in the order of problems; ``references`` are files of certificates by problem.
 
     Raises
     ------
@@ -132,14 +135,17 @@ def plan_pairs(campaign: Campaign) -> tuple[Pair, ...]:
         if (problem, solver) not in behind:
             behind[problem, solver] = reader.behind(_parse(problem), _parse(solver))
         kind = "" if grid.explicit else grid.refine
+        reference = (references or {}).get(problem)
+        known = {} if reference is None else {"reference": _digest(reference.read_text(encoding="utf-8"))}
         found = Pair(
             problem=problem,
             solver=solver,
             kind=kind,
             rules=_rules(campaign),
             behind=behind[problem, solver],
-            fixed={"outputs": campaign.outputs, "counting": campaign.counting},
+            fixed={"outputs": campaign.outputs, "counting": campaign.counting, **known},
             held_out=grid.held_out,
+            reference=reference,
             given=tuple(_given(grid, campaign.max_seconds)),
         )
         before = pairs.setdefault(found.name, found)

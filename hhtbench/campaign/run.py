@@ -23,6 +23,7 @@ from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
+MEASURING = "the measurement"  #: of that which looks at every step
 SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end
 
 TIMED = (
@@ -91,7 +92,7 @@ def run_cell(
     if asked["counting"] and succeeded(work):
         counters = _counted(problem, solver, request, counters, phase)
     at_steps = _at_steps(problem, solver, request, outcome, phase)
-    phase("the measurement")
+    phase(MEASURING)
     measured = measure(problem, outcome.solution, at_steps)
     return {
         **row,

@@ -8,13 +8,16 @@ import json
 import os
 import signal
 import sys
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
 from hhtbench.campaign.run import run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
+from hhtbench.reference import reference_of
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.result import Status
 
@@ -42,7 +45,7 @@ class _Bench:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._problems: dict[str, Problem] = {}
+        self._problems: dict[tuple[str, str | None], Problem] = {}
         self._solvers: dict[str, Solver] = {}
         self._warm: dict[tuple[str, str], dict[str, float]] = {}
 
@@ -59,13 +62,17 @@ class _Bench:
         self._phase("loading")
         names = task["problem"], task["solver"]
         try:
-            if names[0] not in self._problems:
-                self._problems[names[0]] = load_problem(names[0])
+            certificate = task["request"].get("reference_file")
+            if (names[0], certificate) not in self._problems:
+                problem = load_problem(names[0])
+                if certificate is not None:
+                    problem = replace(problem, reference=reference_of(Path(certificate)))
+                self._problems[names[0], certificate] = problem
             if names[1] not in self._solvers:
                 self._solvers[names[1]] = load_solver(names[1])
         except (ProblemError, TypeError) as error:
             return {"status": Status.declined.label, "message": f"it cannot be loaded: {error}"}
-        problem, solver = self._problems[names[0]], self._solvers[names[1]]
+        problem, solver = self._problems[names[0], certificate], self._solvers[names[1]]
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._phase)

@@ -129,7 +129,7 @@ class _Case:
         """A solve with output at the times of the reference, and its seconds."""
         self.tell(f"{self.entry.name}: {solver}")
         started = time.perf_counter()
-        solution = solve(problem, solver, rtol=rtol, t_eval=self.times)
+        solution = solve(problem, solver, rtol=rtol, t_eval=self.times, max_seconds=self.entry.seconds)
         return solution, time.perf_counter() - started
 
     def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:

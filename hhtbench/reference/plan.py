@@ -29,6 +29,7 @@ class Entry:
     second: tuple[str, ...] = SECOND  #: solvers that must agree; the closest of another family and form gives the bar
     rtol: float = RTOL  #: relative tolerance of the first
     second_rtol: float = SECOND_RTOL  #: and of the others
+    seconds: float | None = None  #: most wall-clock time of each solve [s]
     note: str = ""  #: why fewer digits are certified than elsewhere
     validate: str = ""  #: what ``validate --all`` takes for the default: where that is singular or long
 

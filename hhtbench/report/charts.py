@@ -15,7 +15,7 @@ from hhtbench.report.words import STAR, compared, listed, plural, uncounted
 from hhtbench.store.rows import RunRow
 
 AXES = {"rtol": "relative tolerance", "step": "step [s]", "steps": "step / length of the interval"}
-WORK = {"time": "wall time [s]", "evaluations": "residual evaluations"}
+WORK = {"time": "processor time [s]", "evaluations": "residual evaluations"}
 STATE_ERROR = "scaled error of q, v"
 
 

@@ -15,8 +15,19 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
 DASHES = ("solid", "dash", "dot", "dashdot")  # changes when the palette is used up
 
 # Solvers: a family has one colour, fixed for every report; its variants differ in shade, dash and mark.
-FAMILIES = {"hht": "#0072B2", "ida": "#D55E00", "cvode": "#CC79A7", "scipy": "#009E73", "diffrax": "#4D4D4D"}
-OTHER_FAMILIES = ("#56B4E9", "#B8860B", "#7A5195", "#8C564B")
+FAMILIES = {
+    "hht": "#0072B2",
+    "generalised_alpha": "#56B4E9",
+    "hht_i3": "#8C564B",
+    "rattle": "#7F8C00",
+    "ida": "#D55E00",
+    "cvode": "#CC79A7",
+    "scipy": "#009E73",
+    "projected": "#E69F00",
+    "collocation": "#7A5195",
+    "diffrax": "#4D4D4D",
+}
+OTHER_FAMILIES = ("#17BECF", "#9E2A2B", "#5B8C5A", "#B8860B")
 SHADES = (0.0, -0.4, 0.35)  # below 0 towards black, above 0 towards white
 
 GUIDE = "#767676"

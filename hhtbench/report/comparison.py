@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +14,7 @@ from plotly.offline import get_plotlyjs
 from tabulate import tabulate
 
 from hhtbench import analysis
+from hhtbench.analysis import BOUNDS
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
 from hhtbench.report import colours, contest, runs, tables
@@ -24,11 +26,13 @@ from hhtbench.report.frame import Chart
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text
 from hhtbench.report.page import embedded
+from hhtbench.report.rules import rules
 from hhtbench.report.speed_page import PAGE as SPEED
 from hhtbench.report.speed_page import write_speed
 from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
+from hhtbench.report.words import bounded
 from hhtbench.store.rows import RunRow
 
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
@@ -92,6 +96,8 @@ def comparison_page(
         contents="\n".join(links),
         summary="\n".join(f"<p>{_prose(part)}</p>" for part in paragraphs),
         claims=_verdict_box(evidence, curves),
+        balance=html_table(contest.balance(rows)),
+        rules="\n".join(f"<li>{_prose(rule)}</li>" for rule in rules(rows)),
         against=html_table(contest.against(rows)),
         drift=html_table(runs.equal_drift(rows)),
         legend=legend(styles),
@@ -107,8 +113,7 @@ def comparison_page(
 
 PARTS = ("html", "css", "js")
 TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
-    "Both sides of the comparison": contest.price_of_drift,
-    f"The same among solvers that drift by {analysis.HELD:.0e} at most": contest.steady,
+    **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
     "Cheapest solvers at a given error": contest.cheapest,
     "One run of every solver, side by side": runs.side_by_side,
     "Counters of these runs": runs.counter_table,
@@ -118,6 +123,8 @@ TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
 def comparison_markdown(rows: Sequence[RunRow], paragraphs: Sequence[str], command: str, evidence: Evidence | None) -> str:
     """The text of ``report.md``."""
     parts = [f"# {TITLE}", *map(escape_text, paragraphs), "The same with charts: [index.html](index.html)."]
+    parts += ["## Wins and losses", *_markdown_table(contest.balance(rows))]
+    parts += ["## The rules", "\n".join(f"- {escape_text(rule)}" for rule in rules(rows))]
     parts += ["## HHT against the cheapest other solver", *_markdown_table(contest.against(rows))]
     parts += ["## Drift at equal accuracy", *_markdown_table(runs.equal_drift(rows))]
     for name in analysis.problems(rows):

@@ -1,83 +1,121 @@
-"""Tables that rank solvers: HHT against the others, the price of drift, the cheapest at each error."""
+"""Tables that rank solvers: HHT against the others at every bound of the drift, the cheapest at each error."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import HELD, HELD_TARGETS, Comparison, Cost
+from hhtbench.analysis import BOUNDS, Comparison, Cost
 from hhtbench.report.tables import Cell, Table, make_table
-from hhtbench.report.words import AT_MOST, MEASURES, NOTHING, STAR, outcome, plural, shown, uncounted, work
+from hhtbench.report.words import (
+    AT_MOST,
+    KINDS,
+    MEASURES,
+    NOTHING,
+    STAR,
+    bounded,
+    outcome,
+    plural,
+    shown,
+    times,
+    uncounted,
+    work,
+)
 from hhtbench.store.rows import RunRow
 
 CHEAPEST = 3  # solvers named for each error
 TONES = {"wins": "good", "alone": "good", "unheld": "good", "loses": "bad", "absent": "bad"}
-SHORT = {"time": "wall time", "evaluations": "evaluations"}
+SHORT = {"time": "processor time", "evaluations": "evaluations"}
+ANY = "any"
 INTERPOLATED = (
     f"Costs are interpolated in the logarithms between two runs; {AT_MOST}: the loosest run is already more accurate."
 )
+MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "unheld": "others drift", "absent": "not there"}
+
+
+def balance(rows: Sequence[RunRow]) -> Table:
+    """On how many problems HHT wins and loses: one line for each bound of the drift and measure, one column an error."""
+    body: list[list[str | Cell]] = []
+    targets = analysis.targets_of(analysis.points(rows))
+    for bound in BOUNDS:
+        lines = analysis.compare(rows, held=bound)
+        for measure in MEASURES:
+            own = [line for line in lines if line.measure == measure]
+            cells = [_counted([line for line in own if line.target == target]) for target in targets]
+            body.append([_bound(bound), SHORT[measure], *cells, _counted(own)])
+    note = (
+        f"Numbers of problems: {', '.join(MARKS.values())}. The best HHT entry against the cheapest of all other solvers at "
+        "the same achieved error and with drift of position and velocity within the bound on both sides; with a bound, "
+        "problems with constraints only. Level: within the factor by which repeats of one solve differ, "
+        f"{times(analysis.level_of(analysis.points(rows)))} for processor time. Alone: no other solver gets there, whatever "
+        "it was given; not there: HHT does not, another does."
+    )
+    return make_table(["drift", "by", *(f"error {target:.0e}" for target in targets), "all"], body, note)
+
+
+def _counted(lines: Sequence[Comparison]) -> str:
+    counts = Counter(line.outcome for line in lines)
+    return ", ".join(f"{counts[name]} {mark}" for name, mark in MARKS.items() if counts[name]) or NOTHING
+
+
+def _bound(bound: float | None) -> str:
+    return ANY if bound is None else f"{AT_MOST} {bound:.0e}"
 
 
 def against(rows: Sequence[RunRow]) -> Table:
-    """HHT against the cheapest other solver: one line for each problem and measure, one column for each error."""
-    groups: dict[tuple[str, str], list[Comparison]] = {}
-    for line in analysis.compare(rows):
-        groups.setdefault((line.problem, line.measure), []).append(line)
-    body: list[list[str | Cell]] = [
-        [problem, SHORT[measure], *(_verdict(line, rival=True) for line in group)]
-        for (problem, measure), group in groups.items()
-    ]
-    headers = ["problem", "by", *(f"error {target:.0e}" for target in analysis.TARGETS)]
+    """HHT against the cheapest other solver: lines for each problem, bound of the drift and measure; a column an error."""
+    groups: dict[tuple[str, str, str], list[Comparison]] = {}
+    for bound in BOUNDS:
+        for line in analysis.compare(rows, held=bound):
+            if bound is None or line.measure == "time":
+                groups.setdefault((line.problem, SHORT[line.measure], _bound(bound)), []).append(line)
+    places = {problem: index for index, problem in enumerate(analysis.problems(rows))}
+    ordered = sorted(groups.items(), key=lambda pair: (places[pair[0][0]], pair[0][1] == SHORT["evaluations"]))
+    body: list[list[str | Cell]] = [[*names, *map(_rival, group)] for names, group in ordered]
+    headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in analysis.targets_of(analysis.points(rows)))]
     note = (
-        "The best HHT entry against the cheapest of all other solvers at the same achieved error. Not tried: no finer run "
-        f"was asked for, and errors still fell. {uncounted(analysis.silent(rows))}"
+        "The best HHT entry against the cheapest of all other solvers at the same achieved error, at three bounds of the "
+        f"drift. {uncounted(analysis.silent(rows))}"
     )
     return make_table(headers, body, note)
 
 
-def _verdict(line: Comparison, rival: bool = False) -> Cell:
-    detail = ""
-    if rival and line.rival is not None and line.factor is not None:
-        detail = f"against {line.rival.entry}"
-    return Cell(outcome(line), TONES.get(line.outcome, ""), detail)
+def _rival(line: Comparison) -> Cell:
+    detail = f"against {line.rival.entry}" if line.rival is not None and line.factor is not None else ""
+    return _verdict(line)._replace(detail=detail)
 
 
-def price_of_drift(rows: Sequence[RunRow], problem: str) -> Table:
-    """Both sides of every comparison on one problem, with their costs and drifts."""
-    lines = [line for line in analysis.compare(rows) if line.problem == problem and (line.subject or line.rival)]
-    body = [_both_sides(line) for line in lines]
-    headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift"]
-    headers += ["cheapest other", "its cost", "position drift", "velocity drift"]
-    note = f"{INTERPOLATED} Drifts are those of the run at the accurate end.{_stars(rows, problem)}"
+def _verdict(line: Comparison) -> Cell:
+    return Cell(outcome(line), TONES.get(line.outcome, ""))
+
+
+def both_sides(rows: Sequence[RunRow], problem: str, held: float | None = None) -> Table:
+    """Both sides of every comparison on one problem at one bound of the drift, with their costs and drifts."""
+    own = [row for row in rows if row.problem == problem]
+    body: list[list[Any]] = []
+    for line in analysis.compare(own, held=held):
+        if line.subject or line.rival:
+            drifting = sum(reason.kind == "drifts" for reason in line.missing.values())
+            more = [plural(drifting, "solver") if drifting else NOTHING] if held is not None else []
+            body.append([*_both_sides(line), *more])
+    headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift", "cheapest other"]
+    headers += ["its cost", "position drift", "velocity drift", *(["accurate, but drift more"] if held is not None else [])]
+    scope = f"Runs {bounded(held)} of position and velocity, over all steps. " if held is not None else ""
+    note = f"{scope}{INTERPOLATED} Drifts are those of the run at the accurate end.{_stars(rows, problem)}"
     return make_table(headers, body, note)
 
 
-def steady(rows: Sequence[RunRow], problem: str) -> Table:
-    """The same among runs that also hold the constraints: what a small drift costs at equal accuracy."""
-    lines = [line for line in analysis.compare(rows, targets=HELD_TARGETS, held=HELD) if line.problem == problem]
-    body = []
-    for line in lines:
-        drifting = sum(reason.kind == "drifts" for reason in line.missing.values())
-        body.append([*_both_sides(line, settings=True), plural(drifting, "solver") if drifting else NOTHING])
-    headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift", "cheapest steady other"]
-    headers += ["its cost", "position drift", "velocity drift", "accurate, but drift more"]
-    note = (
-        f"Only runs whose position and velocity drift both stay within {HELD:.0e} over the whole interval count, on both "
-        f"sides, so that no solver looks steady because it was run far more accurately. {INTERPOLATED}"
-        f"{_stars(rows, problem)}"
-    )
-    return make_table(headers, body, note)
-
-
-def _both_sides(line: Comparison, settings: bool = False) -> list[str | Cell]:
-    sides = [cell for side in (line.subject, line.rival) for cell in _side(side, line.measure, settings)]
+def _both_sides(line: Comparison) -> list[str | Cell]:
+    sides = [cell for side in (line.subject, line.rival) for cell in _side(side, line.measure)]
     return [f"{line.target:.0e}", SHORT[line.measure], _verdict(line), *sides]
 
 
-def _side(side: Cost | None, measure: str, settings: bool) -> list[str | Cell]:
+def _side(side: Cost | None, measure: str) -> list[str | Cell]:
     if side is None:
         return [NOTHING] * 4
-    detail = f"{side.run.setting.text}: error {shown(side.run.error)}" if settings else ""
+    detail = f"{side.run.setting.text}: error {shown(side.run.error)}"
     return [Cell(side.entry, "", detail), _cost(side, measure), shown(side.run.position), shown(side.run.velocity)]
 
 
@@ -98,8 +136,8 @@ def cheapest(rows: Sequence[RunRow], problem: str) -> Table:
             body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
     headers = ["error", "by", "cheapest", "second", "third", "without a cost"]
     note = (
-        "Not tried: finer settings were not asked for. Failed: refused, failed, or no better at finer settings. "
-        f"{INTERPOLATED}{_stars(own, problem)} {uncounted(analysis.silent(own))}"
+        "Without a cost: every solver was refined until it got there, failed, was no better when finer, or met a stated "
+        f"cap. {INTERPOLATED}{_stars(own, problem)} {uncounted(analysis.silent(own))}"
     )
     return make_table(headers, body, note)
 
@@ -107,9 +145,6 @@ def cheapest(rows: Sequence[RunRow], problem: str) -> Table:
 def _stars(rows: Sequence[RunRow], problem: str) -> str:
     disturbed = any(run.disturbed for run in analysis.points(rows) if run.problem == problem)
     return f" *: {STAR}." if disturbed else ""
-
-
-KINDS = {"untried": "not tried", "fails": "failed", "uncounted": "not reported", "unjudged": "cannot be judged"}
 
 
 def _grouped(reasons: list[analysis.Missing]) -> str:

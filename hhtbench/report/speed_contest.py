@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from hhtbench.analysis import RACE_TARGETS, STEADY, SUBJECT, Cost, Missing, Race, family, fronts, number, race
+from hhtbench.analysis import NOT_RUN, RACE_TARGETS, STEADY, SUBJECT, Cost, Missing, Race, family, fronts, number, race
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import AT_MOST, NOTHING, brief, seconds, times
 from hhtbench.store.rows import RunRow
@@ -134,18 +134,18 @@ def _said(lines: Sequence[Race], target: float, open_ones: Collection[tuple[str,
 
 def _absent(reason: Missing, rows: Sequence[RunRow], entry: str) -> Cell:
     """Why ``entry`` has no cost; in red only where it was asked for it."""
-    return Cell(reason.text) if reason.kind == "untried" else Cell(reason.text, "bad", _failure(rows, entry))
+    return Cell(reason.text) if reason.kind == NOT_RUN else Cell(reason.text, "bad", _failure(rows, entry))
 
 
 def _own_missing(line: Race) -> tuple[str, Missing] | None:
-    """HHT's entry that came nearest, and why it has no cost: one not tried before one that failed."""
+    """HHT's entry that came nearest, and why it has no cost: one not run before one that failed."""
     own = [(entry, reason) for entry, reason in line.missing.items() if family(entry) == SUBJECT]
-    return min(own, key=lambda one: one[1].kind != "untried", default=None)
+    return min(own, key=lambda one: one[1].kind != NOT_RUN, default=None)
 
 
 def _not_run(line: Race) -> bool:
     missing = _own_missing(line)
-    return line.subject is None and (missing is None or missing[1].kind == "untried")
+    return line.subject is None and (missing is None or missing[1].kind == NOT_RUN)
 
 
 def _own(line: Race, rows: Sequence[RunRow]) -> Cell:

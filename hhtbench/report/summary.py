@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import median
 
 from hhtbench import analysis
-from hhtbench.analysis import HELD, HELD_TARGETS, NEAR, SUBJECT, TYPICAL_ERROR, Comparison, Newest, Point, family
-from hhtbench.report.words import MEASURES, STAR, dearer, factor, listed, plural, shown, uncounted
+from hhtbench.analysis import BOUNDS, NEAR, STEADY, SUBJECT, TYPICAL_ERROR, Comparison, Newest, Point, family
+from hhtbench.report.words import KINDS, MEASURES, STAR, bounded, dearer, factor, listed, plural, shown, uncounted
 from hhtbench.store.rows import RunRow
 
 
@@ -15,13 +16,14 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     """Paragraphs: what ran, where HHT wins and loses, drift, what the reader must know of the data."""
     if not rows:
         return ["The store holds no rows, so nothing is compared."]
-    lines = analysis.compare(rows)
-    parts = [_coverage(rows)]
-    if not any(run.entry.startswith(SUBJECT) for run in analysis.points(rows)):
+    parts = [_coverage(rows), _reached(rows)]
+    if not any(family(run.entry) == SUBJECT for run in analysis.points(rows)):
         parts.append("No HHT run is among the rows, so HHT is not compared.")
     else:
-        parts += [_balance([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
-    return [part for part in [*parts, _steady(rows), _drift(rows), _caveats(rows)] if part]
+        compared = {bound: analysis.compare(rows, held=bound) for bound in BOUNDS}
+        parts += [_balance(compared, measure) for measure in MEASURES]
+        parts.append(_held_out(rows))
+    return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
 
 
 def problem_summary(rows: Sequence[RunRow], problem: str) -> list[str]:
@@ -40,37 +42,59 @@ def _coverage(rows: Sequence[RunRow]) -> str:
     return f"{good} of {plural(len(rows), 'run')} reached the end and are believed ({problems}, {solvers}). {others}".strip()
 
 
-def _balance(lines: Sequence[Comparison], measure: str) -> str:
-    """How often HHT wins and loses by one measure, the extremes, and who does not get to an error."""
-    judged = [line for line in lines if line.factor is not None]
-    text = f"By {MEASURES[measure]}, "
-    if judged:
-        tally = {name: [line for line in judged if line.outcome == name] for name in ("wins", "loses", "level")}
-        numbers = [f"wins {len(tally['wins'])}", f"loses {len(tally['loses'])}"]
-        numbers += [f"is level in {len(tally['level'])}"] if tally["level"] else []
-        text += f"at equal achieved error the best HHT entry {listed(numbers)} of {plural(len(judged), 'comparison')}. "
-        text += _extreme(tally["loses"], "loses") if tally["loses"] else "It loses none of them. "
-        text += _extreme(tally["wins"], "wins") if tally["wins"] else "It wins none of them. "
-    else:
-        text += "nothing can be compared: HHT and another solver never reach the same error. "
-    cases = {
-        "absent": "HHT does not get to the error where others do",
-        "untried": "HHT was not tried at the error others reach, its finest run is coarser",
-        "alone": "Only HHT gets to the error",
-        "unrivalled": "Only HHT was tried at the error",
-    }
-    for name, words in cases.items():
-        places = _places([line for line in lines if line.outcome == name])
-        text += f"{words}: {places}. " if places else ""
+def _reached(rows: Sequence[RunRow]) -> str:
+    """Every solver was asked for every error on its problems: how many of these it reached, and what ended the others."""
+    fronts = analysis.fronts(rows, "time")
+    reached = sum(len(front.costs) for front in fronts)
+    kinds = Counter(reason.kind for front in fronts for reason in front.missing.values())
+    total = reached + sum(kinds.values())
+    ends = [f"{words} {kinds[kind]}" for kind, words in KINDS.items() if kinds[kind]]
+    rest = f" The others: {', '.join(ends)}." if ends else ""
+    return (
+        f"Of {plural(total, 'target')}, each one problem, one solver and one error to reach, {reached} "
+        f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {kinds['unfinished']}."
+    )
+
+
+def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str) -> str:
+    """How often HHT wins and loses by one measure at every bound of the drift, and the extremes without one."""
+    parts = []
+    for bound, lines in compared.items():
+        own = [line for line in lines if line.measure == measure]
+        if any(line.outcome != "unknown" for line in own):
+            parts.append(f"{bounded(bound)}, it {_tally(own)}")
+    if not parts:
+        return f"By {MEASURES[measure]}, nothing can be compared: HHT and another solver never reach the same error."
+    judged = [line for line in compared[None] if line.measure == measure and line.factor is not None]
+    worst = [line for line in judged if line.outcome == "loses"]
+    best = [line for line in judged if line.outcome == "wins"]
+    text = f"By {MEASURES[measure]}, the best HHT entry against the cheapest of all others at the same achieved error. "
+    text += f"{'. '.join(sentence[0].upper() + sentence[1:] for sentence in parts)}. "
+    text += _extreme(worst, "loses") if worst else ""
+    text += _extreme(best, "wins") if best else ""
     return text.strip()
 
 
-def _places(lines: Sequence[Comparison]) -> str:
-    """``andrews at 1e-04 and 1e-05; knife_edge at 1e-05``."""
-    targets: dict[str, dict[str, None]] = {}
-    for line in lines:
-        targets.setdefault(line.problem, {})[f"{line.target:.0e}"] = None
-    return "; ".join(f"{problem} at {listed(list(own))}" for problem, own in targets.items())
+def _tally(lines: Sequence[Comparison]) -> str:
+    """``wins 3, loses 2 and is level in 1 of 6 comparisons; it alone gets to the error in 2 more, others alone in 1``."""
+    counts = Counter(line.outcome for line in lines)
+    judged = [line for line in lines if line.factor is not None]
+    text = f"wins {counts['wins']}, loses {counts['loses']} and is level in {counts['level']} of "
+    text += plural(len(judged), "comparison")
+    more = [f"it alone gets to the error in {counts['alone']}"] if counts["alone"] else []
+    more += [f"others get there in {counts['unheld']} with more drift only"] if counts["unheld"] else []
+    more += [f"it does not get there and others do in {counts['absent']}"] if counts["absent"] else []
+    return f"{text}; besides, {listed(more)}" if more else text
+
+
+def _held_out(rows: Sequence[RunRow]) -> str:
+    """The same, on the problems that were not looked at while defaults were tuned, alone."""
+    names = dict.fromkeys(run.problem for run in analysis.points(rows) if run.held_out)
+    own = [line for line in analysis.compare(rows) if line.problem in names and line.measure == "time"]
+    if not any(line.outcome != "unknown" for line in own):
+        return ""
+    count = plural(len(names), "problem")
+    return f"On the {count} that {'was' if len(names) == 1 else 'were'} held out, by {MEASURES['time']}, HHT {_tally(own)}."
 
 
 def _extreme(lines: Sequence[Comparison], name: str) -> str:
@@ -112,41 +136,12 @@ def _sentence(lines: Sequence[Comparison], measure: str) -> str:
         found = [line for line in lines if line.outcome == name]
         if found:
             own = [line.own_missing.text for line in found if line.own_missing is not None]
-            why = f" ({'; '.join(dict.fromkeys(own)).removeprefix('not tried: ')})" if own else ""
+            why = f" ({'; '.join(dict.fromkeys(own))})" if own else ""
             parts.append(f"{text} {listed([f'{line.target:.0e}' for line in found])}{why}")
     return f"By {MEASURES[measure]} HHT {'; '.join(parts)}."
 
 
-ABSENCES = {
-    "absent": "does not get to",
-    "untried": "was not tried at",
-    "alone": "alone gets to",
-    "unrivalled": "alone was tried at",
-    "unknown": "is not compared at",
-}
-
-
-def _steady(rows: Sequence[RunRow]) -> str:
-    """What it costs to be accurate and to hold the constraints, by both measures."""
-    lines = analysis.compare(rows, targets=HELD_TARGETS, held=HELD)
-    parts = []
-    for measure in MEASURES:
-        judged = [line for line in lines if line.measure == measure and line.factor is not None]
-        if judged:
-            wins, losses = (sum(line.outcome == name for line in judged) for name in ("wins", "loses"))
-            best = max(judged, key=lambda line: line.factor or 0.0)
-            worst = min(judged, key=lambda line: line.factor or 0.0)
-            ends = [f"{line.outcome} {factor(line)} on {line.problem} at {line.target:.0e}" for line in (best, worst)]
-            span = f"best: {ends[0]}; worst: {ends[1]}" if len(judged) > 1 else ends[0]
-            count = f"wins {wins} and loses {losses} of {plural(len(judged), 'comparison')}"
-            parts.append(f"by {MEASURES[measure]} HHT {count} against the cheapest other ({span})")
-    unheld = [line for line in lines if line.outcome == "unheld"]
-    if unheld:
-        parts.append(f"no other run that is as accurate drifts so little on {_places(unheld)}")
-    if not parts:
-        return ""
-    bound = f"whose position and velocity drift both stay within {HELD:.0e}"
-    return f"Among runs {bound}, at errors from {HELD_TARGETS[0]:.0e} to {HELD_TARGETS[-1]:.0e}: {'; '.join(parts)}."
+ABSENCES = {"absent": "does not get to", "alone": "alone gets to", "unknown": "is not compared at"}
 
 
 def _drift(rows: Sequence[RunRow]) -> str:
@@ -156,29 +151,30 @@ def _drift(rows: Sequence[RunRow]) -> str:
     others = {entry: runs for entry, runs in found.items() if family(entry) != SUBJECT}
     parts = []
     for level in ("position", "velocity"):
-        own, best = _worst(mine, level), _steadiest(others, level)
-        other = _worst([run for runs in others.values() for run in runs], level)
+        own, other = _worst(mine, level), _worst([run for runs in others.values() for run in runs], level)
         if own is None:
             continue
         text = f"HHT's largest {level} drift is {shown(getattr(own, level))} ({own.problem})"
-        if best is not None and other is not None:
-            text += f"; of the others {best.entry} keeps it smallest, at most {shown(getattr(best, level))} on "
-            text += f"{plural(_measured(others[best.entry], level), 'problem')}, and {other.entry} lets it grow to "
-            text += f"{shown(getattr(other, level))} ({other.problem})"
+        steady = [f"{entry} ({_measured(runs, level)})" for entry, runs in others.items() if _holds(runs, level)]
+        if steady:
+            text += f"; of the others these stay at or below {STEADY:.0e} on every problem where they are that accurate "
+            text += f"(how many): {listed(steady)}"
+        elif other is not None:
+            text += f"; none of the others stays at or below {STEADY:.0e}"
+        if other is not None:
+            text += f"; the largest is {shown(getattr(other, level))}, of {other.entry} on {other.problem}"
         parts.append(text + ".")
     head = f"At equal accuracy, errors within a factor {NEAR:g} of {TYPICAL_ERROR:.0e}"
     return f"{head}: {' '.join(parts)}" if parts else ""
 
 
+def _holds(runs: Sequence[Point], level: str) -> bool:
+    worst = _worst(runs, level)
+    return worst is not None and getattr(worst, level) <= STEADY
+
+
 def _worst(runs: Sequence[Point], level: str) -> Point | None:
     return max((run for run in runs if getattr(run, level) is not None), key=lambda run: getattr(run, level), default=None)
-
-
-def _steadiest(groups: Mapping[str, Sequence[Point]], level: str) -> Point | None:
-    """The worst run of the entry whose worst run is best, among those measured on the most problems."""
-    most = max((_measured(runs, level) for runs in groups.values()), default=0)
-    worst = [_worst(runs, level) for runs in groups.values() if _measured(runs, level) == most]
-    return min((run for run in worst if run is not None), key=lambda run: getattr(run, level), default=None)
 
 
 def _measured(runs: Sequence[Point], level: str) -> int:
@@ -220,7 +216,7 @@ def _times(runs: Sequence[Point]) -> list[str]:
     if disturbed:
         parts.append(f"{len(disturbed)} of {plural(len(timed), 'time')} are marked *: {STAR}.")
     if shares:
-        parts.append(f"Median CPU/wall of the timed solves: {median(shares):.2f}.")
+        parts.append(f"Processor time over wall time of the timed solves, median: {median(shares):.2f}.")
     return parts
 
 

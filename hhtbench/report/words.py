@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from hhtbench.analysis import Comparison, Missing, Point, family
+from hhtbench.analysis import UNKNOWN, Comparison, Point, family
 
-MEASURES = {"time": "wall time", "evaluations": "residual evaluations"}
+MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 NOTHING = "\N{EN DASH}"
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
-STAR = "something else ran on the core: the median solve took clearly more wall time than processor time"
+STAR = "the process waited: the median reading took clearly more wall time than processor time"
 BESIDE = f"{AT_MOST} taken beside other work: an upper bound"
+KINDS = {  # why a target is not reached
+    "capped": "a stated cap",
+    "standstill": "no better when finer",
+    "fails": "failed",
+    "refused": "refused",
+    "drifts": "more drift",
+    "unjudged": "cannot be judged",
+    "uncounted": "not reported",
+    "not run": "not run",
+    "unfinished": "stopped",
+}
 UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
 
 
@@ -76,23 +87,31 @@ def factor(line: Comparison) -> str:
     return sign + times(dearer(line))
 
 
+def bounded(bound: float | None) -> str:
+    """A bound of the drift in words."""
+    return "whatever the drift" if bound is None else f"with drift of at most {bound:.0e}"
+
+
 def outcome(line: Comparison) -> str:
-    """Who needs less, by which factor; or who gets there at all, as far as it was tried."""
-    if line.outcome in ("absent", "untried", "unknown"):
-        return not_there(line.own_missing)
-    texts = {
-        "alone": "only HHT gets there",
-        "unrivalled": "only HHT was tried that far",
-        "unheld": "no other accurate run drifts so little",
-    }
+    """Who needs less, by which factor; or who gets there at all."""
+    if line.outcome in ("absent", "unknown"):
+        return not_there(line)
+    least = line.least_factor
+    more = f", others need more than {times(least)}" if least is not None and least > 1 else ""
+    texts = {"alone": f"only HHT gets there{more}", "unheld": "no other accurate run drifts so little"}
     return texts.get(line.outcome) or f"{line.outcome} {factor(line)}"
 
 
-def not_there(reason: Missing | None) -> str:
-    """Why HHT has no cost."""
+def not_there(line: Comparison) -> str:
+    """Why HHT has no cost, and what it would need at least."""
+    reason = line.own_missing
     if reason is None:
-        return "no HHT run"
-    return f"HHT does not get there: {reason.text}" if reason.kind == "fails" else reason.text
+        return "no HHT run" if line.subject is None else "nobody to compare with"
+    if reason.kind in UNKNOWN:
+        return reason.text
+    least = line.least_factor
+    more = f"; it needs more than {times(least)}" if line.rival is not None and least is not None and least > 1 else ""
+    return f"HHT does not get there: {reason.text}{more}"
 
 
 def doubt(message: str) -> str:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare, fronts
+from hhtbench.analysis import compare, fronts, level_of, points
 from tests.analysis.laws import EVALUATION, failed, law, run
 
 SETTINGS = (2e-2, 2e-3, 2e-4, 2e-5, 2e-6)  # none is a target: every cost is interpolated
@@ -74,29 +74,78 @@ def test_best_of_the_family_stands_for_it():
     assert line.factor == pytest.approx(2.5)
 
 
-def test_factors_within_the_noise_of_timings_are_level():
-    assert _one([*law("hht", 100.0, 2), *law("ida", 105.0, 2)]).outcome == "level"
-    assert _one([*law("hht", 100.0, 2), *law("ida", 120.0, 2)]).outcome == "wins"
+def timed(rows, *factors):
+    """The same rows, timed in rounds that differ by ``factors``."""
+    for row in rows:
+        row.timing["rounds_s"] = [row.timing["best_s"] * factor for factor in factors]
+    return rows
 
 
-def test_error_that_nobody_asked_for_is_not_tried_and_one_that_failed_is_not_reached():
-    coarse, fine = (1e-1, 1e-2), (1e-1, 1e-2, 1e-4)
-    assert _one([*law("hht", 1.0, 2, fine), *law("ida", 1.0, 2, coarse)]).outcome == "unrivalled"
-    assert _one([*law("hht", 1.0, 2, fine), *law("ida", 1.0, 2, coarse), failed("ida", 1e-4)]).outcome == "alone"
-    assert _one([*law("hht", 1.0, 2, coarse), *law("ida", 1.0, 2, fine)]).outcome == "untried"
-    assert _one([*law("hht", 1.0, 2, coarse), failed("hht", 1e-4), *law("ida", 1.0, 2, fine)]).outcome == "absent"
-    assert _one([*law("hht", 1.0, 2, coarse), *law("ida", 1.0, 2, coarse)]).outcome == "unknown"
+def test_factors_within_the_spread_of_repeats_are_level():
+    rows = [*law("hht", 100.0, 2), *law("ida", 105.0, 2)]
+    assert _one(rows, "time").outcome == "wins", "no repeats: every difference counts"
+    timed(rows, 1.0, 1.07)
+    assert level_of(points(rows)) == pytest.approx(1.07)
+    assert (_one(rows, "time").outcome, _one(rows).outcome) == ("level", "wins"), "evaluations do not vary"
+    assert _one([*law("hht", 100.0, 2), *timed(law("ida", 120.0, 2), 1.0, 1.07)], "time").outcome == "wins"
 
 
-def test_error_that_stands_still_at_finer_settings_is_not_reached():
-    still = [*law("hht", 1.0, 2, (1e-1, 1e-2)), run("hht", 1e-4, 0.9e-2, 1000)]
-    line = _one([*still, *law("ida", 1.0, 2, (1e-1, 1e-4))])
-    assert (line.outcome, line.own_missing.text) == ("absent", "smallest error 0.009; finer settings do not help")
+def test_one_repeat_of_a_hundred_does_not_decide_what_is_level():
+    runs = [*timed(law("hht", 1.0, 2) * 20, 1.0, 1.02), *timed(law("ida", 1.0, 2, (1e-2,)), 1.0, 9.0)]
+    assert level_of(points(runs)) == pytest.approx(1.02)
 
 
-def test_reason_is_that_of_the_entry_which_was_only_not_tried():
-    rows = [failed("hht(alpha=0)", 1e-4), *law("hht(alpha=-0.3)", 1.0, 2, (1e-1, 1e-2)), *law("ida", 1.0, 2, (1e-1, 1e-4))]
-    assert _one(rows).own_missing.text == "not tried: finest run rtol 1e-02, error 0.01"
+def ladder(rows, **changes):
+    """The same rows as a campaign made them."""
+    rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4], "max_seconds": 10.0, "pair_seconds": 30.0, "refinements": 16}
+    return [replace(row, request={**row.request, "max_seconds": 10.0, "rules": rules | changes}) for row in rows]
+
+
+def test_an_error_that_is_not_reached_has_the_reason_of_its_ladder_and_is_never_not_tried():
+    fine = law("ida", 1.0, 2, (1e-1, 1e-2, 1e-3, 1e-5))
+    coarse = law("hht", 9.0, 2, (1e-1, 1e-2))
+    still = [run("hht", setting, 1e-2, 99) for setting in (1e-3, 1e-4, 1e-5)]
+    cases = {
+        ("capped", "deadline at rtol 1e-04"): [*coarse, failed("hht", 1e-4, "deadline", "10 s")],
+        ("fails", "newton_failed at rtol 1e-04 to rtol 1e-05"): [*coarse, failed("hht", 1e-4), failed("hht", 1e-5)],
+        ("standstill", "no better when finer: error 0.01"): [*coarse, *still],
+        ("refused", "refused: no"): [failed("hht", 1e-1, "declined", "no")],
+        ("unfinished", "resume it"): coarse,
+    }
+    for (kind, text), rows in cases.items():
+        line = _one(ladder([*rows, *fine]))
+        assert (line.own_missing.kind, line.outcome) == (kind, "unknown" if kind == "unfinished" else "absent")
+        assert text in line.own_missing.text
+    assert _one(ladder(coarse, refinements=2) + ladder(fine)).own_missing.kind == "capped"
+
+
+def test_who_does_not_get_there_pays_more_than_its_finest_run():
+    rows = [*law("hht", 40.0, 2, (1e-1, 1e-2)), failed("hht", 1e-4, "deadline", "10 s"), *law("ida", 1.0, 2)]
+    rows[2].timing["solve_s"] = 10.0
+    line = _one(ladder(rows), "time")
+    assert line.own_missing.bound == 10.0
+    assert line.least_factor == pytest.approx(10.0 / (100.0 * EVALUATION))
+    still = [*law("hht", 40.0, 2, (1e-1, 1e-2)), *(run("hht", 10.0**-k, 1e-2, 1000 * k) for k in (4, 5, 6, 7))]
+    assert _one(ladder([*still, *law("ida", 1.0, 2)])).own_missing.bound == 7000
+
+
+def test_who_alone_gets_there_is_told_with_what_the_others_need_at_least():
+    rows = [*law("hht", 1.0, 2), *law("ida", 5.0, 2, (1e-1, 1e-2)), failed("ida", 1e-4, "deadline", "10 s")]
+    line = _one(ladder(rows), "time")
+    assert (line.outcome, line.rival) == ("alone", None)
+    assert line.least_factor == pytest.approx(10.0 / (100.0 * EVALUATION))
+    assert _one(ladder([*law("hht", 1.0, 2), *law("ida", 5.0, 2, (1e-1, 1e-2))]), "time").outcome == "unknown", "unfinished"
+
+
+def test_settings_that_were_given_say_how_far_they_went():
+    line = _one([*law("hht", 1.0, 2, (1e-1, 1e-2)), *law("ida", 1.0, 2)])
+    assert line.outcome == "absent"
+    assert line.own_missing.text == "smallest error 0.01; finest run rtol 1e-02, error 0.01"
+
+
+def test_nothing_is_said_of_one_who_has_nobody_to_be_compared_with():
+    assert _one(law("hht", 1.0, 2)).outcome == "unknown"
+    assert _one([*law("hht", 1.0, 2, (1e-1,)), *law("ida", 1.0, 2, (1e-1,))]).outcome == "unknown"
 
 
 def test_steady_comparison_takes_only_runs_whose_drift_stays_within_the_bound():
@@ -110,7 +159,7 @@ def test_steady_comparison_takes_only_runs_whose_drift_stays_within_the_bound():
 
 def test_drift_that_was_not_measured_is_not_called_steady_and_free_systems_are_not_compared():
     unknown = law("ida", 10.0, 2)
-    assert [line.rival for line in compare([*law("hht", 100.0, 2, drift=1e-15), *unknown], held=1e-8)] == [None] * 8
+    assert [line.rival for line in compare([*law("hht", 100.0, 2, drift=1e-15), *unknown], held=1e-8)] == [None] * 14
     assert compare([*law("hht", 100.0, 2), *unknown], held=1e-8) == ()
 
 

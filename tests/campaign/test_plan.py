@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hhtbench.campaign import Campaign, Grid, named_campaign, plan_cells, restrict, sources
+from hhtbench import list_problems, list_solvers, load_problem
+from hhtbench.campaign import Campaign, Grid, named_campaign, next_cells, plan_cells, plan_pairs, restrict, sources
 from hhtbench.errors import NotFoundError, ProblemError
 
 GRID = Grid(problems=("fall",), solvers=("told", "told(does='nan')"), rtol=(1e-3, 1e-6))
@@ -112,13 +113,67 @@ def test_wrong_names_and_values_are_refused_before_anything_runs(outside: Path):
         keys(Campaign(grids=(Grid(problems=("fall",), solvers=()),)))
 
 
-def test_the_quick_campaign_is_six_problems_on_fifteen_solvers_or_more_at_five_accuracies():
-    cells = Counter((cell.problem, cell.solver) for cell in plan_cells(named_campaign("quick")))
-    assert len(cells) == 6 * 16 - 2, "diffrax's Kvaerno5 is left out twice"
-    assert {count for (_, solver), count in cells.items() if solver != "hht(alpha=-0.05)"} == {5}
-    assert {count for (_, solver), count in cells.items() if solver == "hht(alpha=-0.05)"} == {10}, "constant steps too"
-    part = restrict(named_campaign("quick"), ["andrews"], ["hht(alpha=-0.3)"])
-    assert [cell.request["rtol"] for cell in plan_cells(part)] == [1e-2, 3e-3, 1e-3, 3e-4, 1e-4]
+KINDS = {  # tag -> how many problems of the quick campaign have it, at least
+    "holonomic": 9,
+    "velocity-level": 2,
+    "mixed": 2,
+    "unconstrained": 2,
+    "stiff": 3,
+    "redundant": 1,
+    "rheonomic": 1,
+    "large": 1,
+}
+
+
+def problems_of(name: str, **of_grid: bool) -> list[str]:
+    grids = [g for g in named_campaign(name).grids if all(getattr(g, key) is value for key, value in of_grid.items())]
+    return list(dict.fromkeys(problem for grid in grids for problem in grid.problems))
+
+
+@pytest.mark.parametrize("name", ["quick", "full"])
+def test_every_registered_solver_takes_part(name: str):
+    known = {pair.solver.partition("(")[0] for pair in plan_pairs(named_campaign(name))}
+    assert known >= {solver for solver in list_solvers() if solver != "told"}
+    assert {"ida(form='ggl')", "projected(method='DOP853')", "collocation(form='ggl')"} <= {
+        pair.solver for pair in plan_pairs(named_campaign(name))
+    }
+
+
+def test_the_quick_campaign_has_problems_of_all_kinds_each_with_a_known_truth():
+    problems = [load_problem(spec) for spec in problems_of("quick")]
+    assert len(problems) >= 14
+    tags = Counter(tag for problem in problems for tag in problem.tags)
+    assert {kind: tags[kind] >= least for kind, least in KINDS.items()} == dict.fromkeys(KINDS, True)
+    assert all(problem.exact is not None or problem.reference is not None for problem in problems)
+
+
+def test_the_full_campaign_has_the_whole_library_and_ten_problems_more_that_were_held_out():
+    library = {spec.partition("(")[0] for spec in problems_of("full", held_out=False)}
+    assert library == set(list_problems())
+    held_out = problems_of("full", held_out=True)
+    assert len(held_out) >= 10
+    assert not set(held_out) & {*problems_of("full", held_out=False), *problems_of("quick")}
+    assert named_campaign("full").reference == "auto", "the drawn ones bring no reference"
+    assert all(load_problem(spec).name for spec in held_out)
+
+
+@pytest.mark.parametrize("name", ["quick", "full"])
+def test_whoever_can_use_minimal_coordinates_is_given_them(name: str):
+    campaign = named_campaign(name)
+    minimal = {problem for grid in campaign.grids for problem in grid.problems if any("minimal" in s for s in grid.solvers)}
+    can = {spec for spec in problems_of(name) if load_problem(spec).minimal is not None}
+    assert minimal == can
+
+
+def test_a_pair_that_is_refined_has_the_campaigns_rules_in_every_request(outside: Path):
+    campaign = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), held_out=True),), accuracies=(1e-2, 1e-3))
+    (pair,) = plan_pairs(campaign)
+    (first,) = next_cells(pair, ())
+    assert first.request["rtol"] == 3e-2
+    rules = {"accuracies": [1e-2, 1e-3], "max_seconds": 20.0, "pair_seconds": 60.0, "refinements": 16}
+    assert (first.request["rules"], first.request["held_out"]) == (rules, True)
+    (other,) = plan_pairs(replace(campaign, refinements=3, accuracies=(1e-5,)))
+    assert next_cells(other, ())[0].key == first.key, "what is asked for next does not change what was found"
 
 
 @pytest.mark.parametrize(

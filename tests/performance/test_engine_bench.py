@@ -1,4 +1,4 @@
-"""What surrounds the timings of ``make bench-engine``: minimal coordinates, shares of callbacks, repeats, the table."""
+"""What surrounds the timings of ``make bench-engine``: shares of callbacks, repeats, the table."""
 
 import itertools
 import json
@@ -12,37 +12,15 @@ import pytest
 
 from hhtbench import load_problem, load_solver
 from hhtbench.analysis import race
-from hhtbench.campaign.accuracy import compare
 from hhtbench.campaign.run import run_cell
 from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, shares_table
 from hhtbench.request import Request
 from tests.analysis.laws import failed, law
-from tests.performance.engine import baselines, callbacks, clock, duels, field, long_run, minimal, starts
+from tests.performance.engine import baselines, callbacks, clock, duels, field, long_run, starts
 from tests.performance.engine.callbacks import share_of, watched
 from tests.performance.engine.contest import _asked, _row, contest, kept
 from tests.performance.engine.table import printed
 from tests.report.test_speed import RUNS, SPEED
-
-
-@pytest.mark.parametrize(
-    "spec", ["jay_negrut_pendulum", "pendulum_period2(t_end=2)", "slider_crank_equal_lengths(t_end=0.2)"]
-)
-def test_minimal_coordinates_move_like_the_problem(spec):
-    problem = load_problem(spec)
-    solver = minimal.MinimalSolver(load_solver("scipy(method=DOP853)"), minimal.reduced_of(problem))
-    times = [problem.t_span[1]] if problem.reference is None else problem.reference["t"]
-    found = compare(problem, solver.solve(problem, Request(rtol=1e-10, t_eval=np.asarray(times, dtype=float))))
-    assert max(found.scaled(name).max() for name in ("q", "v")) < 1e-8
-
-
-def test_a_start_that_is_not_the_problems_is_refused():
-    problem = load_problem("slider_crank_equal_lengths(rate=3.0)")
-    with pytest.raises(ValueError, match="off by"):
-        minimal.reduced_of(problem)
-
-
-def test_problems_without_minimal_coordinates_say_so():
-    assert minimal.reduced_of(load_problem("andrews")) is None
 
 
 def test_shares_of_callbacks_are_parts_of_the_solve():
@@ -200,7 +178,7 @@ def test_no_compiler_is_told(monkeypatch, tmp_path):
 def test_a_contest_without_time_has_a_row_for_every_solver_that_says_not_run():
     rows, compared = contest("knife_edge", 0.0)
     assert len(rows) == len({row.solver for row in rows}) == 16
-    assert {row.status for row in rows} == {"declined", "not run"}
+    assert {row.status for row in rows} == {"not run"}
     assert compared == []
     text = printed({**SPEED, "runs": [kept(row) for row in rows], "duels": []})
     assert "HHT reaches it on 0, was not run that far on 1," in text
@@ -212,7 +190,7 @@ def test_a_solver_that_was_cut_short_does_not_fail(monkeypatch):
     """Its ladder ends above the error: it was not run that far."""
     rows = [*law("hht(alpha=-0.05)", 10.0, 2, (1e-1, 1e-2), 1e-15), failed("hht(alpha=-0.05)", 1e-3, "not run", "time")]
     reasons = {line.target: line.missing["hht(alpha=-0.05)"] for line in race(rows) if line.missing}
-    assert {reason.kind for reason in reasons.values()} == {"untried"}
+    assert {reason.kind for reason in reasons.values()} == {"not run"}
     assert "not run: time" in reasons[1e-4].text
 
 

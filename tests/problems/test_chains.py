@@ -9,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.problems.cases import CHANGED
-from tests.problems.minimal import (
+from problems._minimal import (
     bead_chain,
     four_bars,
-    measured,
     planar_chain,
     second_along,
     slider_crank,
     stiff_spring_pendulum,
 )
+from tests.problems.cases import CHANGED
+from tests.problems.minimal import measured
 
 SPRING = CHANGED["stiff_spring_pendulum"]
 CRANK = CHANGED["slider_crank_equal_lengths"]

@@ -24,7 +24,6 @@ from hhtbench.store import RunRow
 from tests.performance.engine.callbacks import share_of
 from tests.performance.engine.clock import once
 from tests.performance.engine.duels import duels
-from tests.performance.engine.minimal import MinimalSolver, reduced_of
 from tests.performance.engine.ours import SPEC
 
 FINEST = 1e-4  # the smallest error in the tables: a ladder ends when it is reached
@@ -40,8 +39,8 @@ ENTRANTS = (
     "ida(form=ggl)",
     "ida(form=index1)",
     "cvode(form=ode, method=adams)",
-    "minimal, scipy(method=DOP853)",
-    "minimal, cvode(form=ode, method=bdf)",
+    "minimal(solver=scipy, method=DOP853)",
+    "minimal(solver=cvode, form=ode, method=bdf)",
     "projected(method=Tsit5)",
     "cvode(form=ode, method=bdf)",
     "scipy(method=LSODA)",
@@ -60,7 +59,6 @@ CLIMBING = 0.7  # of the time of the problem, after which no solve of a ladder i
 WORST = 1.0  # errors above it are of no interest: not timed again
 DIGITS = 5  # of a number in the file
 MESSAGE = 160  # characters of why a run failed
-MINIMAL = "minimal, "
 HOPELESS = ("declined", "deadline", "user_exception", NOT_RUN)  # a finer tolerance ends alike
 
 
@@ -87,13 +85,12 @@ def contest(spec: str, seconds: float) -> tuple[list[RunRow], list[dict[str, Any
     """All rows of the problem ``spec``, and the comparisons; cells that ``seconds`` [s] do not suffice for say so."""
     climbing, limit = (Limit(time.perf_counter() + part * seconds) for part in (CLIMBING, 1.0))
     problem = load_problem(spec)
-    entrants = [Entrant(name, *_entrant(name, problem, spec)) for name in ENTRANTS]
+    entrants = [Entrant(name, load_solver(name), []) for name in ENTRANTS]
     slowest = LONG
     for entrant in entrants:
-        if entrant.solver is not None:
-            _climb(entrant, problem, spec, climbing, slowest)
-            if entrant.spec.startswith("hht"):
-                slowest = max([slowest, *(BEHIND * row.timing.get("solve_s", 0.0) for row in entrant.rows)])
+        _climb(entrant, problem, spec, climbing, slowest)
+        if entrant.spec.startswith("hht"):
+            slowest = max([slowest, *(BEHIND * row.timing.get("solve_s", 0.0) for row in entrant.rows)])
     timer = Timer(entrants, problem)
     timer.all_in_turn(limit)
     rows = [row for entrant in entrants for row in entrant.rows]
@@ -102,17 +99,6 @@ def contest(spec: str, seconds: float) -> tuple[list[RunRow], list[dict[str, Any
     for entrant in entrants:
         _watch_callbacks(entrant, problem, limit)
     return rows, compared
-
-
-def _entrant(name: str, problem: Problem, spec: str) -> tuple[Any, list[RunRow]]:
-    """The solver, or None and the row that says why."""
-    if not name.startswith(MINIMAL):
-        return load_solver(name), []
-    reduced = reduced_of(problem)
-    if reduced is None:
-        reason = "no minimal coordinates are written down for this problem"
-        return None, [_row(spec, name, 1e-2, {"status": "declined", "message": reason})]
-    return MinimalSolver(load_solver(name.removeprefix(MINIMAL)), reduced), []
 
 
 def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit, slowest: float) -> None:
@@ -142,7 +128,7 @@ def _asked(rtol: float) -> dict[str, Any]:
 
 
 def _row(problem: str, solver: str, rtol: float, found: dict[str, Any]) -> RunRow:
-    name = solver if solver.startswith(MINIMAL) else canonical(solver)
+    name = canonical(solver)
     kept = {key: found.get(key) or {} for key in ("metrics", "counters", "timing")}
     return RunRow(
         key=f"{problem} {name} {rtol:g}",

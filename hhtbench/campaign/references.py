@@ -1,0 +1,33 @@
+"""``--reference auto`` of a campaign: which problems to certify, and where their certificates lie."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from hhtbench.campaign.plan import Campaign
+from hhtbench.campaign.sources import SourceReader
+from hhtbench.reference import certified
+from hhtbench.specs import canonical, parse_spec
+
+RESTS_ON = ("collocation", "projected")  #: solvers of certificates; with a problem's files they make a certificate's name
+NOT_THESE = ("hhtbench.campaign.", "hhtbench.analysis.")  #: what measures a run does not change the truth
+
+
+def auto_references(campaign: Campaign, store: Path, jobs: int, tell: Callable[[str], None]) -> dict[str, Path]:
+    """Problem -> the file of its certificate in ``<store>.references``, for problems that bring no truth of their own."""
+    if campaign.reference != "auto":
+        return {}
+    reader = SourceReader()
+    specs = dict.fromkeys(canonical(text) for grid in campaign.grids for text in grid.problems)
+    names = {spec: _digest(spec, reader) for spec in specs}
+    files, _ = certified(names, store.with_name(f"{store.name}.references"), jobs, tell)
+    return files
+
+
+def _digest(spec: str, reader: SourceReader) -> str:
+    behind = [reader.behind(parse_spec(spec), parse_spec(solver)) for solver in RESTS_ON]
+    kept = [{name: value for name, value in found.items() if not name.startswith(NOT_THESE)} for found in behind]
+    return hashlib.sha256(json.dumps([spec, kept], sort_keys=True).encode()).hexdigest()

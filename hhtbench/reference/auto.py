@@ -1,0 +1,95 @@
+"""``--reference auto``: a problem that nobody knows the truth of is certified before its solvers are compared.
+
+Two method families on two forms must agree, as for the library's references; how far they do is the reference's error bar.
+Nothing is certified twice: the file's name is a digest of what the result rests on.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhtbench.errors import ProblemError
+from hhtbench.processes import worker_processes
+from hhtbench.reference.certify import certify
+from hhtbench.reference.files import read_certificate, write_certificate
+from hhtbench.reference.plan import Entry
+from hhtbench.registry import load_problem
+
+GRID = 40  # equal pieces of the interval at whose ends something is known
+SECONDS = 120.0  # of each solve
+EXPLICIT = "projected(method=DOP853)"
+METHODS = (  # first and second, of two families on two forms; what is refused or too slow is passed over
+    ("collocation(form=ggl)", (EXPLICIT,)),
+    ("collocation(form=index1)", (EXPLICIT,)),
+    ("collocation(form=ggl)", ("ida(form=index1)", "cvode(form=ode, method=bdf)")),
+)
+LOOSER = 1e-11  # tolerance of the multistep methods: they gain nothing from smaller ones
+
+
+def certified(
+    specs: Mapping[str, str], folder: Path, jobs: int, tell: Callable[[str], None]
+) -> tuple[dict[str, Path], dict[str, str]]:
+    """For every problem of ``specs`` (spec -> digest of what it rests on) its file in ``folder``, and why others have none.
+
+    Problems with a closed solution or a reference of their own are left out.
+    """
+    files = {spec: folder / f"{digest[:16]}.json" for spec, digest in specs.items()}
+    missing = [spec for spec, file in files.items() if not file.is_file()]
+    refused: dict[str, str] = {}
+    if missing:
+        folder.mkdir(parents=True, exist_ok=True)
+        with worker_processes(min(jobs, len(missing))) as pool:
+            waiting: dict[Future[str], str] = {pool.submit(certify_one, spec, files[spec]): spec for spec in missing}
+            for done in as_completed(waiting):
+                why = done.result()
+                if why:
+                    refused[waiting[done]] = why
+                if why != KNOWN:
+                    tell(f"reference of {waiting[done]}: {why or 'certified'}")
+    return {spec: file for spec, file in files.items() if file.is_file()}, refused
+
+
+KNOWN = "the problem brings its own"  #: reason of :func:`certify_one` for problems whose truth is known
+
+
+def certify_one(spec: str, file: Path) -> str:
+    """Write the certificate of ``spec`` to ``file``; why not, or ""."""
+    try:
+        problem = load_problem(spec)
+    except (ProblemError, TypeError) as error:
+        return f"it cannot be loaded: {error}"
+    if problem.exact is not None or problem.reference is not None:
+        return KNOWN
+    reasons = []
+    for first, second in METHODS:
+        explicit = second == (EXPLICIT,)
+        tight: dict[str, Any] = {"seconds": SECONDS} | ({} if explicit else {"second_rtol": LOOSER})
+        entry = Entry(name=file.stem, spec=spec, times=(problem.t_span[1],), grid=GRID, first=first, second=second, **tight)
+        try:
+            found = certify(entry)
+        except Exception as error:  # noqa: BLE001 - a user's functions, or the solver's: the next pair may take them
+            reasons.append(f"{first}: {traceback.format_exception_only(error)[-1].strip()}")
+            continue
+        if found.certified:
+            write_certificate(found, file.parent)
+            return ""
+        ended = ", ".join(f"{other.solver} {other.status}" for other in found.confirmations if other.independent)
+        reasons.append(f"{first} and {' and '.join(second)} do not agree to 1e-5 ({ended})")
+    return f"not certified: {'; '.join(dict.fromkeys(reasons))}"
+
+
+def reference_of(file: Path) -> dict[str, Any]:
+    """The rows of a certificate as :class:`~hhtbench.protocol.Problem` holds them."""
+    stored = read_certificate(file)
+    count = stored["t"].size
+    values = {key: stored["values"].get(key, np.zeros((count, 0))) for key in ("q", "v", "lam", "mu")}
+    worst = max(float(stored["bars"][key].max()) for key in ("q", "v"))
+    others = [other["solver"] for other in stored["confirmed_by"] if other["independent"] and other["status"] == "success"]
+    source = f"{stored['first']}, confirmed by {' and '.join(others)}"
+    return {"t": stored["t"], **values, "bars": stored["bars"], "digits": int(-np.log10(worst)), "source": source}

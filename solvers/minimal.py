@@ -1,0 +1,114 @@
+"""``minimal(solver=scipy|cvode|hht, ...)``: a solver of ODEs on a problem's minimal coordinates, seen in its own.
+
+Who can write a mechanism down by as many coordinates as it has freedoms needs no method for constraints, and no constraint
+drifts; the comparison with the others would be unfair without it.  The multipliers are those of the acceleration level.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any
+
+import jax
+import numpy as np
+
+from hhtbench.counting import Work
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import AccelerationLevel, Dynamics
+from hhtbench.protocol import MinimalCoordinates, Problem, Scales, Solver
+from hhtbench.request import Request
+from hhtbench.result import Solution
+from solvers import cvode, hht, scipy_ivp
+from solvers._ending import OwnMultipliers, solution_of
+from solvers._start import Failure, Place, dynamics_for, of_dynamics
+
+INNER: dict[str, Callable[..., Any]] = {"scipy": scipy_ivp.solver, "cvode": cvode.solver, "hht": hht.solver}
+REMEMBERED = 16  # problems whose coordinates are kept with what is traced of them
+
+
+@dataclass(frozen=True)
+class MinimalSolver:
+    """A solver on minimal coordinates; solutions hold the problem's own."""
+
+    name: str
+    inner: Solver
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """Declines problems whose minimal coordinates nobody has written down."""
+        if problem.minimal is None:
+            return "no minimal coordinates are written down for this problem"
+        if np.ndim(request.atol):
+            return "atol must be a number: the components of the minimal coordinates are others"
+        return self.inner.accepts(_reduced(problem.minimal, problem.t_span, problem.name), request)
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate, embed every row, find its multipliers."""
+        if problem.minimal is None:
+            raise ProblemError(f"{problem.name}: {self.accepts(problem, request)}.")
+        found = self.inner.solve(_reduced(problem.minimal, problem.t_span, problem.name), request)
+        if not found.t.size:
+            n, none = problem.q0.size, np.zeros((0, 0))
+            return replace(found, q=np.zeros((0, n)), v=np.zeros((0, n)), lam=none, mu=none)
+        q, v = (np.array(rows) for rows in _embedding(problem.minimal)(found.q, found.v))
+        run = _seen(problem)
+        s = run.dynamics.structure
+        lam, mu = np.full((found.t.size, s.m), np.nan), np.full((found.t.size, s.p), np.nan)
+        guesses = (np.zeros(s.m) if problem.lam_guess is None else problem.lam_guess, np.zeros(s.p))
+        own = OwnMultipliers(lam, mu, guesses, "unknown", "unknown", "unknown")
+        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own)
+        return replace(whole, counters=found.counters)
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """Compile what :meth:`solve` will use."""
+        short = replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None)
+        self.solve(problem, short)
+
+
+@dataclass
+class _Seen:
+    """The constrained system at the rows of a solution, as :func:`~solvers._ending.solution_of` wants it."""
+
+    dynamics: Dynamics
+    acceleration: AccelerationLevel
+    work: Work
+
+
+def _seen(problem: Problem) -> _Seen:
+    work = Work()
+    dynamics = dynamics_for(problem.system, Place(problem.t_span[0], problem.q0, problem.v0), work)
+    return _Seen(dynamics, of_dynamics(dynamics).acceleration, work)
+
+
+@functools.lru_cache(REMEMBERED)
+def _coordinates(make: Callable[[], MinimalCoordinates]) -> MinimalCoordinates:
+    return make()
+
+
+@functools.lru_cache(REMEMBERED)
+def _reduced(make: Callable[[], MinimalCoordinates], t_span: tuple[float, float], name: str) -> Problem:
+    """The problem that the solver of ODEs sees."""
+    found = _coordinates(make)
+    q0, v0 = np.asarray(found.s0, dtype=float), np.asarray(found.u0, dtype=float)
+    fastest = float(np.max(np.abs(v0), initial=1.0))
+    scales = Scales(q=1.0, v=fastest)
+    return Problem(name=f"{name}, minimal coordinates", system=found.system, t_span=t_span, q0=q0, v0=v0, scales=scales)
+
+
+@functools.lru_cache(REMEMBERED)
+def _embedding(make: Callable[[], MinimalCoordinates]) -> Any:
+    """(s, u), (k, d) each -> (q, v), (k, n) each."""
+    embed = _coordinates(make).embed
+    return jax.jit(jax.vmap(lambda s, u: jax.jvp(embed, (s,), (u,))))
+
+
+def solver(*, solver: str = "scipy", **options: Any) -> MinimalSolver:
+    """Minimal coordinates; options ``solver``: scipy (default), cvode or hht, and the options of that one."""
+    if solver not in INNER:
+        close = get_close_matches(solver, INNER, n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise ProblemError(f"minimal: solver must be {', '.join(INNER)}; got {solver!r}.{hint}")
+    inner = INNER[solver](**options)
+    return MinimalSolver(f"minimal({inner.name})", inner)

@@ -1,0 +1,98 @@
+"""``--reference auto``: a problem of one's own is certified before its solvers are compared."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hhtbench.campaign import Campaign, Grid
+from hhtbench.campaign.references import auto_references
+from hhtbench.cli import main
+from hhtbench.reference import auto
+from hhtbench.store import load_rows
+
+MINE = """\
+import jax.numpy as jnp
+import hhtbench as hb
+
+class Swing(hb.System):
+    def force(self, t, q, v):
+        return jnp.stack([0.0, -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q[0] ** 2 + q[1] ** 2 - 1.0) / 2])
+
+swing = hb.Problem(name="swing", system=Swing(), t_span=(0, 0.5), q0=[1, 0], v0=[0, 0])
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "mine.py").write_text(MINE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def campaign() -> Campaign:
+    return Campaign(grids=(Grid(problems=("mine.py:swing", "knife_edge"), solvers=("hht",)),), reference="auto")
+
+
+def test_a_problem_of_ones_own_is_certified_and_its_solvers_are_judged(mine: Path):
+    options = ["--problems", "mine.py:swing", "--solvers", "scipy(method=DOP853)", "--reference", "auto", "--jobs", "1"]
+    result = CliRunner().invoke(main, ["run", *options, "--no-timing", "--store", "runs.db"])
+    assert result.exit_code == 0, result.output
+    assert "reference of mine.py:swing: certified" in result.output
+    (file,) = (mine / "runs.db.references").iterdir()
+    families = {other["solver"] for other in json.loads(file.read_text())["confirmed_by"] if other["independent"]}
+    assert families == {"projected(method=DOP853)"}
+    rows = [row for row in load_rows(mine / "runs.db") if row.success]
+    errors = [row.metrics["errors"]["q"]["max_scaled"] for row in rows]
+    assert {row.metrics["errors"]["against"] for row in rows} == {"reference"}
+    assert min(errors) < 1e-6 < 1e-4 < max(errors)
+
+
+def test_nothing_is_certified_twice_and_a_changed_problem_again(mine: Path, monkeypatch: pytest.MonkeyPatch):
+    def noted(spec: str, file: Path) -> str:
+        asked.append(spec)
+        file.write_text(spec)
+        return ""
+
+    class Here:
+        """A pool that runs at once."""
+
+        def __init__(self, jobs: int) -> None: ...
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_): ...
+        def submit(self, function, *arguments):
+            future = auto.Future()
+            future.set_result(noted(*arguments))
+            return future
+
+    asked: list[str] = []
+    monkeypatch.setattr(auto, "worker_processes", Here)
+    find = lambda: auto_references(campaign(), mine / "runs.db", 1, lambda _: None)  # noqa: E731
+    first = find()
+    assert asked == ["mine.py:swing", "knife_edge"]
+    assert find() == first
+    (mine / "mine.py").write_text(MINE.replace("-9.81", "-3.7"))
+    assert find() != first
+    assert asked == ["mine.py:swing", "knife_edge", "mine.py:swing"]
+
+
+def test_problems_with_a_truth_of_their_own_are_left_alone(mine: Path):
+    assert auto.certify_one("knife_edge", mine / "knife.json") == auto.KNOWN
+    assert not (mine / "knife.json").exists()
+
+
+def test_families_that_disagree_certify_nothing_and_it_is_said(mine: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sys.modules["hhtbench.reference.certify"], "WORST_BAR", 1e-30)
+    monkeypatch.setattr(auto, "METHODS", auto.METHODS[:1])
+    said = auto.certify_one("mine.py:swing", mine / "swing.json")
+    assert said.startswith("not certified: collocation(form=ggl) and projected(method=DOP853) do not agree")
+    assert not (mine / "swing.json").exists()

@@ -1,0 +1,68 @@
+"""Every sentence of the summary is true of the rows, and stays so when solvers are added or removed."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from hhtbench.report.summary import summary
+from tests.report.independent import error, false_sentences
+from tests.report.synthetic import rows as campaign
+
+
+def with_rounds(rows, source):
+    """Timed in two rounds that differ by some per cent."""
+    for row in rows:
+        best = row.timing.get("best_s")
+        if best:
+            row.timing["rounds_s"] = [best, best * (1 + abs(source.gauss(0.0, 0.02)))]
+    return rows
+
+
+def newcomer(rows, source):
+    """A solver that nobody knew: another's rows with errors, times and drifts changed."""
+    model = source.choice(sorted({row.solver for row in rows}))
+    own = source.choice(["newton", "hht(alpha=-0.2)", "minimal(alpha=-0.05, solver='hht')", "steady"])
+    better, faster, steadier = (10 ** source.uniform(-2, 2) for _ in range(3))
+    return [_changed(row, own, better, faster, steadier) for row in rows if row.solver == model]
+
+
+def _changed(row, own, better, faster, steadier):
+    metrics, timing = dict(row.metrics), dict(row.timing)
+    if "errors" in metrics:
+        entries = {k: {**v, "max_scaled": v["max_scaled"] * better} for k, v in metrics["errors"].items() if k in ("q", "v")}
+        metrics["errors"] = {**metrics["errors"], **entries}
+    if "drift" in metrics:
+        levels = {k: v * steadier for k, v in metrics["drift"].items() if k in ("position", "velocity") and v is not None}
+        metrics["drift"] = {**metrics["drift"], **levels}
+    if timing.get("best_s"):
+        timing["best_s"] *= faster
+        timing["rounds_s"] = [value * faster for value in timing["rounds_s"]]
+    return replace(row, solver=own, key=f"{row.key} {own}", metrics=metrics, timing=timing)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_sentences_are_true_whoever_takes_part(seed):
+    source = random.Random(seed)
+    rows = with_rounds(campaign(seed), source)
+    solvers = sorted({row.solver for row in rows})
+    kept = set(source.sample(solvers, source.randint(3, len(solvers)))) | ({"hht(alpha=0)"} if seed % 3 else set())
+    chosen = [row for row in rows if row.solver in kept]
+    if seed % 2:
+        chosen += newcomer(chosen, source)
+    if seed % 5 == 0:
+        chosen = [replace(row, request={**row.request, "held_out": row.problem == "andrews"}) for row in chosen]
+    assert false_sentences(" ".join(summary(chosen)), chosen) == []
+
+
+def test_a_false_number_is_found():
+    rows = with_rounds(campaign(1), random.Random(1))
+    text = " ".join(summary(rows))
+    assert false_sentences(text, rows) == []
+    worst = max((row for row in rows if error(row) and row.solver.startswith("hht")), key=error)
+    worst.metrics["drift"]["position"] = 0.5
+    without = [row for row in rows if row.solver != "ida(form='ggl')"]
+    assert len(false_sentences(text, without)) > 3
+    assert false_sentences(text.replace("loses 1", "loses 9"), rows)
