@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
-from hhtbench.campaign.machine import clock_of, machine_facts
+from hhtbench.campaign.machine import CLOCK, clock_of, machine_facts
 from hhtbench.campaign.plan import Campaign, Cell, plan_cells
 from hhtbench.campaign.run import TIMED
 from hhtbench.errors import ProblemError
@@ -175,12 +175,24 @@ class AccuracyPass:
 def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
     """What a task came to; where its executor has lost it, with the machine it was on for instance, it has crashed."""
     try:
-        return future.result()
+        result = future.result()
     except ProblemError:  # no worker can start
         raise
     except Exception as error:  # noqa: BLE001 - whatever an executor of somebody else's raises
         lost = f"it was lost by its executor: {type(error).__name__}: {error}"
         return {"status": Status.crashed.label, "message": lost, "environment": machine_facts()}
+    _refuse_other_versions(result.get("environment", {}))
+    return result
+
+
+def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
+    """A row is found again by the files and versions here: one that was made with others does not belong to its key."""
+    for name, value in machine_facts().items():
+        if name not in CLOCK and environment.get(name, value) != value:
+            raise ProblemError(
+                f"a worker of the executor has {name} {environment[name]}, here it is {value}; "
+                "install the same everywhere. All rows written before are kept."
+            )
 
 
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:

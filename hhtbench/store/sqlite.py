@@ -146,8 +146,11 @@ class Store:
             journal = self._file.with_name(f"{self._file.name}-journal")
             if journal.exists():
                 journal.rename(aside.with_name(f"{aside.name}-journal"))
-            self._file.rename(aside)
-            fresh.rename(self._file)
+            try:
+                aside.hardlink_to(self._file)  # so that at every moment there is a file of the store's name
+            except OSError:  # a file system without links
+                self._file.rename(aside)
+            fresh.replace(self._file)
         except (sqlite3.Error, OSError, ProblemError) as error:
             with suppress(OSError):
                 fresh.unlink(missing_ok=True)
