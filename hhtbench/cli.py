@@ -1,4 +1,4 @@
-"""The command ``hhtbench``.  Exit codes: 0 all well, 1 a claim fails or a solve stops early, 2 wrong use."""
+"""The command ``hhtbench``.  Exit codes: 0 all well, 1 a claim fails or a solve stops early, 2 wrong use, 130 Ctrl-C."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from hhtbench.errors import ProblemError
+from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
 from hhtbench.processes import one_blas_thread
 
 WRONG_USE = 2
@@ -59,7 +60,8 @@ class Commands(click.Group):
         """The command ``NAME`` is ``NAME_command`` of its module."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"hhtbench.{COMMANDS[cmd_name][0]}"), f"{cmd_name}_command")
+        with ends_at_once():
+            command: click.Command = getattr(import_module(f"hhtbench.{COMMANDS[cmd_name][0]}"), f"{cmd_name}_command")
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -71,7 +73,7 @@ class Commands(click.Group):
         """Run the command; ``--traceback`` lets the exception through."""
         one_blas_thread()  # before the command's module loads NumPy
         try:
-            with warnings.catch_warnings():
+            with ends_in_order(), warnings.catch_warnings():
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
         except (ProblemError, TypeError, OSError) as error:
@@ -79,6 +81,9 @@ class Commands(click.Group):
                 raise
             click.echo(f"Error: {error}", err=True)
             ctx.exit(WRONG_USE)
+        except Interrupted as interrupted:
+            click.echo("interrupted", err=True)
+            ctx.exit(interrupted.code)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -89,7 +94,7 @@ def main(traceback: bool) -> None:
 
     PROBLEM is a name with parameters, "planar_chain(n_links=100)", or a file, "my_file.py:problem(k=1)".
 
-    Exit codes: 0 all well; 1 a claim fails or a solve stops early; 2 wrong use.
+    Exit codes: 0 all well; 1 a claim fails or a solve stops early; 2 wrong use; 130 interrupted.
     """
 
 

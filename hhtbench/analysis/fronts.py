@@ -197,17 +197,24 @@ def level_of(found: Iterable[Point]) -> float:
 
 
 def compare(
-    rows: Sequence[RunRow], subject: str = SUBJECT, targets: Sequence[float] = (), held: float | None = None
+    rows: Sequence[RunRow],
+    subject: str = SUBJECT,
+    targets: Sequence[float] = (),
+    held: float | None = None,
+    problem: str | None = None,
 ) -> tuple[Comparison, ...]:
-    """For each problem, measure and target: the best of the family ``subject`` against the best of all others.
+    """For each problem, or one, measure and target: the best of the family ``subject`` against the best of all others.
 
-    With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.
+    With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.  What is
+    level, and the errors that were asked for, follow from all ``rows``.
     """
     result = []
     found = points(rows)
+    targets = targets or targets_of(found)
     level = {"time": level_of(found), "evaluations": 1.0}
+    own_rows = [row for row in rows if problem in (None, row.problem)]
     for measure in MEASURES:
-        for front in fronts(rows, measure, targets, held):
+        for front in fronts(own_rows, measure, targets, held):
             if held is not None and not constrained_levels(run for run in found if run.problem == front.problem):
                 continue
             own = [cost for cost in front.costs if family(cost.entry) == subject]

@@ -70,7 +70,7 @@ def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
     if last.status == "declined":
         return End(kind="refused", text=f"refused: {last.message}")
     if last.status in CAPS:
-        return End(kind="capped", text=f"{last.status} at {last.setting.text}: {last.message}")
+        return End(kind="capped", text=_cap(last))
     if good and all(run.error is None for run in good):
         return End(kind="unjudged", text="no exact solution or reference to compare with")
     if not _open(known, rules):
@@ -81,6 +81,13 @@ def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
         text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"
         return End(kind="standstill", text=text)
     return None
+
+
+def _cap(last: Point) -> str:
+    """What was used up, as short as it goes: the row holds the solver's own words."""
+    if last.status == "deadline" and last.spent is not None:
+        return f"more than {last.spent:.2g} s at {last.setting.text}"
+    return f"{last.status} at {last.setting.text}"
 
 
 def _failures(known: Sequence[Point]) -> Sequence[Point]:

@@ -6,21 +6,24 @@ asks for the same cells as one that was never interrupted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
 from hhtbench.campaign.clock import enough, timing_of
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
-from hhtbench.campaign.machine import machine_facts
+from hhtbench.campaign.machine import CLOCK, clock_of, machine_facts, usable_cores
 from hhtbench.campaign.plan import Campaign, Cell, plan_pairs
 from hhtbench.campaign.refine import next_cells
+from hhtbench.campaign.run import TIMED
+from hhtbench.errors import ProblemError
 from hhtbench.result import Status
-from hhtbench.store import RunRow, Store
+from hhtbench.store import Entry, RunRow, Store
 
 Progress = Callable[[str, int, int], None]  #: pass, cells done, cells to do
 Name = tuple[str, ...]  #: of a pair: problem, solver, and what is refined
@@ -35,6 +38,7 @@ class Done:
     ran: int  #: cells run now; the others were there
     timed: int  #: cells timed now
     rows: tuple[RunRow, ...]  #: the row of every cell, pair by pair
+    contradictions: tuple[RunRow, ...] = ()  #: second results of a cell that differ from the first, which stays
 
 
 def run_campaign(
@@ -45,35 +49,52 @@ def run_campaign(
     executor: Executor | None = None,
     references: Mapping[str, Path] | None = None,
     timing: bool = True,
+    retry: Collection[str] = (),
     progress: Progress | None = None,
 ) -> Done:
     """Run what ``store`` does not hold yet; every cell is on the disk before it counts as done.
 
     ``executor`` runs the accuracy pass; None: worker processes here.  ``references`` are certificates of problems that
-    bring none (:func:`~hhtbench.campaign.references.auto_references`).
+    bring none (:func:`~hhtbench.campaign.references.auto_references`).  Times are always taken here, each alone on a core:
+    those of another machine are taken anew.  Cells that ended with a status of ``retry`` run again.
     """
     asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
     with WorkerPool(limits) as pool:
-        accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell)
+        accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell, retry)
         accuracy.run()
         timed = _timing_pass(accuracy.cells, store, pool, campaign.repeats, tell) if timing else 0
     rows = tuple(row for row in (store.get(cell.key) for cell in accuracy.cells) if row is not None)
-    return Done(cells=len(accuracy.cells), ran=accuracy.ran, timed=timed, rows=rows)
+    return Done(
+        cells=len(accuracy.cells),
+        ran=accuracy.ran,
+        timed=timed,
+        rows=rows,
+        contradictions=tuple(accuracy.contradictions),
+    )
 
 
 class AccuracyPass:
     """The loop over futures: submit what the pairs ask for, write what comes, ask again."""
 
-    def __init__(self, asks: Mapping[Name, NextCells], store: Store, executor: Executor, tell: Progress) -> None:
+    def __init__(
+        self,
+        asks: Mapping[Name, NextCells],
+        store: Store,
+        executor: Executor,
+        tell: Progress,
+        retry: Collection[str] = (),
+    ) -> None:
         self.ran = 0
+        self.contradictions: list[RunRow] = []
         self._asks = asks
         self._store = store
         self._executor = executor
         self._tell = tell
-        self._facts = machine_facts()
+        self._retry = retry
         self._asked: dict[Name, list[Cell]] = {pair: [] for pair in asks}
         self._rows: dict[str, RunRow] = {}  # by key
+        self._outdated: set[str] = set()  # keys of rows that are run again
         self._open = dict.fromkeys(asks, 0)  # cells under way of every pair
         self._flights: dict[Future[dict[str, Any]], tuple[Name, Cell]] = {}
         self._landed: SimpleQueue[Future[dict[str, Any]]] = SimpleQueue()
@@ -89,16 +110,19 @@ class AccuracyPass:
             self._ask(pair)
         self._progress()
         while self._flights:
-            future = self._landed.get()
-            pair, cell = self._flights.pop(future)
-            self._keep(cell, future.result())
-            self._open[pair] -= 1
-            if not self._open[pair]:
+            landed = [self._landed.get()]
+            while not self._landed.empty():  # written together: the disk takes as long for one as for many
+                landed.append(self._landed.get())
+            flown = [self._flights.pop(future) for future in landed]
+            self._keep([self._entry(cell, _result(future)) for (_, cell), future in zip(flown, landed, strict=True)])
+            for pair, _ in flown:
+                self._open[pair] -= 1
+            for pair in dict.fromkeys(pair for pair, _ in flown):
                 self._ask(pair)
             self._progress()
 
     def _ask(self, pair: Name) -> None:
-        """Submit what the pair asks for; where the store holds all of that, ask again."""
+        """Submit what the pair asks for once all it asked for is there; where the store holds that, ask again."""
         while not self._open[pair]:
             cells = self._asks[pair]([self._rows[cell.key] for cell in self._asked[pair]])
             if not cells:
@@ -106,10 +130,18 @@ class AccuracyPass:
             self._asked[pair] += cells
             for cell in cells:
                 row = self._store.get(cell.key)
-                if row is not None and _stands(row, cell):
+                if row is not None:
                     self._rows[cell.key] = row
-                else:
-                    self._submit(pair, cell)
+                    if self._stands(row, cell):
+                        continue
+                    self._outdated.add(cell.key)
+                self._submit(pair, cell)
+
+    def _stands(self, row: RunRow, cell: Cell) -> bool:
+        """Nobody asks for it again, and it would not come out otherwise with the budget given now."""
+        if row.status in self._retry:
+            return False
+        return row.status != Status.deadline.label or row.request["max_seconds"] >= cell.request["max_seconds"]
 
     def _submit(self, pair: Name, cell: Cell) -> None:
         self._open[pair] += 1
@@ -118,41 +150,92 @@ class AccuracyPass:
         self._flights[future] = pair, cell
         future.add_done_callback(self._landed.put)
 
-    def _keep(self, cell: Cell, result: dict[str, Any]) -> None:
-        row = RunRow(
-            key=cell.key, problem=cell.problem, solver=cell.solver, request=cell.request, environment=self._facts, **result
-        )
-        self._store.put(row, cell.identity)
-        self._rows[cell.key] = row
+    def _entry(self, cell: Cell, result: dict[str, Any]) -> Entry:
+        row = RunRow(key=cell.key, problem=cell.problem, solver=cell.solver, request=cell.request, **result)
+        return Entry(row=row, identity=cell.identity, replaces=cell.key in self._outdated)
+
+    def _keep(self, entries: Sequence[Entry]) -> None:
+        differing = self._store.write(entries)
+        self.contradictions += differing
+        self._outdated.difference_update(entry.row.key for entry in entries)
+        for entry in entries:
+            stays = self._store.get(entry.row.key) if entry.row in differing else None
+            self._rows[entry.row.key] = stays or entry.row
 
     def _progress(self) -> None:
         self._tell("accuracy", self.ran - len(self._flights), self.ran)
 
 
+def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
+    """What a task came to; where its executor has lost it, with the machine it was on for instance, it has crashed."""
+    try:
+        result = future.result()
+    except ProblemError:  # no worker can start
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever an executor of somebody else's raises
+        lost = f"it was lost by its executor: {type(error).__name__}: {error}"
+        return {"status": Status.crashed.label, "message": lost, "environment": machine_facts()}
+    _refuse_other_versions(result.get("environment", {}))
+    return result
+
+
+def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
+    """A row is found again by the files and versions here: one that was made with others does not belong to its key."""
+    for name, value in machine_facts().items():
+        if name not in CLOCK and environment.get(name, value) != value:
+            raise ProblemError(
+                f"a worker of the executor has {name} {environment[name]}, here it is {value}; "
+                "install the same everywhere. All rows written before are kept."
+            )
+
+
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
-    """One at a time, so that each is alone, in rounds over all: the repeats of a cell see the machine at different times."""
-    pending = {cell.key: (cell, row) for cell in cells if _untimed(row := store.get(cell.key)) and row is not None}
+    """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times."""
+    rows = {cell.key: store.get(cell.key) for cell in cells}
+    pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and _untimed(row)}
+    store.write(  # times of another machine go first of all: at no time are there those of two
+        Entry(row=_with_timing(row, dict.fromkeys(TIMED)), identity=cell.identity, replaces=True)
+        for cell, row in pending.values()
+        if row.timing.get("repeats") is not None
+    )
     readings: dict[str, list[dict[str, Any]]] = {key: [] for key in pending}
-    done = 0
-    tell("timing", 0, repeats * len(pending))
-    for _ in range(repeats):
-        for key, (cell, _row) in pending.items():
-            done += 1
-            if enough(readings[key]):
-                continue
-            task = Task(problem=cell.problem, solver=cell.solver, request=cell.request, repeats=1)
-            readings[key].append(pool.submit(run_task, task).result())
-            tell("timing", done, repeats * len(pending))
-    for key, (cell, row) in pending.items():
-        store.put(replace(row, timing={**row.timing, **timing_of(readings[key])}), cell.identity)
+    for count in range(repeats):
+        tell("timing", count * len(pending), repeats * len(pending))
+        short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
+        for key, reading in _one_a_core(short, pool):
+            readings[key].append(reading)
+    machine = clock_of(machine_facts())
+    store.write(
+        Entry(row=_with_timing(row, {**timing_of(readings[key]), "machine": machine}), identity=cell.identity, replaces=True)
+        for key, (cell, row) in pending.items()
+    )
     tell("timing", repeats * len(pending), repeats * len(pending))
     return len(pending)
 
 
-def _stands(row: RunRow, cell: Cell) -> bool:
-    """The row would not come out otherwise with the budget given now."""
-    return row.status != Status.deadline.label or row.request["max_seconds"] >= cell.request["max_seconds"]
+def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
+    """A reading of every cell, as they come; never more under way than there are cores."""
+    waiting = iter(cells.items())
+    flights: dict[Future[dict[str, Any]], str] = {}
+    while True:
+        for key, cell in islice(waiting, min(pool.limits.jobs, usable_cores()) - len(flights)):
+            task = Task(problem=cell.problem, solver=cell.solver, request=cell.request, repeats=1)
+            flights[pool.submit(run_task, task)] = key
+        if not flights:
+            return
+        done, _ = wait(flights, return_when=FIRST_COMPLETED)
+        yield from ((flights.pop(future), future.result()) for future in done)
 
 
-def _untimed(row: RunRow | None) -> bool:
-    return row is not None and row.success and row.timing.get("repeats") is None
+def _with_timing(row: RunRow, changes: Mapping[str, Any]) -> RunRow:
+    kept = {name: value for name, value in row.timing.items() if name not in ("note", "machine")}
+    return replace(row, timing={**kept, **changes})
+
+
+def _untimed(row: RunRow) -> bool:
+    """A success without times, or with those of another machine."""
+    if not row.success:
+        return False
+    if row.timing.get("repeats") is None:
+        return True
+    return row.timing.get("machine", clock_of(row.environment)) != clock_of(machine_facts())

@@ -18,7 +18,7 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request
 
 LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
-MOST_SOLVES = 1000  # in a reading
+PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends
 LONG = 0.3  # s: of longer solves one reading is enough, they vary little
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 
@@ -33,20 +33,22 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
     first = attempt(problem, solver, request)
     if not succeeded(first):
         return {"note": f"a timed solve ended with {first.status.label}: {first.message}"}
-    if first.seconds >= LEAST:
+    if first.cpu >= LEAST:
         return {"cpu_s": first.cpu, "wall_s": first.seconds, "solves": 1, "load": load()}
-    return reading(problem, solver, request, min(MOST_SOLVES, round(LEAST / first.seconds) + 1))
+    return reading(problem, solver, request)
 
 
-def reading(problem: Problem, solver: Solver, request: Request, count: int) -> dict[str, Any]:
-    """Of ``count`` solves in a row the times of one [s]."""
+def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any]:
+    """Of solves in a row, until they have taken ``LEAST``, the times of one [s]."""
+    count, cpu, wall = 0, 0.0, 0.0
     gc.collect()
     gc.disable()
     try:
-        wall, cpu = time.perf_counter(), time.process_time()
-        for _ in range(count):
+        begun, used = time.perf_counter(), time.process_time()
+        while cpu < LEAST and wall < PATIENCE * LEAST:
             solver.solve(problem, request)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            count += 1
+            wall, cpu = time.perf_counter() - begun, time.process_time() - used
     finally:
         gc.enable()
     return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load()}

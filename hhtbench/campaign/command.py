@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from collections import Counter
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,11 +23,16 @@ from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.plan import Campaign, Grid, restrict
 from hhtbench.campaign.references import auto_references
 from hhtbench.errors import ProblemError
+from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
 from hhtbench.registry import load_solver
+from hhtbench.result import Status
 from hhtbench.specs import parse_spec
-from hhtbench.store import Store
+from hhtbench.store import RunRow, Store
 
-MOST_SHOWN = 12  # failures on the terminal; the store holds all
+MOST_SHOWN = 12  # kinds of failures on the terminal; the store holds all
+ANY = "any"  # status that is neither success, event nor declined
+STATUS = click.Choice([status.label for status in Status])
+FAILURE = click.Choice([ANY, *STATUS.choices])
 
 
 @click.command("run")
@@ -44,24 +53,78 @@ MOST_SHOWN = 12  # failures on the terminal; the store holds all
     help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
 )
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
+@click.option("--retry", multiple=True, type=STATUS, help="Run cells again that ended so, crashed for instance.")
+@click.option("--fail-on", multiple=True, type=FAILURE, help="Exit with 1 where a cell ended so; any: not well.")
+@click.option(
+    "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Who runs the cells."
+)
+@click.option("--scheduler", help="Address of Dask's scheduler, tcp://HOST:PORT.")
 def run_command(
-    file: Path, jobs: int | None, timing: bool, reference: Literal["none", "auto"] | None, **chosen: Any
+    file: Path,
+    jobs: int | None,
+    timing: bool,
+    retry: tuple[str, ...],
+    fail_on: tuple[str, ...],
+    executor: str,
+    reference: Literal["none", "auto"] | None,
+    scheduler: str | None,
+    **chosen: Any,
 ) -> None:
-    """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again."""
-    campaign = _campaign(**chosen)
-    if chosen["name"] is None:
-        refuse_misspelt(chosen["solvers"])
-    if reference is not None:
-        campaign = replace(campaign, reference=reference)
-    with Store(file) as store:
-        for repair in store.repairs:
-            click.echo(f"{file}: {repair}", err=True)
-        limits = machine_limits(jobs)
-        references = auto_references(campaign, file, limits.jobs, partial(click.echo, err=True))
-        done = run_campaign(
-            campaign, store, limits=limits, references=references, timing=timing, progress=terminal_progress()
-        )
+    """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again.
+
+    Cells that fail are rows like others: the exit code is 0, unless --fail-on says otherwise.
+    """
+    if (executor == "dask") != (scheduler is not None):
+        raise click.UsageError("--executor dask and --scheduler ADDRESS belong together.")
+    resume = f"interrupted; what is done is in {file}. This goes on from there:\n{_command_line()}"
+    with ends_at_once(resume):
+        campaign = _campaign(**chosen)
+        if chosen["name"] is None:
+            refuse_misspelt(chosen["solvers"])
+        if reference is not None:
+            campaign = replace(campaign, reference=reference)
+        store = Store(file)
+    for repair in store.repairs:
+        click.echo(f"{file}: {repair}", err=True)
+    try:
+        with store, ends_in_order(resume), _executor(scheduler) as cluster:
+            limits = machine_limits(jobs)
+            references = auto_references(campaign, file, limits.jobs, partial(click.echo, err=True))
+            done = run_campaign(
+                campaign,
+                store,
+                limits=limits,
+                executor=cluster,
+                references=references,
+                timing=timing,
+                retry=retry,
+                progress=terminal_progress(),
+            )
+    except Interrupted as interrupted:
+        click.echo(f"\n{resume}", err=True)
+        sys.exit(interrupted.code)
     click.echo(_summary(done, file))
+    sys.exit(1 if any(_fails(row, fail_on) for row in done.rows) else 0)
+
+
+def _command_line() -> str:
+    return shlex.join(["hhtbench", *sys.argv[1:]])
+
+
+def _executor(scheduler: str | None) -> AbstractContextManager[Executor | None]:
+    """The cluster's; None: worker processes here."""
+    if scheduler is None:
+        return nullcontext()
+    try:
+        cluster = import_module("hhtbench.campaign.cluster")
+    except ImportError as error:
+        raise ProblemError(f"--executor dask needs Dask: pip install 'hhtbench[dask]' ({error}).") from error
+    executor: AbstractContextManager[Executor] = cluster.cluster_executor(scheduler)
+    return executor
+
+
+def _fails(row: RunRow, fail_on: tuple[str, ...]) -> bool:
+    return row.status in fail_on or (ANY in fail_on and not row.success and row.status != Status.declined.label)
 
 
 def _campaign(
@@ -161,19 +224,33 @@ def terminal_progress() -> Progress | None:
 def _summary(done: Done, file: Path) -> str:
     """How many cells ended how, what did not end well, and where the rows are."""
     counts = Counter(row.status for row in done.rows)
-    lines = [
-        f"{row.status:>14}  {row.problem}  {row.solver}  {_asked(row.request)}: {row.message}"
-        for row in done.rows
-        if not row.success and row.status != "declined"
+    lines = _failures([row for row in done.rows if not row.success])
+    shown = lines[:MOST_SHOWN] + ([f"... and {len(lines) - MOST_SHOWN} more lines"] if len(lines) > MOST_SHOWN else [])
+    shown += [
+        f"{row.problem}  {row.solver}  {_asked(row.request)}: came out otherwise a second time; the first row stays"
+        for row in done.contradictions
     ]
-    declined = dict.fromkeys(
-        f"{'declined':>14}  {row.problem}  {row.solver}: {row.message}" for row in done.rows if row.status == "declined"
-    )
-    lines += declined
-    shown = lines[:MOST_SHOWN] + ([f"... and {len(lines) - MOST_SHOWN} more"] if len(lines) > MOST_SHOWN else [])
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     work = f"{done.ran} run now, {done.timed} timed now"
     return "\n".join([*shown, f"{done.cells} cells: {ended} ({work}); rows in {file}"])
+
+
+def _failures(rows: list[RunRow]) -> list[str]:
+    """One line for each status and message, with the number of cells that ended so; what was declined comes last."""
+    alike: dict[tuple[str, str], list[RunRow]] = {}
+    for row in rows:
+        alike.setdefault((row.status, row.message), []).append(row)
+    lines = []
+    for (status, message), some in sorted(alike.items(), key=lambda item: item[0][0] == Status.declined.label):
+        problems = _one_of(list(dict.fromkeys(row.problem for row in some)))
+        solvers = _one_of(list(dict.fromkeys(row.solver for row in some)))
+        cells = _asked(some[0].request) if len(some) == 1 else f"{len(some)} cells"
+        lines.append(f"{status:>14}  {problems}  {solvers}  {cells}: {message}")
+    return lines
+
+
+def _one_of(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def _asked(request: dict[str, Any]) -> str:

@@ -18,7 +18,7 @@ from functools import cache
 from multiprocessing.connection import wait
 from typing import Any
 
-from hhtbench.campaign.machine import total_memory, usable_cores
+from hhtbench.campaign.machine import machine_facts, total_memory, usable_cores
 from hhtbench.campaign.process import WorkerProcess
 from hhtbench.campaign.run import MEASURING, WARM_UP
 from hhtbench.campaign.waiting import WaitingTasks
@@ -29,6 +29,8 @@ POLL = 0.05  # s between looks at deadlines and memory
 GRACE = 5.0  # s beyond its budget before a worker is killed: a solver that obeys its budget ends by itself
 START_LIMIT = 120.0  # s to start Python and import JAX
 COMPILE_LIMIT = 60.0  # s for compiling, and for measuring, beyond the budget of the solve
+MOST_KILLS = 3  # of workers under one task by others, after which the task is given up
+MOST_STARTS = 3  # of workers in a row that fail, after which no more is tried
 MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 
 
@@ -76,6 +78,7 @@ class _Entry:
 
     task: Task
     future: Future[dict[str, Any]]
+    kills: int = 0  #: workers that somebody else has killed under it
 
 
 class WorkerPool(Executor):
@@ -83,6 +86,9 @@ class WorkerPool(Executor):
 
     One thread starts the workers, hands out, looks at deadlines and memory.  It lives as long as they do: the system
     ends a worker with the thread that started it.
+
+    A crash and a lack of memory count as the task's own only in a worker that has done nothing else before: what earlier
+    tasks have left behind is not its fault.  A worker that somebody else has killed says nothing about its task.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -95,7 +101,9 @@ class WorkerPool(Executor):
         self._bell = self._ring = -1  # ends of a pipe: what wakes the thread
         self._thread: threading.Thread | None = None
         self._waiting = WaitingTasks()
+        self._again: deque[_Entry] = deque()  # wait for a worker of their own
         self._workers: list[WorkerProcess] = []
+        self._failed_starts = 0  # in a row
         self._looked = 0.0
 
     def __exit__(self, kind: Any, *_: object) -> None:
@@ -138,7 +146,7 @@ class WorkerPool(Executor):
     def _serve(self) -> None:
         """The thread."""
         try:
-            while not self._cancelled and (not self._closed or self._arrived or self._waiting or self._busy()):
+            while not self._cancelled and (not self._closed or self._left()):
                 self._turn()
         except BaseException as error:  # noqa: BLE001 - who waits for a future is told
             self._failure = error
@@ -147,7 +155,7 @@ class WorkerPool(Executor):
             worker.kill()
         with self._lock:
             self._closed = True
-            left = [*self._arrived, *self._waiting.clear()]
+            left = [*self._arrived, *self._again, *self._waiting.clear()]
             self._arrived.clear()
             os.close(self._bell)
             os.close(self._ring)
@@ -166,8 +174,7 @@ class WorkerPool(Executor):
             self._arrived.clear()
         for entry in arrived:
             self._waiting.put((entry.task.problem, entry.task.solver), entry)
-        while len(self._workers) < min(self.limits.jobs, len(self._waiting) + len(self._busy())):
-            self._workers.append(WorkerProcess())
+        self._refill()
         for worker in self._workers:
             if worker.ready and worker.task is None:
                 self._hand_out(worker)
@@ -177,10 +184,35 @@ class WorkerPool(Executor):
             os.read(self._bell, 65536)
         self._look(said)
 
+    def _left(self) -> bool:
+        return bool(self._arrived or self._again or self._waiting or self._busy())
+
+    def _refill(self) -> None:
+        """Start workers.  Every task of ``_again`` has left a place free, where a new worker takes it first."""
+        fresh = sum(worker.tasks == 0 for worker in self._workers)
+        wanted = len(self._busy()) + len(self._waiting) + len(self._again)
+        while len(self._workers) < self.limits.jobs and (fresh < len(self._again) or len(self._workers) < wanted):
+            try:
+                self._workers.append(WorkerProcess())
+            except OSError as error:
+                self._start_failed(str(error))
+                return
+            fresh += 1
+
+    def _start_failed(self, why: str) -> None:
+        self._failed_starts += 1
+        if self._failed_starts >= MOST_STARTS:
+            raise ProblemError(f"a worker cannot start, tried {MOST_STARTS} times: {why}")
+
     def _busy(self) -> list[WorkerProcess]:
         return [worker for worker in self._workers if worker.task is not None]
 
     def _hand_out(self, worker: WorkerProcess) -> None:
+        self._failed_starts = 0
+        if worker.tasks == 0 and self._again:
+            entry = self._again.popleft()
+            worker.submit(entry, asdict(entry.task))
+            return
         while (entry := self._waiting.take(worker)) is not None:
             if entry.future.set_running_or_notify_cancel():
                 worker.submit(entry, asdict(entry.task))
@@ -203,8 +235,11 @@ class WorkerPool(Executor):
             return
         if result is not None:
             entry, worker.task = worker.task, None
-            self._hand_out(worker)  # before the result is told: the worker need not wait for what becomes of it
-            entry.future.set_result(result)
+            if worker.worn:
+                self._dismiss(worker)
+            else:
+                self._hand_out(worker)  # before the result is told: the worker need not wait for what becomes of it
+            entry.future.set_result({"environment": machine_facts(), **result})
         elif worker.task is not None or not worker.ready:
             self._enforce(worker)
 
@@ -227,12 +262,31 @@ class WorkerPool(Executor):
             )
             self._bury(worker, Status.out_of_memory, text)
 
-    def _bury(self, worker: WorkerProcess, status: Status, message: str) -> None:
-        entry, started = worker.task, worker.ready
+    def _dismiss(self, worker: WorkerProcess) -> None:
         worker.kill()
         self._workers.remove(worker)
         self._waiting.lost(worker)
-        if entry is not None:
-            entry.future.set_result({"status": status.label, "message": message})
-        elif not started:
-            raise ProblemError(f"a worker cannot start: {message}")
+
+    def _bury(self, worker: WorkerProcess, status: Status, message: str) -> None:
+        """End a worker that has failed; its task ends with ``status``, or is tried again."""
+        killed_by = worker.killed_by  # before we kill it
+        entry: _Entry | None = worker.task
+        self._dismiss(worker)
+        if entry is None:
+            if not worker.ready:
+                self._start_failed(message)
+            return
+        entry.kills += killed_by is not None
+        if self._proves_nothing(entry, worker, status, killed_by is not None):
+            self._again.append(entry)
+            return
+        times = f" It was killed from outside under this task {entry.kills} times." if entry.kills > 1 else ""
+        result = {"status": status.label, "message": f"{message}{times}"}
+        entry.future.set_result({"environment": machine_facts(), **result})
+
+    @staticmethod
+    def _proves_nothing(entry: _Entry, worker: WorkerProcess, status: Status, killed: bool) -> bool:
+        """The end of ``worker`` may have come from somebody else, or from what its earlier tasks have left behind."""
+        if killed:
+            return entry.kills < MOST_KILLS
+        return worker.tasks > 1 and status is not Status.deadline

@@ -5,15 +5,21 @@ from __future__ import annotations
 import os
 import platform
 import sqlite3
+import subprocess
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from hhtbench.evidence import environment
 
+CLOCK = ("machine", "system", "processor", "cores", "memory_GiB")  #: of the environment: what makes a machine fast
 SOLVER_LIBRARIES = ("scikit-sundae", "diffrax")
+GIT_SECONDS = 20.0  # after which the commit is unknown
 
 
+@cache
 def machine_facts() -> dict[str, Any]:
     """``environment`` of a row: text and numbers."""
     facts: dict[str, Any] = {k: v for k, v in environment().items() if k != "date"}
@@ -24,11 +30,17 @@ def machine_facts() -> dict[str, Any]:
             facts[library] = "not installed"
     return {
         **facts,
+        "commit": _commit(),
         "sqlite": sqlite3.sqlite_version,
         "processor": _processor(),
         "cores": usable_cores(),
         "memory_GiB": round(total_memory() / 2**30, 1),
     }
+
+
+def clock_of(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of an environment that times depend on; times of two machines do not compare."""
+    return {name: environment.get(name) for name in CLOCK}
 
 
 def usable_cores() -> int:
@@ -39,6 +51,24 @@ def usable_cores() -> int:
 def total_memory() -> int:
     """Memory of the machine [bytes]."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def _commit() -> str:
+    """Of the tree that this file is from, "-dirty" with changes; "unknown" where it is in none, as when installed."""
+    folder, name = os.path.split(__file__)
+    git = ["git", "-C", folder]
+    try:
+        subprocess.run([*git, "ls-files", "--error-unmatch", name], check=True, capture_output=True, timeout=GIT_SECONDS)
+        told = subprocess.run(
+            [*git, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=GIT_SECONDS,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return told.stdout.strip()
 
 
 def _processor() -> str:

@@ -20,6 +20,7 @@ START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[3]); "
     "from hhtbench.campaign.worker import serve; serve(int(sys.argv[1]), int(sys.argv[2]))"
 )
+OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -43,6 +44,8 @@ class WorkerProcess:
                 start_new_session=True,
             )
         self.task: Any = None  #: what it works on
+        self.tasks = 0  #: how many it was given
+        self.worn = False  #: a task has left it in a state that could harm the next one
         self.ready = False
         self.phase = "starting"
         self.since = time.monotonic()  #: when the phase began
@@ -50,6 +53,7 @@ class WorkerProcess:
     def submit(self, task: Any, message: dict[str, Any]) -> None:
         """Hand over a task; a worker that has died meanwhile is noticed by :meth:`receive`."""
         self.task, self.phase, self.since = task, "loading", time.monotonic()
+        self.tasks += 1
         self._stderr.seek(0)
         self._stderr.truncate()
         with suppress(OSError):
@@ -63,6 +67,7 @@ class WorkerProcess:
                 self.since = time.monotonic()
                 self.phase = message.get("phase", self.phase)
                 self.ready = self.ready or "ready" in message
+                self.worn = message.get("worn", False)
                 if "result" in message:
                     return dict(message["result"])
         except (OSError, ValueError) as error:
@@ -78,12 +83,19 @@ class WorkerProcess:
         except (OSError, IndexError, ValueError):
             return 0
 
+    @property
+    def killed_by(self) -> signal.Signals | None:
+        """The signal by which others end processes, if it ended by one; a process that ends itself has other ways."""
+        code = self._process.poll()
+        return next((number for number in OUTSIDE if code == -number), None)
+
     def kill(self) -> None:
         """End the process and its children at once."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self.connection.close()
+        self._stderr.close()
 
     def last_words(self) -> str:
         """How it ended: exit code or signal, and what it wrote on stderr about it."""

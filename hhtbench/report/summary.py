@@ -28,7 +28,7 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
 
 def problem_summary(rows: Sequence[RunRow], problem: str) -> list[str]:
     """Sentences for one problem: wins and losses by both measures."""
-    lines = [line for line in analysis.compare(rows) if line.problem == problem]
+    lines = analysis.compare(rows, problem=problem)
     return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
 
 

@@ -26,13 +26,19 @@ def store_file(path: Any) -> Path:
         if file.exists() and not file.is_file():
             kind = f"a folder; name a file in it, such as {file / 'runs.sqlite'}" if file.is_dir() else "no plain file"
             raise ProblemError(f"{path} cannot be a store: it is {kind}.")
+        file.resolve()
     except OSError as error:
         raise ProblemError(f"{path} cannot be a store: {error.strerror}.") from error
+    except RuntimeError as error:  # so Python tells links that go round in a circle
+        raise ProblemError(f"{path} cannot be a store: {error}.") from error
     return file
 
 
 def take_lock(path: Path) -> Any:
-    """Hold ``<store>.lock``; the system lets go of it when this process ends, however it ends."""
+    """Hold ``<store>.lock``; the system lets go of it when this process ends, however it ends.
+
+    ``path`` is the file itself, not a link to it: else two runners through two names would both write.
+    """
     try:
         lock = path.with_name(f"{path.name}.lock").open("w")
     except OSError as error:

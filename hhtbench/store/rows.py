@@ -71,8 +71,9 @@ class RunRow:
         output before the end.  ``{}`` where no solve came back.
 
     ``environment``
-        ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "numpy", "scipy", "jax", ...}``:
-        text and numbers, the same for all cells of one machine.
+        ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "commit", "numpy", ...}``: text
+        and numbers, the same for all cells of one machine and tree; where and with what the cell was solved, ``commit`` that
+        of hhtbench's own tree ("-dirty": with changes).
     """
 
     key: str  #: content hash of specs, request, sources and versions

@@ -6,37 +6,20 @@ the disk before the cell counts as done.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import sqlite3
 import warnings
 from collections.abc import Iterable
-from contextlib import closing
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from hhtbench.errors import ProblemError
+from hhtbench.store.columns import COLUMNS, hash_of, row_of, shown, texts_of
 from hhtbench.store.files import store_file, take_lock
+from hhtbench.store.reading import ERRORS, VERSION, Reading, damage, read, refuse_other_version
 from hhtbench.store.rows import RunRow
 
-VERSION = 1
-JSON_COLUMNS = ("request", "metrics", "series", "counters", "timing", "environment")
-COLUMNS = (
-    "key",
-    "identity",
-    "problem",
-    "solver",
-    "request",
-    "status",
-    "message",
-    "metrics",
-    "series",
-    "counters",
-    "timing",
-    "environment",
-    "created",
-)  #: all but the hash
 SCHEMA = (
     f"CREATE TABLE IF NOT EXISTS runs ({', '.join(f'{name} TEXT NOT NULL' for name in COLUMNS)}, "
     "sha256 TEXT NOT NULL, PRIMARY KEY (key), UNIQUE (identity))",
@@ -48,13 +31,23 @@ INSERT = (  # a row that is written again keeps its place in the file, which is 
     f"INSERT INTO runs VALUES ({', '.join('?' * (len(COLUMNS) + 1))}) "
     f"ON CONFLICT (identity) DO UPDATE SET {CHANGES} ON CONFLICT (key) DO UPDATE SET {CHANGES}"
 )
+RESULT = ("status", "metrics", "counters")  # what two runs of the same key must agree in; times differ always
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A row to be written."""
+
+    row: RunRow
+    identity: str  #: a row of the same identity and another key is out of date and goes
+    replaces: bool = False  #: takes the place of a row of the same key; otherwise the first stays
 
 
 class Store:
-    """Rows of one file; a context manager.  While it is open no other runner can open it.
+    """Rows of one file; a context manager.  While it is open no other runner can open it, by whatever link.
 
-    Opening checks the file and every row's hash.  What does not match is removed, so that its cell runs again, and said
-    in :attr:`repairs`.
+    Opening checks the file and every row's hash.  A damaged file is set aside as it is; what can be read of it goes into
+    a new one, and what cannot is said in :attr:`repairs`: those cells run again.
 
     Raises
     ------
@@ -65,9 +58,12 @@ class Store:
     def __init__(self, path: str | Path) -> None:
         self.path = store_file(path)
         self.repairs: tuple[str, ...] = ()  #: what was found damaged on opening
-        if not self.path.parent.is_dir():
-            raise ProblemError(f"there is no folder {self.path.parent} for the store {self.path.name}; make it first.")
-        self._lock = take_lock(self.path)
+        self._file = (
+            self.path.resolve()
+        )  # the lock, the journal and what is set aside lie beside the file, not beside a link
+        if not self._file.parent.is_dir():
+            raise ProblemError(f"there is no folder {self._file.parent} for the store {self.path.name}; make it first.")
+        self._lock = take_lock(self._file)
         try:
             self._connection = self._open()
         except BaseException:
@@ -88,182 +84,176 @@ class Store:
     def get(self, key: str) -> RunRow | None:
         """The row of ``key``, or None."""
         names = ", ".join((*COLUMNS, "sha256"))
-        found = self._connection.execute(f"SELECT {names} FROM runs WHERE key = ?", (key,)).fetchone()
-        return None if found is None or _hash(found[:-1]) != _as_text(found[-1]) else _row(list(found[:-1]))
+        try:
+            found = self._connection.execute(f"SELECT {names} FROM runs WHERE key = ?", (key,)).fetchone()
+        except sqlite3.Error as error:
+            raise ProblemError(f"{self.path} cannot be read: {error}.") from error
+        return None if found is None or hash_of(found[:-1]) != shown(found[-1]) else row_of(list(found[:-1]))
 
     def put(self, row: RunRow, identity: str) -> None:
-        """Write ``row``; it is on the disk when this returns.  A row of the same identity and another key goes.
+        """Write ``row`` in the place of one of the same key, if there is one; see :meth:`write`."""
+        self.write([Entry(row=row, identity=identity, replaces=True)])
+
+    def write(self, entries: Iterable[Entry]) -> list[RunRow]:
+        """Write rows; all are on the disk when this returns.  A key is written once: the first row of it stays.
+
+        Returns
+        -------
+        list
+            Rows that were left out and whose result differs from that of the row that stays.
 
         Raises
         ------
         ProblemError
-            It cannot be written; what was written before stays.
+            They cannot be written; what was written before stays.
         """
-        row = row if row.created else RunRow(**{**vars(row), "created": datetime.now(UTC).isoformat(timespec="seconds")})
-        texts = _texts(row, identity)
         try:
             with self._connection:
-                self._connection.execute(INSERT, (*texts, _hash(texts)))
+                return [entry.row for entry in entries if not self._write(entry)]
         except sqlite3.Error as error:
             raise ProblemError(
                 f"{self.path} cannot be written: {error}. All rows written before are kept; the same command resumes."
             ) from error
 
+    def _write(self, entry: Entry) -> bool:
+        """False where another result is there, which stays."""
+        row = entry.row
+        first = None if entry.replaces else self.get(row.key)
+        if first is not None:
+            return all(getattr(first, name) == getattr(row, name) for name in RESULT)
+        row = row if row.created else replace(row, created=datetime.now(UTC).isoformat(timespec="seconds"))
+        texts = texts_of(row, entry.identity)
+        self._connection.execute(INSERT, (*texts, hash_of(texts)))
+        return True
+
     def _open(self) -> sqlite3.Connection:
-        connection = self._sound_connection()
-        _, damaged = _read(connection)
-        if damaged:
-            with connection:
-                connection.executemany("DELETE FROM runs WHERE rowid = ?", [(rowid,) for rowid in damaged])
-            self.repairs += (f"{len(damaged)} rows did not match their hash and were removed; their cells run again.",)
-        return connection
+        """A connection to a sound file: the one that is there, or a new one with the rows saved from it."""
+        reading = _look(self._file)
+        if reading is None or reading.whole:
+            return _prepared(self._file)
+        return self._rescue(reading)
 
-    def _sound_connection(self) -> sqlite3.Connection:
-        """A connection to a file that passes SQLite's check: the file itself, or a new one with the rows saved from it."""
-        connection = None
-        try:
-            _refuse_foreign(self.path)
-            connection = _connect(self.path)
-            _require_version(connection, self.path)
-            if connection.execute("PRAGMA integrity_check").fetchone() == (b"ok",):
-                return connection
-        except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError) and "malformed" not in str(error):
-                raise ProblemError(f"the store {self.path} cannot be opened: {error}.") from error
-        return self._rescue(connection)
-
-    def _rescue(self, connection: sqlite3.Connection | None) -> sqlite3.Connection:
-        """Set the damaged file aside and write the rows that can be read and match their hash into a new one."""
-        saved, _ = _read(connection) if connection is not None else ([], [])
-        if connection is not None:
-            connection.close()
+    def _rescue(self, reading: Reading) -> sqlite3.Connection:
+        """Set the damaged file aside and put a new one with the sound rows in its place, once that is complete."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-        aside = self.path.with_name(f"{self.path.name}.damaged-{stamp}")
-        self.path.rename(aside)
-        journal = self.path.with_name(f"{self.path.name}-journal")
-        if journal.exists():
-            journal.rename(aside.with_name(f"{aside.name}-journal"))
-        fresh = _connect(self.path)
-        _require_version(fresh, self.path)
-        with fresh:
-            for identity, row in saved:
-                texts = _texts(row, identity)
-                fresh.execute(INSERT, (*texts, _hash(texts)))
-        self.repairs += (f"the file was damaged; {len(saved)} sound rows were saved from it, it is kept as {aside.name}.",)
-        return fresh
+        fresh = self._file.with_name(f"{self._file.name}.rescue-{stamp}")
+        try:
+            with closing(_prepared(fresh)) as connection, connection:
+                for identity, row in reading.sound:
+                    texts = texts_of(row, identity)
+                    connection.execute(INSERT, (*texts, hash_of(texts)))
+            aside = self._file.with_name(f"{self._file.name}.damaged-{stamp}")
+            journal = self._file.with_name(f"{self._file.name}-journal")
+            if journal.exists():
+                journal.rename(aside.with_name(f"{aside.name}-journal"))
+            try:
+                aside.hardlink_to(self._file)  # so that at every moment there is a file of the store's name
+            except OSError:  # a file system without links
+                self._file.rename(aside)
+            fresh.replace(self._file)
+        except (sqlite3.Error, OSError, ProblemError) as error:
+            with suppress(OSError):
+                fresh.unlink(missing_ok=True)
+            raise ProblemError(
+                f"{self.path} is damaged and its {len(reading.sound)} sound rows cannot be saved: {error}"
+            ) from error
+        self.repairs = (
+            f"the file was damaged; {len(reading.sound)} sound rows were saved from it, it is kept as {aside.name}.",
+            f"{reading.losses}; the cells that are missing run again.",
+        )
+        return _connect(self._file)
 
 
 def load_rows(path: str | Path) -> list[RunRow]:
     """The sound rows of a store, in the order in which their cells came in first.
 
-    Nothing is written but what a killed runner left undone.  Damaged rows are left out, with a warning that counts them.
+    Nothing is written but what a killed runner left undone.  Rows that cannot be read are left out, with a warning that
+    names them.
 
     Raises
     ------
     ProblemError
-        There is no such file, or it is no store.
+        There is no such file, or it is no store of this version.
     """
     file = store_file(path)
-    if not file.exists():
-        raise ProblemError(f"there is no store {path}; `hhtbench run --store {path}` writes one.")
-    try:
-        with closing(_connect_existing(file)) as connection:
-            connection.text_factory = bytes
-            connection.execute("SELECT count(*) FROM meta").fetchone()
-            sound, damaged = _read(connection)
-    except sqlite3.Error as error:
-        raise ProblemError(f"{path} cannot be read as a store: {error}.") from error
-    if damaged:
-        warnings.warn(f"{path}: {len(damaged)} damaged rows are left out; run the campaign again.", stacklevel=2)
-    return [row for _, row in sound]
+    if not file.is_file():
+        raise ProblemError(f"there is no store {path}.")
+    reading = _look(file)
+    if reading is None:
+        raise ProblemError(f"{path} cannot be read as a store: it is empty.")
+    if not reading.whole:
+        warnings.warn(f"{path} is damaged: {reading.losses}; run the campaign again.", stacklevel=2)
+    return [row for _, row in reading.sound]
 
 
-def _refuse_foreign(path: Path) -> None:
-    """Raise for a file of something else, before anything is written into it; a damaged store passes."""
+def _look(path: Path) -> Reading | None:
+    """What is in the file, without a change to it; None where there is nothing yet.
+
+    Raises
+    ------
+    ProblemError
+        It is no store, one of another version, or cannot be opened.
+    """
     if not path.exists() or path.stat().st_size == 0:
-        return
+        return None
     with path.open("rb") as file:
         start = file.read(len(HEADER))
     if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
         raise ProblemError(f"{path} is no store but another kind of file; name another.")
-    with closing(_connect_existing(path)) as connection:
-        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    foreign = sorted(tables - {"runs", "meta"})
-    if foreign:
-        raise ProblemError(f"{path} is no store: it has a table {foreign[0]}; name another file.")
+    try:
+        with closing(_connect_existing(path)) as connection:
+            refuse_other_version(connection, path)
+            tables = _tables(connection)
+            if tables is not None and tables - {"runs", "meta"}:
+                foreign = min(tables - {"runs", "meta"})
+                raise ProblemError(f"{path} is no store: it has a table {foreign}; name another file.")
+            return None if tables == set() else read(connection)
+    except sqlite3.Error as error:
+        raise ProblemError(f"the store {path} cannot be opened: {error}.") from error
+
+
+def _tables(connection: sqlite3.Connection) -> set[str] | None:
+    """Names of all tables; None where that cannot be read."""
+    try:
+        return {shown(name) for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    except ERRORS as error:
+        damage(error)
+        return None
 
 
 def _connect_existing(path: Path) -> sqlite3.Connection:
     """For reading; writable where it can be, since only then can SQLite roll back what a killed runner had begun."""
     uri = path.resolve().as_uri()
     connection = sqlite3.connect(f"{uri}?mode=rw", uri=True, timeout=30.0)
+    connection.text_factory = bytes  # a damaged text need not be UTF-8
     try:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.OperationalError:
         connection.close()
-        return sqlite3.connect(f"{uri}?mode=ro", uri=True, timeout=30.0)
+        connection = sqlite3.connect(f"{uri}?mode=ro", uri=True, timeout=30.0)
+        connection.text_factory = bytes
+    except ERRORS:  # it is damaged: reading tells how
+        pass
     return connection
 
 
 def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=30.0)  # waits for a reader; a second writer is kept out by the lock
-    connection.text_factory = bytes  # a damaged text need not be UTF-8
+    connection.text_factory = bytes
     connection.execute("PRAGMA journal_mode = DELETE")
     connection.execute("PRAGMA synchronous = FULL")
     return connection
 
 
-def _require_version(connection: sqlite3.Connection, path: Path) -> None:
-    with connection:
-        for statement in SCHEMA:
-            connection.execute(statement)
-        connection.execute("INSERT OR IGNORE INTO meta VALUES ('version', ?)", (str(VERSION),))
-    found = connection.execute("SELECT value FROM meta WHERE name = 'version'").fetchone()[0]
-    if found != str(VERSION).encode():
-        shown = found.decode(errors="replace")
-        raise ProblemError(f"{path} is a store of version {shown}, this hhtbench writes version {VERSION}; use a new file.")
-
-
-def _read(connection: sqlite3.Connection) -> tuple[list[tuple[str, RunRow]], list[int]]:
-    """Identity and row of every sound row, and the rowids of the damaged ones; reads as far as the file can be read."""
-    sound: list[tuple[str, RunRow]] = []
-    damaged: list[int] = []
-    names = ", ".join(("rowid", *COLUMNS, "sha256"))
+def _prepared(path: Path) -> sqlite3.Connection:
+    """A connection to a file that has the tables."""
     try:
-        for rowid, *texts, digest in connection.execute(f"SELECT {names} FROM runs ORDER BY rowid"):
-            row = _row(texts) if _hash(texts) == _as_text(digest) else None
-            if row is None:
-                damaged.append(rowid)
-            else:
-                sound.append((texts[1].decode(), row))
-    except sqlite3.DatabaseError:
-        return sound, damaged
-    return sound, damaged
-
-
-def _row(texts: list[Any]) -> RunRow | None:
-    try:
-        values = dict(zip(COLUMNS, (text.decode() for text in texts), strict=True))
-        del values["identity"]
-        return RunRow(**{k: json.loads(v) if k in JSON_COLUMNS else v for k, v in values.items()})
-    except (ValueError, AttributeError):
-        return None
-
-
-def _texts(row: RunRow, identity: str) -> list[str]:
-    """The columns as text; a number that is not finite is a mistake of the caller."""
-    values: dict[str, Any] = {**vars(row), "identity": identity}
-    return [json.dumps(values[k], allow_nan=False) if k in JSON_COLUMNS else values[k] for k in COLUMNS]
-
-
-def _hash(texts: Iterable[Any]) -> str:
-    """Over the lengths and texts, so that nothing moves from one column into the next."""
-    digest = hashlib.sha256()
-    for text in texts:
-        content = text.encode() if isinstance(text, str) else text if isinstance(text, bytes) else repr(text).encode()
-        digest.update(len(content).to_bytes(8, "little") + content)
-    return digest.hexdigest()
-
-
-def _as_text(value: Any) -> str:
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+        connection = _connect(path)
+        with connection:
+            connection.execute("BEGIN IMMEDIATE")
+            for statement in SCHEMA:
+                connection.execute(statement)
+            connection.execute("INSERT OR IGNORE INTO meta VALUES ('version', ?)", (str(VERSION),))
+    except sqlite3.Error as error:
+        raise ProblemError(f"the store {path} cannot be opened: {error}.") from error
+    return connection

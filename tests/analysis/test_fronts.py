@@ -106,7 +106,7 @@ def test_an_error_that_is_not_reached_has_the_reason_of_its_ladder_and_is_never_
     coarse = law("hht", 9.0, 2, (1e-1, 1e-2))
     still = [run("hht", setting, 1e-2, 99) for setting in (1e-3, 1e-4, 1e-5)]
     cases = {
-        ("capped", "deadline at rtol 1e-04"): [*coarse, failed("hht", 1e-4, "deadline", "10 s")],
+        ("capped", "more than 10 s at rtol 1e-04"): [*coarse, failed("hht", 1e-4, "deadline", "10 s")],
         ("fails", "newton_failed at rtol 1e-04 to rtol 1e-05"): [*coarse, failed("hht", 1e-4), failed("hht", 1e-5)],
         ("standstill", "no better when finer: error 0.01"): [*coarse, *still],
         ("refused", "refused: no"): [failed("hht", 1e-1, "declined", "no")],

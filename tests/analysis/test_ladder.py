@@ -116,6 +116,7 @@ def test_a_single_failure_is_passed():
 def test_the_run_that_used_up_what_it_may_is_the_cap(status):
     rows, end = climb(lambda s: law()(s) if s > 1e-4 else failed("it", s, status, "used up"))
     assert (rows[-1].status, end.kind) == (status, "capped")
+    assert end.text.endswith(f"at {points(rows)[-1].setting.text}")
     assert [row.success for row in rows[:-1]] == [True] * (len(rows) - 1)
 
 

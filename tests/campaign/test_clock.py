@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hhtbench.campaign.clock import LEAST, LONG, enough, time_cell, timing_of
+from hhtbench.campaign.clock import LEAST, LONG, PATIENCE, enough, time_cell, timing_of
 from tests.campaign.test_run import ASKED, PROBLEM, Line, line
 
 
@@ -39,8 +39,7 @@ def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch:
 def test_a_short_solve_is_repeated_until_a_reading_is_long_enough(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Line, "solve", busy(1e-3))
     found = time_cell(PROBLEM, Line(), ASKED, True, lambda _: None)
-    assert found["solves"] * found["cpu_s"] >= 0.5 * LEAST
-    assert found["solves"] > 5
+    assert found["solves"] * found["cpu_s"] >= LEAST or found["solves"] * found["wall_s"] >= PATIENCE * LEAST
     assert found["cpu_s"] == pytest.approx(1e-3, rel=0.3)
 
 

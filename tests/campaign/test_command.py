@@ -34,7 +34,7 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
         (["--problems", "fall", "--solvers", "told", "--rtol", "small"], "--rtol takes numbers"),
         (["--problems", "fall", "--rtol", "1e-3"], "nothing to run"),
         (["--campaign", "quick", "--rtol", "1e-3"], "has its own tolerances"),
-        (["--campaign", "slow"], "known: quick"),
+        (["--campaign", "slow"], "known: full, quick"),
         (["--campaign", "quick", "--problems", "nosuch"], "the campaign has no problem 'nosuch'"),
         (["--campaign", "quick", "--solvers", "hht(alpha=-0.3), ida(form=gg1)"], "Did you mean ida(form='ggl')"),
         (

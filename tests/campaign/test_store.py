@@ -6,6 +6,7 @@ import random
 import sqlite3
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from hhtbench.errors import ProblemError
-from hhtbench.store import RunRow, Store, load_rows
-from hhtbench.store import sqlite as module
+from hhtbench.store import RunRow, Store, load_rows, reading
+from hhtbench.store.sqlite import Entry
 
 ROW = RunRow(
     key="k0",
@@ -79,11 +80,14 @@ def test_a_flipped_byte_in_a_row_is_found_and_the_row_given_up(tmp_path: Path):
     place = content.find(b'{"t_end": 4.0}')
     content[place + 10] ^= 1  # 4.0 reads 5.0: valid JSON, valid SQLite
     path.write_bytes(content)
-    with pytest.warns(UserWarning, match="1 damaged rows"):
+    with pytest.warns(UserWarning, match=r"1 row cannot be read: fall, told, rtol=0.001 \(number 5 in the file\)"):
         assert [row.key for row in load_rows(path)] == [f"k{i}" for i in range(10) if i != 4]
     with Store(path) as store:
-        assert "1 rows did not match" in store.repairs[0]
+        assert "9 sound rows were saved" in store.repairs[0]
+        assert "1 row cannot be read: fall, told, rtol=0.001" in store.repairs[1]
         assert store.get("k4") is None
+    (aside,) = tmp_path.glob("runs.db.damaged-*")
+    assert aside.read_bytes() == content  # nothing is overwritten
     with Store(path) as store:
         assert store.repairs == ()
 
@@ -118,6 +122,128 @@ def test_no_flipped_byte_is_used_silently(tmp_path: Path):
             assert all(kept) or store.repairs
 
 
+def test_what_lies_behind_a_zeroed_page_is_read_and_what_lay_on_it_is_told(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 60)
+    sound = path.read_bytes()
+    size = int.from_bytes(sound[16:18], "big")
+    for page in range(1, len(sound) // size):
+        path.write_bytes(sound[: page * size] + bytes(size) + sound[(page + 1) * size :])
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            kept = load_rows(path)
+        assert all(row in rows for row in kept)
+        assert kept == sorted(kept, key=rows.index)
+        assert told, page
+        lost = len(rows) - len(kept)
+        text = str(told[0].message)
+        assert f"{lost} row" in text or (lost == 60 and "none of its rows can be read" in text) or not lost
+        with Store(path) as store:
+            assert sum(store.get(row.key) == row for row in rows) == len(kept)
+            assert f"{len(kept)} sound rows were saved" in store.repairs[0]
+
+
+def test_a_report_says_for_every_flipped_bit_what_it_could_not_read(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 5)
+    sound, places = path.read_bytes(), random.Random(5)
+    schema = sound.index(b"CREATE TABLE")
+    for number in range(300):
+        content = bytearray(sound)
+        place = places.randrange(schema, schema + 600) if number % 2 else places.randrange(len(content))
+        content[place] ^= 1 << places.randrange(8)
+        path.write_bytes(content)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                kept = load_rows(path)
+            except ProblemError:
+                continue
+        assert all(row in rows for row in kept)
+        assert len(kept) == len(rows) or "can be read" in str(told[0].message) or "cannot be read" in str(told[0].message)
+
+
+def test_a_newer_store_is_refused_and_left_as_it_is_by_reader_and_writer(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path, 3)
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE meta SET value = '2'")
+        connection.execute("ALTER TABLE runs ADD COLUMN more TEXT")
+        connection.execute("CREATE TABLE pairs (name TEXT)")
+    before = path.read_bytes()
+    for use in (load_rows, Store):
+        with pytest.raises(ProblemError, match="a store of version 2, this hhtbench knows version 1"):
+            use(path)
+    assert path.read_bytes() == before
+    assert not list(tmp_path.glob("runs.db.*-*"))
+
+
+def test_a_store_that_another_program_locks_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 3)
+    connect = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *args, **options: connect(*args, **{**options, "timeout": 0.05}))
+    other = connect(path, isolation_level=None)
+    other.execute("BEGIN EXCLUSIVE")
+    for use in (load_rows, Store):
+        with pytest.raises(ProblemError, match="locked"):
+            use(path)
+    other.close()
+    assert load_rows(path) == rows
+    assert not list(tmp_path.glob("runs.db.*-*"))
+
+
+def test_the_first_row_of_a_key_stays_and_one_that_differs_is_told(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    again = replace(ROW, timing={"solve_s": 9.0}, created="2026-02-02T00:00:00+00:00")
+    other = replace(ROW, counters={"steps_accepted": 7})
+    with Store(path) as store:
+        assert store.write([Entry(row=ROW, identity="cell")]) == []
+        assert store.write([Entry(row=again, identity="cell"), Entry(row=other, identity="cell")]) == [other]
+        assert store.get(ROW.key) == ROW
+        store.put(other, "cell")
+        assert store.get(ROW.key) == other
+
+
+def test_rows_that_are_written_together_are_written_all_or_none(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    broken = replace(ROW, key="k1", metrics={"t_end": float("nan")})
+    with Store(path) as store, pytest.raises(ValueError, match="not JSON"):
+        store.write([Entry(row=ROW, identity="cell"), Entry(row=broken, identity="other")])
+    assert load_rows(path) == []
+
+
+def test_two_runners_by_two_names_of_one_file_are_kept_apart(tmp_path: Path):
+    path, link = tmp_path / "runs.db", tmp_path / "folder" / "link.db"
+    link.parent.mkdir()
+    link.symlink_to(path)
+    with Store(path), pytest.raises(ProblemError, match="another"):
+        Store(link)
+    with Store(link) as store:
+        store.put(ROW, "cell")
+        with pytest.raises(ProblemError, match="another"):
+            Store(path)
+    assert load_rows(path) == [ROW]
+    assert link.is_symlink()
+
+
+def test_a_damaged_file_that_cannot_be_saved_from_is_left_as_it_is(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path, 60)
+    content = path.read_bytes()[: 20 * 4096]
+    path.write_bytes(content)
+    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))\n" + OPENS
+    told = subprocess.run([sys.executable, "-c", limited, str(path)], capture_output=True, text=True, check=False)
+    assert "cannot be saved" in told.stdout, told
+    assert path.read_bytes() == content
+    assert [entry.name for entry in tmp_path.iterdir() if entry.suffix != ".lock"] == ["runs.db"]
+
+
+def test_a_folder_that_cannot_be_written_is_told():
+    with pytest.raises(ProblemError, match="cannot be written"):
+        Store("/proc/runs.db")
+
+
 def test_a_truncated_file_is_set_aside_and_only_rows_that_are_whole_are_used(tmp_path: Path):
     path = tmp_path / "runs.db"
     rows = fill(path, 200)
@@ -145,6 +271,14 @@ def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
     assert foreign.read_bytes() == before
 
 
+OPENS = """
+from hhtbench.errors import ProblemError
+from hhtbench.store import Store
+try:
+    Store(sys.argv[1])
+except ProblemError as error:
+    print(error)
+"""
 KILLED = """
 import os, signal, sqlite3, sys
 connection = sqlite3.connect(sys.argv[1])
@@ -201,4 +335,4 @@ def test_rows_are_on_the_disk_when_put_returns(tmp_path: Path):
         assert store._connection.execute("PRAGMA journal_mode").fetchone()[0] == b"delete"
         store.put(ROW, "cell")
         assert load_rows(tmp_path / "runs.db") == [ROW]  # seen from another connection: committed
-    assert module.VERSION == 1
+    assert reading.VERSION == 1

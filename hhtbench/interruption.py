@@ -1,0 +1,75 @@
+"""Ctrl-C and SIGTERM end a command once and for all, with the exit code that shells know: 128 and the signal's number.
+
+Python's own way, an exception wherever it happens to be, is lost in a library that catches everything while it is imported.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupted(KeyboardInterrupt):
+    """One of the signals came; ``code`` is the exit code."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.code = 128 + number
+
+
+@contextmanager
+def ends_at_once(message: str = "") -> Iterator[None]:
+    """A signal ends the process here and now: for imports and all else that leaves nothing to clear up."""
+    with _handled(lambda number: _leave(number, message)):
+        yield
+
+
+@contextmanager
+def ends_in_order(message: str = "") -> Iterator[None]:
+    """The first signal raises :class:`Interrupted`, so that what is open is closed; a second one ends the process."""
+    came: list[int] = []
+
+    def handle(number: int) -> None:
+        came.append(number)
+        if len(came) > 1:
+            _leave(number, message)
+        raise Interrupted(number)
+
+    with _handled(handle):
+        yield
+
+
+def _leave(number: int, message: str) -> None:
+    if message and sys.stderr is not None:
+        os.write(2, f"\n{message}\n".encode(errors="replace"))
+    os._exit(128 + number)
+
+
+@contextmanager
+def _handled(action: Callable[[int], None]) -> Iterator[None]:
+    """Signals go to ``action`` inside, unless they were to be ignored (nohup); other threads cannot receive them."""
+
+    def handle(number: int, _: FrameType | None) -> None:
+        action(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[Any, Any] = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        for number in SIGNALS:
+            if before[number] is not signal.SIG_IGN:
+                signal.signal(number, handle)
+        yield
+    finally:
+        for number in SIGNALS:
+            if before[number] is not None:
+                signal.signal(number, before[number])

@@ -1,0 +1,57 @@
+"""A row as the texts of its columns, and their hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from hhtbench.store.rows import RunRow
+
+JSON_COLUMNS = ("request", "metrics", "series", "counters", "timing", "environment")
+COLUMNS = (
+    "key",
+    "identity",
+    "problem",
+    "solver",
+    "request",
+    "status",
+    "message",
+    "metrics",
+    "series",
+    "counters",
+    "timing",
+    "environment",
+    "created",
+)  #: all but the hash
+
+
+def row_of(texts: list[Any]) -> RunRow | None:
+    """The row whose columns hold these bytes; None where they hold none."""
+    try:
+        values = dict(zip(COLUMNS, (text.decode() for text in texts), strict=True))
+        del values["identity"]
+        return RunRow(**{k: json.loads(v) if k in JSON_COLUMNS else v for k, v in values.items()})
+    except (ValueError, AttributeError):
+        return None
+
+
+def texts_of(row: RunRow, identity: str) -> list[str]:
+    """The columns as text; a number that is not finite is a mistake of the caller."""
+    values: dict[str, Any] = {**vars(row), "identity": identity}
+    return [json.dumps(values[k], allow_nan=False) if k in JSON_COLUMNS else values[k] for k in COLUMNS]
+
+
+def hash_of(texts: Iterable[Any]) -> str:
+    """Over the lengths and texts, so that nothing moves from one column into the next."""
+    digest = hashlib.sha256()
+    for text in texts:
+        content = text.encode() if isinstance(text, str) else text if isinstance(text, bytes) else repr(text).encode()
+        digest.update(len(content).to_bytes(8, "little") + content)
+    return digest.hexdigest()
+
+
+def shown(value: Any) -> str:
+    """What a damaged column holds, as text."""
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
