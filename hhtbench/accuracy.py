@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -19,6 +19,8 @@ from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request
 from hhtbench.result import Counters, DenseOutput, ErrorEstimate, Solution, Status
+
+Once = Callable[[Request], Solution]
 
 ROWS = 101  # equal distances, where no output times are asked for
 LEAST = 1e-13  # of an error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
@@ -38,7 +40,7 @@ BUDGETS = (Status.deadline, Status.evaluation_budget)
 TOLERATED = 3  # runs in a row that fail: some libraries start at tight tolerances only
 
 
-def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request) -> Solution:
+def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request, once: Once) -> Solution:
     """The solution whose error in q and v, scaled by the problem's scales, is below ``accuracy`` at every output time.
 
     Parameters
@@ -47,6 +49,8 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         Largest scaled error of q and v over the output times.
     request
         Output times (101 equally far apart where it has none), and budgets of all runs together; no tolerances, no steps.
+    once
+        One run of the solver on the problem.
 
     Returns
     -------
@@ -73,7 +77,8 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         n, none = problem.q0.size, np.empty((0, 0))
         empty = np.empty((0, n))
         return Solution(t=np.empty(0), q=empty, v=empty, lam=none, mu=none, status=Status.declined, message=reason)
-    return _Search(problem, solver, accuracy, request, kind).run()
+    smooth = kind == "steps" or getattr(solver, "smooth_error", False)
+    return _Search(problem, accuracy, request, once, kind, smooth).run()
 
 
 def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tuple[str | None, str]:
@@ -93,10 +98,10 @@ class _Run:
 class _Search:
     """The runs so far, and what follows from them."""
 
-    def __init__(self, problem: Problem, solver: Solver, accuracy: float, request: Request, kind: str) -> None:
-        self.problem, self.solver, self.accuracy, self.request, self.kind = problem, solver, accuracy, request, kind
+    def __init__(self, problem: Problem, accuracy: float, request: Request, once: Once, kind: str, smooth: bool) -> None:
+        self.problem, self.accuracy, self.request, self.once, self.kind = problem, accuracy, request, once, kind
+        self.smooth = smooth  #: errors are a smooth function of the setting
         self.finer, self.order = FINER[kind], ORDER[kind]
-        self.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
         self.least_share = LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
         self.runs: list[_Run] = []
         self.differences: list[float] = []  #: between neighbouring runs
@@ -137,7 +142,7 @@ class _Search:
         if evaluations is not None:
             evaluations = max(evaluations - sum(c.residual_evaluations or 0 for c in self.spent), 1)
         request = replace(self.request, max_seconds=budget, max_evaluations=evaluations, **asked)
-        found = self.solver.solve(self.problem, request)
+        found = self.once(request)
         self.spent.append(found.counters)
         return found
 

@@ -27,6 +27,7 @@ class HHTSolver:
     options: Mapping[str, Any]
     integrator: type[HHT] = HHT
     smooth_error: ClassVar[bool] = True  #: a smooth function of step and tolerance: two runs extrapolate to a better one
+    judges_itself: ClassVar[bool] = True  #: its steps hold the constraints, and its rows are those that were asked for
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Declines requests without steps and without tolerances."""
