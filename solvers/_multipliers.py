@@ -14,7 +14,7 @@ from solvers.forms.eliminated import kkt_of
 from solvers.forms.functions import products_of
 from solvers.hht.run.recover import recover_entries, row_memory
 
-FEW = 20  # rows below which machine code is not made for them; nor used, so that the bits do not depend on what else was solved
+FEW = 20  # rows: fewer go without machine code, made before or not, as the bits must not depend on earlier solves
 BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
 
 RecoverBlock = Callable[[Matrix, Any], None]  # (rows [t, q, v, lam, mu], done): fills rows, marks them and counts

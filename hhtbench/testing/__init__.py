@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hhtbench.testing.agreement import Agreement, agreement, assert_solvers_agree
     from hhtbench.testing.check import Check, Kind, Verdict
     from hhtbench.testing.convergence import assert_solver_converges
+    from hhtbench.testing.pairwise import Agreement, agreement, assert_solvers_agree
     from hhtbench.testing.parametrize import parametrize_with_checks
     from hhtbench.testing.problem_checks import check_problem
     from hhtbench.testing.solver_checks import check_names, check_solver
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "agreement": ("Agreement", "agreement", "assert_solvers_agree"),
+    "pairwise": ("Agreement", "agreement", "assert_solvers_agree"),
     "check": ("Check", "Kind", "Verdict"),
     "convergence": ("assert_solver_converges",),
     "parametrize": ("parametrize_with_checks",),

@@ -12,8 +12,8 @@ from hhtbench.checks import check
 from hhtbench.evidence import Row
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem
-from hhtbench.testing.agreement import assert_solvers_agree
 from hhtbench.testing.check import Check, check_expected
+from hhtbench.testing.pairwise import assert_solvers_agree
 from hhtbench.testing.subject import expect
 
 SOLVERS = ("hht", "projected")  # two families: one step of the DAE itself, and the underlying ODE put back

@@ -49,10 +49,11 @@ class Scene:
     def put_back(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """The nearest state on both levels of the constraints."""
         m = self.levels(t, q, v).position.size
-        for _ in range(CORRECTIONS):
-            rows = self.equations(t, q, v).rows
-            q = q - np.linalg.pinv(rows[:m]) @ self.levels(t, q, v).position if m else q
-        return q, v - np.linalg.pinv(self.equations(t, q, v).rows) @ self.levels(t, q, v).velocity
+        at, moved = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+        for _ in range(CORRECTIONS if m else 0):
+            at -= _least(self.equations(t, at, v).rows[:m], self.levels(t, at, v).position)
+        moved -= _least(self.equations(t, at, v).rows, self.levels(t, at, v).velocity)
+        return at, moved
 
     @property
     def name(self) -> str:
@@ -68,6 +69,11 @@ class Scene:
         if self.problem.exact is None:
             raise ValueError(f"{self.name} has no closed solution")
         return self.problem.exact(t)
+
+
+def _least(rows: Matrix, misfit: Vector) -> Vector:
+    """The shortest (n,) that ``rows`` (k, n) map to ``misfit`` (k,)."""
+    return np.asarray(np.linalg.pinv(rows) @ misfit, dtype=np.float64)
 
 
 def multipliers(e: Equations) -> Vector:
@@ -106,12 +112,12 @@ def make_scene(
 class Pendulum(System):
     """A mass on a rod in a plane of space; every unit, the frame and the constraints' scale are parameters."""
 
-    mass: object = parameter(2.0, doc="[kg]")
-    radius: object = parameter(1.2, doc="[m]")
-    gravity: object = parameter((0.0, -9.81, 0.0), doc="[m/s^2]")
-    normal: object = parameter((0.0, 0.0, 1.0), doc="of the plane")
-    centre: object = parameter((0.0, 0.0, 0.0), doc="[m]")
-    scale: object = parameter(1.0, doc="of the constraints")
+    mass: Any = parameter(2.0, doc="[kg]")
+    radius: Any = parameter(1.2, doc="[m]")
+    gravity: Any = parameter((0.0, -9.81, 0.0), doc="[m/s^2]")
+    normal: Any = parameter((0.0, 0.0, 1.0), doc="of the plane")
+    centre: Any = parameter((0.0, 0.0, 0.0), doc="[m]")
+    scale: Any = parameter(1.0, doc="of the constraints")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
         """Constant."""
@@ -216,7 +222,7 @@ PERIOD = 4 * float(ellipk(np.sin(AMPLITUDE / 2) ** 2)) / np.sqrt(GRAVITY / RADIU
 
 def pendulum(
     kind: type[Pendulum] = Pendulum,
-    frame: Frame = Frame(),  # noqa: B008 - frozen
+    frame: Frame = Frame(),
     name: str = "position",
     t_span: tuple[float, float] = SPAN,
     start: float | None = None,
@@ -260,9 +266,9 @@ TURN, GROWTH, DRIFT = 1.5, 0.3, 0.4  # [rad/s], [m/s], [m/s]
 class MovingCircle(System):
     """A bead on a circle whose radius grows and whose centre moves; the constraint does work."""
 
-    begin: object = parameter(0.0, doc="time at which the radius is 1 m [s]")
-    growth: object = parameter(GROWTH, doc="[m/s]")
-    drift: object = parameter(DRIFT, doc="[m/s]")
+    begin: Any = parameter(0.0, doc="time at which the radius is 1 m [s]")
+    growth: Any = parameter(GROWTH, doc="[m/s]")
+    drift: Any = parameter(DRIFT, doc="[m/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """None."""
@@ -316,7 +322,7 @@ def moving_circle(begin: float = 0.0) -> Scene:
 class Skate(System):
     """A plate that slides along its edge only, on a slope, and turns steadily."""
 
-    slope: object = parameter(2.0, doc="[m/s^2]")
+    slope: Any = parameter(2.0, doc="[m/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """Weight along the slope."""
@@ -357,8 +363,8 @@ PULL, SLIP = 3.0, 1.0  # of the nut [N], [m/s^2]; (PULL - SLIP) / 2 = 1 rad/s^2
 class Screw(System):
     """A nut on a circle, turned by a velocity constraint with a slip that grows with time."""
 
-    pull: object = parameter(PULL, doc="[N]")
-    slip: object = parameter(SLIP, doc="[m/s^2]")
+    pull: Any = parameter(PULL, doc="[N]")
+    slip: Any = parameter(SLIP, doc="[m/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """Along the screw."""
@@ -403,8 +409,8 @@ SHARES = np.array([1.0, -0.5])  # of the two coordinates in the drive
 class Oscillator(System):
     """Two coordinates coupled by their masses, damped and driven."""
 
-    stiffness: object = parameter(STIFFNESS, doc="[1/s^2]")
-    damping: object = parameter(DAMPING, doc="[1/s]")
+    stiffness: Any = parameter(STIFFNESS, doc="[1/s^2]")
+    damping: Any = parameter(DAMPING, doc="[1/s]")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
         """Full."""

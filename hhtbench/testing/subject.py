@@ -9,11 +9,11 @@ from unittest import SkipTest
 
 import numpy as np
 
+from hhtbench.api import solve
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import timed
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_solver
-from hhtbench.request import Request, make_request
+from hhtbench.request import make_request
 from hhtbench.result import Solution, Status
 from hhtbench.testing.scenes import SCENES, Scene
 
@@ -98,13 +98,7 @@ class Subject:
 
     def solve(self, problem: Problem, solver: Solver | None = None, **request: Any) -> Solution:
         """One solve, whatever its status, not kept."""
-        asked = make_request(**request)
-        chosen = solver or self.solver
-        reason = chosen.accepts(problem, asked)
-        if reason is not None:
-            raise Declined(f"{self.name} declines {problem.name}: {reason}")
-        with timed(asked.max_seconds):
-            solution = chosen.solve(problem, asked)
+        solution = solve(problem, solver or self.solver, **request)
         if not isinstance(solution, Solution):
             fail(f"solve returned {type(solution).__name__}, not a hhtbench.Solution")
         if solution.status is Status.declined:
@@ -196,8 +190,3 @@ def same_bits(one: Solution, other: Solution) -> None:
 def at(request: dict[str, Any], times: Vector) -> dict[str, Any]:
     """``request`` with output at ``times`` [s]."""
     return {**request, "t_eval": times}
-
-
-def asked_request(**request: Any) -> Request:
-    """A checked request."""
-    return make_request(**request)

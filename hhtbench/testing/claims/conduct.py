@@ -1,4 +1,4 @@
-"""How a solver behaves: inputs left alone, the same bits again, rows where they are asked for, nothing said or changed aside."""
+"""How a solver behaves: inputs left alone, the same bits again, rows where they are asked for, nothing changed aside."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -60,12 +61,12 @@ def world_is_left_alone(subject: Subject) -> None:
     """A solve prints nothing, warns of nothing, and leaves random numbers and floating-point settings alone."""
     scene = subject.scene("position")
     request = subject.ladder(scene.problem)[0]
-    before = np.random.get_state()[1].copy(), np.geterr()  # type: ignore[index, union-attr]  # noqa: NPY002
+    before = np.random.get_state()[1].copy(), np.geterr()  # type: ignore[index]  # noqa: NPY002
     said = io.StringIO()
     with warnings.catch_warnings(record=True) as warned, contextlib.redirect_stdout(said):
         warnings.simplefilter("always")
         subject.succeeds(scene.problem, **request)
-    after = np.random.get_state()[1], np.geterr()  # type: ignore[index, union-attr]  # noqa: NPY002
+    after = np.random.get_state()[1], np.geterr()  # type: ignore[index]  # noqa: NPY002
     expect(np.array_equal(before[0], after[0]), "the global random numbers were used")
     expect(before[1] == after[1], "NumPy's handling of floating-point errors was changed")
     expect(not said.getvalue(), f"it prints: {said.getvalue()[:80]!r}")
@@ -222,7 +223,7 @@ def absolute_tolerances_alone(subject: Subject) -> None:
     """Absolute tolerances, one for each component, suffice where rtol is 0."""
     scene = subject.scene("position")
     problem: Problem = scene.problem
-    request = {"rtol": 0.0, "atol": np.full(6, 1e-4)}
+    request: dict[str, Any] = {"rtol": 0.0, "atol": np.full(6, 1e-4)}
     reason = subject.takes(problem, **request)
     if reason is not None:
         raise Declined(reason)
@@ -236,7 +237,7 @@ def prescribed_steps_are_taken(subject: Subject) -> None:
     """``steps=N`` takes N equal steps, ``step=h`` steps of h, ``steps=array`` these."""
     scene = subject.scene("position")
     lengths = np.array([0.3, 0.1, 0.2, 0.4, 0.5]) / 4
-    asked: list[tuple[dict[str, object], np.ndarray]] = [
+    asked: list[tuple[dict[str, Any], np.ndarray]] = [
         ({"steps": 30}, np.linspace(*scene.problem.t_span, 31)),
         ({"step": 0.05}, np.linspace(*scene.problem.t_span, 31)),
         ({"steps": np.tile(lengths, 4)}, np.concatenate([[0.0], np.cumsum(np.tile(lengths, 4))])),

@@ -13,7 +13,7 @@ from hhtbench.protocol import Problem
 from hhtbench.result import Solution, Status
 from hhtbench.testing.claims.registry import claim
 from hhtbench.testing.scenes import GRAVITY, MASS, Function, numpy_pendulum
-from hhtbench.testing.subject import COMPONENTS, Declined, Subject, at, expect, fail, same_bits
+from hhtbench.testing.subject import COMPONENTS, Declined, Subject, expect, same_bits
 
 HALF_WAY = 0.75  # [s]
 WEIGHT = np.array([0.0, -MASS * GRAVITY, 0.0])
@@ -310,16 +310,3 @@ def success_says_something(subject: Subject) -> None:
     solution = subject.solved(scene, **subject.ladder(scene.problem)[0])
     expect(isinstance(solution.status, Status), f"status is {solution.status!r}")
     expect(isinstance(solution.message, str) and bool(solution.message.strip()), "message is empty")
-
-
-@claim("output/outside")
-def output_outside_the_interval(subject: Subject) -> None:
-    """Output after the end of the interval is refused, or declined, never made up."""
-    scene = subject.scene("position")
-    request = at(subject.ladder(scene.problem)[0], np.array([scene.problem.t_span[1] + 1.0]))
-    try:
-        solution = subject.solve(scene.problem, **request)
-    except (ValueError, TypeError):
-        return
-    if solution.success:
-        fail("there is a row a second after the end")

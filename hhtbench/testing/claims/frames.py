@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.request import make_request
 from hhtbench.testing.claims.registry import claim
 from hhtbench.testing.scenes import SPAN, Frame, RedundantPendulum, Scene, moving_circle, pendulum
-from hhtbench.testing.subject import Declined, Subject, asked_request, at, differences, errors, expect, rms, size_of
+from hhtbench.testing.subject import Declined, Subject, at, differences, errors, expect, rms, size_of
 
 TURNED = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0
 MIRRORED = np.diag([-1.0, 1.0, 1.0])
@@ -208,7 +209,7 @@ def checkpoint(subject: Subject) -> None:
     if make is None:
         raise Declined(f"{subject.name} has no stepper(problem, request) with step, checkpoint and resume")
     scene = subject.scene("position")
-    request = asked_request(**subject.ladder(scene.problem)[1])
+    request = make_request(**subject.ladder(scene.problem)[1])
     going, saved = make(scene.problem, request), make(scene.problem, request)
     for index in range(STEPS):
         going.step(scene.problem.t_span[1])

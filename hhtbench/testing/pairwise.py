@@ -58,7 +58,8 @@ class Agreement:
 def agreement_of(motions: Mapping[str, Motion], scales: Scales, left_out: Mapping[str, str] | None = None) -> Agreement:
     """The matrix of motions that are given at the same times."""
     names = tuple(motions)
-    scaled = [_flat(motions[name], scales) for name in names]
+    sizes = _sizes(motions, scales)
+    scaled = [_flat(motions[name], sizes) for name in names]
     matrix = np.array([[float(np.max(np.abs(a - b), initial=0.0)) for b in scaled] for a in scaled])
     return Agreement(names, matrix.reshape(len(names), len(names)), dict(left_out or {}))
 
@@ -112,7 +113,8 @@ def assert_solvers_agree(
     rtol
         Asked of each; those of prescribed steps refine theirs until the motion changes by less.
     levels
-        Some of "position" (q), "velocity" (v) and "acceleration" (lam and mu).  Differences are over ``problem.scales``.
+        Some of "position" (q), "velocity" (v) and "acceleration" (lam and mu).  Differences are over the
+        largest size in the motion, at least ``problem.scales``.
     factor
         How far two motions may be apart, over ``rtol``.
 
@@ -154,9 +156,20 @@ def _no_steps(problem: Problem, solver: Solver) -> bool:
 
 
 def _state(solution: Solution, scales: Scales) -> Vector:
-    return _flat({"q": solution.q, "v": solution.v}, scales)
+    motion = {"q": solution.q, "v": solution.v}
+    return _flat(motion, _sizes({"": motion}, scales))
 
 
-def _flat(motion: Motion, scales: Scales) -> Vector:
-    """Every component over its scale, in one vector."""
-    return np.concatenate([(values / np.asarray(getattr(scales, name))).ravel() for name, values in motion.items()])
+def _sizes(motions: Mapping[str, Motion], scales: Scales) -> dict[str, Vector]:
+    """What differences are over: the largest size of a component in any of the motions, at least its scale."""
+    found: dict[str, Vector] = {}
+    for motion in motions.values():
+        for name, values in motion.items():
+            least = np.maximum(np.max(np.abs(values), axis=0), np.asarray(getattr(scales, name)))
+            found[name] = np.maximum(found.get(name, least), least)
+    return found
+
+
+def _flat(motion: Motion, sizes: Mapping[str, Vector]) -> Vector:
+    """Every component over its size, in one vector."""
+    return np.concatenate([(values / sizes[name]).ravel() for name, values in motion.items()])
