@@ -81,7 +81,8 @@ def multipliers(e: Equations) -> Vector:
     if not e.rows.shape[0]:
         return np.zeros(0)
     schur = e.rows @ np.linalg.solve(e.mass, e.rows.T)
-    return np.linalg.solve(schur, e.rows @ np.linalg.solve(e.mass, e.force) + e.curvature)
+    right = e.rows @ np.linalg.solve(e.mass, e.force) + e.curvature
+    return np.asarray(np.linalg.solve(schur, right), dtype=np.float64)
 
 
 def make_scene(

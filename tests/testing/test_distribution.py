@@ -68,4 +68,4 @@ def test_files_that_are_named_are_run_beside_the_checks(installed, tmp_path):
     for named, collected in (((), 0), (("test_own.py",), 1)):
         found = in_one_line(installed, tmp_path, *named, "--collect-only", "-k", "own or name")
         assert found.stdout.count("test_own.py::test_own") == collected
-        assert found.stdout.count("conformance.py::test_solver[name]") == 1
+        assert found.stdout.count("::test_solver[name]") == 1
