@@ -412,6 +412,7 @@ class Oscillator(System):
 
     stiffness: Any = parameter(STIFFNESS, doc="[1/s^2]")
     damping: Any = parameter(DAMPING, doc="[1/s]")
+    drive: Any = parameter(DRIVE, doc="[m/s^2]")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
         """Full."""
@@ -419,7 +420,7 @@ class Oscillator(System):
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """Springs, dampers and the drive."""
-        drive = DRIVE * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
+        drive = self.drive * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
         return INERTIA @ (drive - self.stiffness * q - self.damping * v)
 
     def energy(self, t: Any, q: Any, v: Any) -> Any:
@@ -428,17 +429,20 @@ class Oscillator(System):
 
     def power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
         """Of dampers and drive."""
-        drive = DRIVE * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
+        drive = self.drive * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
         return v @ (INERTIA @ (drive - self.damping * v))
 
 
-def oscillator() -> Scene:
-    """Every coordinate for itself: x'' + d x' + k x = A cos(w t), from x = 1 at rest."""
-    gain = DRIVE * SHARES / ((STIFFNESS - FREQUENCY**2) ** 2 + (DAMPING * FREQUENCY) ** 2)
-    in_phase, behind = gain * (STIFFNESS - FREQUENCY**2), gain * DAMPING * FREQUENCY
-    decay, own = DAMPING / 2, np.sqrt(STIFFNESS - DAMPING**2 / 4)
-    cosine = 1.0 - in_phase
-    sine = (decay * cosine - behind * FREQUENCY) / own
+def oscillator(
+    name: str = "unconstrained", stiffness: float = STIFFNESS, damping: float = DAMPING, free: float = 1.0
+) -> Scene:
+    """Every coordinate for itself: x'' + d x' + k x = A cos(w t), from x = 1 at rest; without ``free`` the forced motion."""
+    amplitude = DRIVE * stiffness / STIFFNESS  # so that what is stiff moves as far
+    gain = amplitude * SHARES / ((stiffness - FREQUENCY**2) ** 2 + (damping * FREQUENCY) ** 2)
+    in_phase, behind = gain * (stiffness - FREQUENCY**2), gain * damping * FREQUENCY
+    decay, own = damping / 2, np.sqrt(stiffness - damping**2 / 4)
+    cosine = free * (1.0 - in_phase)
+    sine = free * (decay * cosine - behind * FREQUENCY) / own
 
     def motion(t: float) -> tuple[Vector, Vector]:
         c, s, e = np.cos(own * t), np.sin(own * t), np.exp(-decay * t)
@@ -448,13 +452,13 @@ def oscillator() -> Scene:
         return q, free + FREQUENCY * (behind * wc - in_phase * ws)
 
     def equations(t: float, q: Vector, v: Vector) -> Equations:
-        drive = DRIVE * np.cos(FREQUENCY * t) * SHARES
-        return Equations(INERTIA, INERTIA @ (drive - STIFFNESS * q - DAMPING * v), np.zeros((0, 2)), np.zeros(0))
+        drive = amplitude * np.cos(FREQUENCY * t) * SHARES
+        return Equations(INERTIA, INERTIA @ (drive - stiffness * q - damping * v), np.zeros((0, 2)), np.zeros(0))
 
     def levels(t: float, q: Vector, v: Vector) -> Levels:
         return Levels(np.zeros(0), np.zeros(0))
 
-    return make_scene("unconstrained", Oscillator(), motion, equations, levels)
+    return make_scene(name, Oscillator(stiffness=stiffness, damping=damping, drive=amplitude), motion, equations, levels)
 
 
 SCENES: dict[str, Callable[[], Scene]] = {

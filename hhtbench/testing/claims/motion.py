@@ -10,8 +10,8 @@ from scipy.integrate import simpson
 
 from hhtbench.protocol import declared
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import SCENES, Scene, multipliers
-from hhtbench.testing.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, size_of
+from hhtbench.testing.scenes import SCENES, Scene, multipliers, oscillator
+from hhtbench.testing.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
 
 EVERY = tuple(SCENES)
 CONSTRAINED = tuple(name for name in EVERY if name != "unconstrained")
@@ -19,6 +19,8 @@ ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
 FALLS = 0.8  # least order of a method that claims none
 TOLD = 0.2  # by how much a measured order may miss the claimed one
 RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
+STIFF, SLUGGISH = 1e10, 1e4  # stiffness [1/s^2] and damping [1/s] of the stiff scene, whose motion is slow
+FEW = 4000  # evaluations that an implicit method may take there; an explicit one takes a hundred times as many
 BETWEEN = 61  # rows of output between steps; odd, for Simpson's rule
 
 
@@ -139,6 +141,20 @@ def energy_is_balanced(subject: Subject, name: str) -> None:
     lost = abs(energy[-1] - energy[0] - work) / max(1.0, *np.abs(energy))
     bound = 10 * subject.bound(request, scene.problem)
     expect(lost <= bound, f"energy is off its balance by {lost:.1e} of its size; expected {bound:.1e} at most")
+
+
+@claim("stiff/implicit")
+def implicit_methods_take_long_steps(subject: Subject) -> None:
+    """A method that asks for Jacobians crosses a stiff but smooth motion with few evaluations."""
+    scene = oscillator("stiff", STIFF, SLUGGISH, free=0.0)
+    request = subject.ladder(scene.problem)[0]
+    plain = subject.solved(subject.scene("unconstrained"), **request)
+    if not plain.counters.jacobian_evaluations:
+        raise Declined(f"{subject.name} asks for no Jacobians")
+    solution = subject.succeeds(scene.problem, **request, max_evaluations=FEW)
+    known = np.array([scene.exact(float(t)).q for t in solution.t])
+    off = rms(solution.q - known)
+    expect(off <= subject.bound(request, scene.problem), f"the error is {off:.1e}")
 
 
 @claim("newton", *EVERY)
