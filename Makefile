@@ -4,6 +4,7 @@
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (12 minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
+# make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (ten minutes)
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
 # make clean    remove what these made
@@ -24,7 +25,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test validate picture loops clean
+.PHONY: bench bench-chain bench-engine test validate faults picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -53,6 +54,9 @@ bench-engine: $(STAMP)
 validate: $(STAMP)
 	@mkdir -p reports/latest
 	$(BIN)/hhtbench validate --all --jobs $(JOBS) --store reports/latest/validation.sqlite --out reports/published/solvability.md
+
+faults: $(STAMP)
+	$(BIN)/python -m tests.faults --jobs $(JOBS) --sound
 
 picture: bench
 	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \

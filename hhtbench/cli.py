@@ -43,7 +43,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
     ),
     "validate": (
         "validation.command",
-        "Solve PROBLEMS by 15 pairs of solver and form and by HHT; exit 1 where one disagrees with the reference.",
+        "Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.",
     ),
     "verify": ("commands.verify", "Measure the claims of the verification NAME."),
 }

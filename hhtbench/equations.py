@@ -226,7 +226,10 @@ class Hermite:
         return cls(t, CubicHermiteSpline(x, q[order], v[order]), CubicHermiteSpline(x, v[order], vdot[order]))
 
     def __call__(self, t: Any) -> DenseOutput:
-        """``q, v`` (n,) at one time, (k, n) at k times."""
+        """``q, v`` (n,) at one time, (k, n) at k times.  Times outside the steps are refused."""
+        low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
+        if not np.all((np.asarray(t) >= low) & (np.asarray(t) <= high)):
+            raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
         return DenseOutput(self.of_q(t), self.of_v(t))
 
 

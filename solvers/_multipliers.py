@@ -10,11 +10,11 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.lowering import Dynamics, route_of
-from solvers.forms.eliminated import kkt_made, kkt_of
+from solvers.forms.eliminated import kkt_of
 from solvers.forms.functions import products_of
 from solvers.hht.run.recover import recover_entries, row_memory
 
-FEW = 20  # rows below which machine code is not made for them
+FEW = 20  # rows: fewer go without machine code, made before or not, as the bits must not depend on earlier solves
 BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
 
 RecoverBlock = Callable[[Matrix, Any], None]  # (rows [t, q, v, lam, mu], done): fills rows, marks them and counts
@@ -36,9 +36,9 @@ def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Ma
 def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
     """The same by the entries of the KKT matrix; none where there is no machine code for them."""
     none = np.zeros(times.size, dtype=bool)
-    if route_of(dynamics) == "numpy":
+    if times.size < FEW or route_of(dynamics) == "numpy":
         return none
-    code = kkt_of(dynamics, products_of(dynamics)) if times.size >= FEW else kkt_made(dynamics)
+    code = kkt_of(dynamics, products_of(dynamics))
     if code is None:
         return none
     kkt, analysis = code

@@ -29,7 +29,7 @@ def rk4():
 
 def test_every_page_has_code_that_is_run():
     assert {file.name for file in DOCS.glob("*.md")} == {
-        *("write_a_solver.md", "write_a_problem.md", "campaigns.md"),
+        *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md"),
         "mechanisms.md",  # in tests/mechanics
     }
 
@@ -102,6 +102,14 @@ def test_both_levels_are_those_of_the_constraints():
     assert abs(position[0]) > 0.5
     assert abs(velocity[0]) > 0.5
     assert np.all(equations.constraints(0.0, np.array([0.0, 1.0]), np.array([3.0, 0.0]))[1] == 0.0)
+
+
+def test_the_checks_of_the_page_pass(capsys):
+    found = run_page("check_a_solver.md")["found"]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("position/")]
+    assert len(lines) > 5
+    assert not [line for line in lines if "failed" in line]
+    assert 0 < found.spread < 1e-2
 
 
 def test_the_mechanism_of_the_page_moves_as_its_equation_in_one_coordinate_says(capsys):

@@ -16,6 +16,7 @@ from hhtbench.result import Counters, Solution
 
 MOST_POINTS = 200  # of a curve: what a plot can show
 MOST_COMPONENTS = 12  # of the multipliers' curves
+MOST_STATES, MOST_NUMBERS = 11, 20_000  # rows of states, and numbers in them: for comparing runs two by two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
     t0, t1 = problem.t_span
     last = float(solution.t[-1])
     metrics: dict[str, Any] = {"t_end": last, "reached": (last - t0) / (t1 - t0) if t1 != t0 else 1.0, "rows": count}
-    series: dict[str, Any] = {"multipliers": _multipliers(solution)}
+    series: dict[str, Any] = {"multipliers": _multipliers(solution), "states": _states(solution)}
     notes = []
     for part in (_add_errors, _add_drift):
         try:
@@ -87,6 +88,14 @@ def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dic
     starts = np.arange(min(count, MOST_POINTS)) * count // min(count, MOST_POINTS)
     ends = np.append(starts[1:], count) - 1
     return {"t": t[ends], **{name: choose.reduceat(values, starts) for name, values in curves.items()}}
+
+
+def _states(solution: Solution) -> dict[str, Any]:
+    """Rows at equal distances, the last among them."""
+    count, width = solution.t.size, 2 * solution.q.shape[1]
+    most = max(1, min(count, MOST_STATES, MOST_NUMBERS // max(1, width)))
+    rows = np.unique(np.linspace(count - 1, 0, most).astype(int))
+    return {"t": solution.t[rows], "q": solution.q[rows], "v": solution.v[rows]}
 
 
 def _multipliers(solution: Solution) -> dict[str, Any]:

@@ -12,14 +12,15 @@ from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.command import terminal_progress
 from hhtbench.campaign.execute import Limits
 from hhtbench.campaign.machine import total_memory, usable_cores
-from hhtbench.evidence import Evidence
+from hhtbench.evidence import Evidence, Row
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem
 from hhtbench.specs import canonical
 from hhtbench.store import RunRow, Store
+from hhtbench.validation.agreement import Compared, agreement_rows, compare_rows, matrix_text
 from hhtbench.validation.plan import MAKERS, MAX_SECONDS, validation_campaign
 from hhtbench.validation.table import solvability
-from hhtbench.validation.verdict import evidence_rows, judge
+from hhtbench.validation.verdict import Verdict, evidence_rows, judge
 
 MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated in the problem's own page
@@ -47,7 +48,10 @@ def validate_command(
     jobs: int | None,
     max_seconds: float,
 ) -> None:
-    """Solve PROBLEMS by 15 pairs of solver and form and by HHT; exit 1 where one disagrees with the reference."""
+    """Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.
+
+    With the reference, where there is one, and with the others where there is none.
+    """
     if every == bool(problems):
         raise click.UsageError("name PROBLEMS, or give --all.")
     plan = registered_plans() if every else {}
@@ -55,13 +59,15 @@ def validate_command(
     reasons = {canonical(spec): reason for spec in specs if (reason := _reason(spec))}
     with tempfile.TemporaryDirectory() as folder:
         rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs or usable_cores(), max_seconds)
-    verdicts = judge(rows)
+    compared = [compare_rows(canonical(spec), load_problem(spec), rows) for spec in specs]
+    verdicts = judge(row for entry in compared for row in entry.rows)
     command = "hhtbench validate " + ("--all" if every else " ".join(f'"{spec}"' for spec in problems))
-    text = solvability(verdicts, command)
+    matrices = [] if every else [matrix_text(entry) for entry in compared]  # of the library they would fill a book
+    text = "\n".join([solvability(verdicts, command), *matrices])
     click.echo(text)
     if out is not None:
         out.write_text(text, encoding="utf-8")
-    evidence = Evidence(title="validation", rows=tuple(evidence_rows(verdicts, reasons, frozenset(map(canonical, MAKERS)))))
+    evidence = Evidence(title="validation", rows=tuple(_claims(compared, verdicts, reasons)))
     if json_file is not None:
         evidence.write_json(json_file)
     for row in evidence.rows:
@@ -76,6 +82,17 @@ def _run(specs: tuple[str, ...], file: Path, jobs: int, max_seconds: float) -> t
     with Store(file) as store:
         campaign = validation_campaign(specs, max_seconds)
         return run_campaign(campaign, store, limits=limits, timing=False, progress=terminal_progress()).rows
+
+
+def _claims(compared: list[Compared], verdicts: list[Verdict], reasons: dict[str, str]) -> list[Row]:
+    """About problems whose solution is known, and about those where solvers are all there is."""
+    alone = {entry.problem for entry in compared if not entry.known}
+    known = [verdict for verdict in verdicts if verdict.problem not in alone]
+    rows = evidence_rows(known, reasons, frozenset(map(canonical, MAKERS)))
+    for entry in compared:
+        if not entry.known:
+            rows += agreement_rows(entry, verdicts)
+    return rows
 
 
 def _reason(spec: str) -> str:

@@ -25,7 +25,12 @@ PAIRS = (
     "collocation(form=index1)",
 )
 MAKERS = ("collocation(form=ggl)", "collocation(form=index1)", "projected(method=DOP853)")  # of the references
-STEPPED = ("hht",)  # constant steps
+STEPPED = (
+    "hht",
+    "generalised_alpha",
+    "hht_i3",
+    "rattle",
+)  # constant steps; all but the first take position constraints only
 RTOL = (1e-8, 1e-10)  # the better of the two is judged; what neither reaches must at least converge from one to the other
 STEPS = (1_000, 3_000, 10_000, 50_000)
 MAX_SECONDS = 60.0  # of one solve [s]

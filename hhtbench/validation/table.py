@@ -6,9 +6,8 @@ from math import log10
 
 from tabulate import tabulate
 
-from hhtbench.specs import parse_spec
 from hhtbench.validation.plan import STEPS
-from hhtbench.validation.verdict import AGREEMENT, AGREEMENT_OF_STEPS, Kind, Verdict
+from hhtbench.validation.verdict import AGREEMENT, AGREEMENT_OF_STEPS, Kind, Verdict, short
 
 MOST_REASONS = 60  # distinct messages listed under the tables
 
@@ -26,13 +25,14 @@ def solvability(verdicts: list[Verdict], command: str) -> str:
             "# Who solves what",
             "",
             f"Made by `{command}`. The solvers and forms of the columns at relative tolerances 1e-8 and 1e-10",
-            f"(HHT: {_numbers(STEPS)} steps), against certified references or closed solutions; the tightest counts.",
+            f"(constant steps: {_numbers(STEPS)}), against certified references or closed solutions, or, where there is",
+            "neither, against the solver to which the others are nearest; the tightest counts.",
             "",
             "Collocation and projected made the references, so they do not count among those that agree.",
             "",
             "**Digits**: -log10 of the largest scaled error of q and v (or a hundredth of that of lam and mu) over time.",
-            "Plain: agrees to",
-            f"{AGREEMENT:g} ({AGREEMENT_OF_STEPS:g} for HHT). In parentheses: above that, but falling with the tolerance.",
+            f"Plain: agrees to {AGREEMENT:g} ({AGREEMENT_OF_STEPS:g} at constant steps).",
+            "In parentheses: above that, but falling with the tolerance.",
             "`(...)...`: one run above that, and the tighter ones ran out of time.",
             "`!`: disagrees. Words: the status in which every run ended; `-`: declined, with the reason below.",
             "",
@@ -48,13 +48,6 @@ def solvability(verdicts: list[Verdict], command: str) -> str:
             "",
         ]
     )
-
-
-def short(solver: str) -> str:
-    """A column's head: ``ida ggl``."""
-    spec = parse_spec(solver)
-    words = [str(value) for name, value in spec.arguments.items() if not (name == "form" and value == "ode")]
-    return " ".join([spec.name, *words])
 
 
 def _accuracy(verdict: Verdict | None) -> str:

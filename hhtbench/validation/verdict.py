@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hhtbench.evidence import Row
+from hhtbench.specs import parse_spec
 from hhtbench.store import RunRow
 from hhtbench.validation.plan import stepped
 
@@ -75,7 +76,7 @@ def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
         return _made(problem, solver, kind, None, row)
     if not known:
         return _made(problem, solver, Kind.unknown, None, solved[-1])
-    known.sort(key=lambda pair: _effort(pair[1]))
+    known.sort(key=lambda pair: effort(pair[1]))
     error, best = known[-1]  # the tightest
     bound = AGREEMENT_OF_STEPS if stepped(solver) else AGREEMENT
     if error <= max(bound, LIMIT * _bar(best)):
@@ -83,12 +84,19 @@ def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
     falling = len(known) > 1 and error <= CONVERGING * known[-2][0] and error <= NEAR
     if falling:
         return _made(problem, solver, Kind.converges, error, best)
-    cut = [row for row in rows if row.status in BUDGETS and _effort(row) > _effort(best)]
+    cut = [row for row in rows if row.status in BUDGETS and effort(row) > effort(best)]
     alone = cut and len(known) == 1 and error <= NEAR  # nothing tells whether it would fall
     return _made(problem, solver, Kind.unfinished if alone else Kind.disagrees, error, best)
 
 
-def _effort(row: RunRow) -> float:
+def short(solver: str) -> str:
+    """A column's head: ``ida ggl``."""
+    spec = parse_spec(solver)
+    words = [str(value) for name, value in spec.arguments.items() if not (name == "form" and value == "ode")]
+    return " ".join([spec.name, *words])
+
+
+def effort(row: RunRow) -> float:
     """Grows with the tightness of what was asked."""
     asked = row.request
     return float(asked["steps"]) if asked["steps"] is not None else -float(asked["rtol"] or 0.0)
@@ -133,7 +141,7 @@ def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: froz
         rows.append(
             Row(id=f"{problem}/pairs", claim=claim, measured=measured, bound=str(ENOUGH), passed=not few or bool(reason))
         )
-        steps = [verdict for verdict in own if stepped(verdict.solver)]
+        steps = [verdict for verdict in own if verdict.solver == "hht"]
         good = any(verdict.kind is Kind.agrees for verdict in steps)
         shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.status for v in steps)
         claim = f"{problem}: HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}"

@@ -119,11 +119,6 @@ def kkt_of(dynamics: Dynamics, products: MatrixFree | None) -> KKT | None:
     return found[0] if found else None
 
 
-def kkt_made(dynamics: Dynamics) -> KKT | None:
-    """The same where it is there already."""
-    return (_known.kept(ById(dynamics)) or [None])[0]
-
-
 def _kkt_of(dynamics: Dynamics) -> list[KKT]:
     try:
         code = kkt_code(dynamics)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhtbench.protocol import Problem
-from hhtbench.request import Request
+from hhtbench.request import Request, plan_steps
 from hhtbench.result import Solution
 from solvers._start import absolute_tolerances
 from solvers.hht.options import make_options
@@ -51,6 +51,16 @@ class HHTSolver:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
         return self.integrator(problem.system, **options).solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+
+    def stepper(self, problem: Problem, request: Request) -> HHT:
+        """The integrator at the start of ``problem``, to be stepped by hand, saved and resumed."""
+        made = self.integrator(problem.system, **{**self.options, **request.options})
+        t0, t1 = problem.t_span
+        step = plan_steps(request, t0, t1).length(0) if request.fixed else None
+        atol = None if request.fixed else absolute_tolerances(problem, request)
+        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+        made.init_step(t0, problem.q0, problem.v0, step=step, rtol=request.rtol, atol=atol, **guesses)
+        return made
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""

@@ -7,8 +7,8 @@ from hhtbench.cli import main
 from hhtbench.reference.plan import load_plan, registered_folder, validated_spec
 from hhtbench.registry import load_problem
 from hhtbench.store import RunRow
-from hhtbench.validation.table import short, solvability
-from hhtbench.validation.verdict import Kind, evidence_rows, judge
+from hhtbench.validation.table import solvability
+from hhtbench.validation.verdict import Kind, evidence_rows, judge, short
 
 
 def row(solver="ida(form='ggl')", error=1e-9, status="success", rtol=1e-8, digits=None, problem="p"):

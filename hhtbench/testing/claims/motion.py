@@ -1,0 +1,171 @@
+"""The motion itself: order, tolerance, both constraint levels, multipliers, energy, on every kind of equation."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.integrate import simpson
+
+from hhtbench.protocol import declared
+from hhtbench.testing.claims.registry import claim
+from hhtbench.testing.scenes import SCENES, Scene, multipliers, oscillator
+from hhtbench.testing.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
+
+EVERY = tuple(SCENES)
+CONSTRAINED = tuple(name for name in EVERY if name != "unconstrained")
+ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
+FALLS = 0.8  # least order of a method that claims none
+TOLD = 0.2  # by how much a measured order may miss the claimed one
+RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
+STIFF, SLUGGISH = 1e10, 1e4  # stiffness [1/s^2] and damping [1/s] of the stiff scene, whose motion is slow
+FEW = 4000  # evaluations that an implicit method may take there; an explicit one takes a hundred times as many
+BETWEEN = 61  # rows of output between steps; odd, for Simpson's rule
+
+
+@claim("rows", *EVERY)
+def reaches_the_end(subject: Subject, name: str) -> None:
+    """A success starts at the start, ends at the end, and has rows of numbers between them."""
+    scene = subject.scene(name)
+    for request in subject.ladder(scene.problem):
+        solution = subject.solved(scene, **request)
+        t0, t1 = scene.problem.t_span
+        expect(solution.t[0] == t0, f"the first row is at {solution.t[0]:.17g}, not at the start {t0:.17g}")
+        expect(solution.t[-1] == t1, f"the last row is at {solution.t[-1]:.17g}, not at the end {t1:.17g}")
+        expect(np.array_equal(solution.q[0], scene.problem.q0), "the first row is not q0")
+        m, p = (getattr(scene.exact(t0), which).size for which in ("lam", "mu"))
+        expect(solution.lam.shape[1:] == (m,) and solution.mu.shape[1:] == (p,), "lam or mu has the wrong width")
+
+
+@claim("order", *EVERY)
+def error_falls_with_the_step(subject: Subject, name: str) -> None:
+    """With prescribed steps the error over the mesh falls with the order claimed (at least to the power 0.8)."""
+    scene = subject.scene(name)
+    reason = subject.takes(scene.problem, steps=STEPS[0])
+    if reason is not None:
+        raise Declined(reason)
+    wanted = FALLS if subject.claims.order is None else subject.claims.order - TOLD
+    for component, order, error in observed_orders(subject, scene):
+        text = f"the error of {component} falls to the power {order:.2f} of the step to {error:.1e}; expected {wanted:.2f}"
+        expect(order >= wanted or error < ROUNDOFF, text)
+
+
+def observed_orders(subject: Subject, scene: Scene) -> list[tuple[str, float, float]]:
+    """(component, order between the two finest of ``STEPS``, error with the finest)."""
+    coarse, fine = (errors(scene, subject.solved(scene, steps=steps)) for steps in STEPS[-2:])
+    ratio = math.log(STEPS[-1] / STEPS[-2])
+    return [(which, math.log(max(coarse[which], 1e-300) / max(fine[which], 1e-300)) / ratio, fine[which]) for which in fine]
+
+
+@claim("tolerance", *EVERY)
+def error_follows_the_tolerance(subject: Subject, name: str) -> None:
+    """Under error control the error over the mesh stays below the tolerance times what is claimed, and falls with it."""
+    scene = subject.scene(name)
+    ladder = subject.ladder(scene.problem)
+    if "rtol" not in ladder[0]:
+        raise Declined(f"{subject.name} has no error control")
+    found = [errors(scene, subject.solved(scene, **request)) for request in ladder]
+    for request, error in zip(ladder, found, strict=True):
+        for which in ("q", "v"):
+            text = f"the error of {which} at rtol={request['rtol']:g} is {error[which]:.1e}"
+            bound = subject.bound(request, scene.problem)
+            expect(error[which] <= bound, f"{text}; expected {bound:.1e} at most")
+    first, last = (max(error["q"], error["v"]) for error in (found[0], found[-1]))
+    expect(last <= max(first / 5, ROUNDOFF), f"a hundred times tighter, the error goes from {first:.1e} to {last:.1e} only")
+
+
+@claim("levels", *CONSTRAINED)
+def constraints_hold(subject: Subject, name: str) -> None:
+    """Position and velocity constraints hold at every internal step, to the error of the run or to what is claimed."""
+    scene = subject.scene(name)
+    for request in subject.ladder(scene.problem)[1:]:
+        bound = subject.claims.drift or 10 * subject.bound(request, scene.problem)
+        _expect_levels(scene, subject.solved(scene, **request), bound, "a step")
+
+
+@claim("levels_between", *CONSTRAINED)
+def constraints_hold_between(subject: Subject, name: str) -> None:
+    """Position and velocity constraints hold at rows between the steps too."""
+    scene = subject.scene(name)
+    request = subject.ladder(scene.problem)[1]
+    bound = subject.claims.drift or 10 * subject.bound(request, scene.problem)
+    times = np.linspace(*scene.problem.t_span, BETWEEN)
+    _expect_levels(scene, subject.solved(scene, **at(request, times)), bound, "a row of t_eval")
+
+
+def _expect_levels(scene: Scene, solution: Any, bound: float, where: str) -> None:
+    for t, q, v in zip(solution.t, solution.q, solution.v, strict=True):
+        found = scene.levels(float(t), q, v)
+        for level, misfit in zip(("position", "velocity"), found, strict=True):
+            worst = float(np.max(np.abs(misfit), initial=0.0))
+            text = f"the {level} constraints are off by {worst:.1e} at {where}, t = {t:.6g}; expected {bound:.1e} at most"
+            expect(worst <= bound, text)
+
+
+@claim("multipliers", *CONSTRAINED)
+def multipliers_are_those_of_the_acceleration_level(subject: Subject, name: str) -> None:
+    """The multipliers of every row are those with which the constraints hold at the acceleration level of that row."""
+    scene = subject.scene(name)
+    solution = subject.solved(scene, **subject.fine(scene.problem))
+    held = zip(solution.t, solution.q, solution.v, strict=True)
+    known = np.array([multipliers(scene.equations(float(t), q, v)) for t, q, v in held])
+    given = np.hstack([solution.lam, solution.mu])
+    worst = float(np.max(np.abs(given - known))) / size_of(known)
+    expect(worst <= RECOVERED, f"lam and mu are off the acceleration level by {worst:.1e} of their size")
+
+
+@claim("multiplier_error", *CONSTRAINED)
+def multipliers_are_right(subject: Subject, name: str) -> None:
+    """The multipliers of every row, and those the solver itself carries, are near the closed solution's."""
+    scene = subject.scene(name)
+    request = subject.fine(scene.problem)
+    solution = subject.solved(scene, **request)
+    bound = 10 * subject.bound(request, scene.problem)
+    for which, error in errors(scene, solution).items():
+        expect(error <= bound, f"the error of {which} is {error:.1e}; expected {bound:.1e} at most")
+
+
+@claim("energy", *ENERGETIC)
+def energy_is_balanced(subject: Subject, name: str) -> None:
+    """Energy changes by the work of what is declared to feed it, to the error of the run."""
+    scene = subject.scene(name)
+    request = subject.fine(scene.problem)
+    solution = subject.solved(scene, **at(request, np.linspace(*scene.problem.t_span, BETWEEN)))
+    system = scene.problem.system
+    energy = [float(declared(system, "energy")(*row)) for row in zip(solution.t, solution.q, solution.v, strict=True)]
+    power, work = declared(system, "power"), 0.0
+    if power is not None:
+        rows = zip(solution.t, solution.q, solution.v, solution.lam, solution.mu, strict=True)
+        work = float(simpson([float(power(*row)) for row in rows], x=solution.t))
+    lost = abs(energy[-1] - energy[0] - work) / max(1.0, *np.abs(energy))
+    bound = 10 * subject.bound(request, scene.problem)
+    expect(lost <= bound, f"energy is off its balance by {lost:.1e} of its size; expected {bound:.1e} at most")
+
+
+@claim("stiff/implicit")
+def implicit_methods_take_long_steps(subject: Subject) -> None:
+    """A method that asks for Jacobians crosses a stiff but smooth motion with few evaluations."""
+    scene = oscillator("stiff", STIFF, SLUGGISH, free=0.0)
+    request = subject.ladder(scene.problem)[0]
+    plain = subject.solved(subject.scene("unconstrained"), **request)
+    if not plain.counters.jacobian_evaluations:
+        raise Declined(f"{subject.name} asks for no Jacobians")
+    solution = subject.succeeds(scene.problem, **request, max_evaluations=FEW)
+    known = np.array([scene.exact(float(t)).q for t in solution.t])
+    off = rms(solution.q - known)
+    expect(off <= subject.bound(request, scene.problem), f"the error is {off:.1e}")
+
+
+@claim("newton", *EVERY)
+def newton_is_quick(subject: Subject, name: str) -> None:
+    """Where Newton's iterations are counted, a step of a smooth motion takes few and none fails."""
+    scene = subject.scene(name)
+    counters = subject.solved(scene, **subject.fine(scene.problem)).counters
+    if counters.newton_iterations is None or not counters.steps_accepted:
+        raise Declined(f"{subject.name} does not report Newton's iterations")
+    steps = counters.steps_accepted + (counters.steps_rejected_error or 0)
+    each = counters.newton_iterations / steps
+    most = subject.claims.iterations
+    expect(each <= most, f"{each:.1f} iterations of Newton's a step, on a smooth motion; expected {most:g} at most")
+    expect(not counters.steps_rejected_newton, f"{counters.steps_rejected_newton} steps failed by Newton's iteration")

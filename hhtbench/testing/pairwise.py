@@ -1,0 +1,175 @@
+"""Do solvers agree?  Every pair of them on one problem, whether or not its solution is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from tabulate import tabulate
+
+from hhtbench.api import solve
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem, Scales, Solver
+from hhtbench.registry import load_problem, load_solver
+from hhtbench.request import Request
+from hhtbench.result import Solution
+
+LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
+ROWS = 11  # output times, equal distances
+FACTOR = 100.0  # of the tolerance: how far two good solvers may be apart after a whole run
+FIRST_STEPS, MOST_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
+Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far the solvers are apart, two by two."""
+
+    names: tuple[str, ...]  #: of those that reached the end
+    matrix: Matrix  #: (k, k) largest scaled difference over all rows; 0 on the diagonal
+    left_out: Mapping[str, str]  #: solver -> status and message
+
+    @property
+    def spread(self) -> float:
+        """The largest difference of two: an estimate of the error of the worst of them."""
+        return float(np.max(self.matrix, initial=0.0))
+
+    def nearest(self, index: int) -> float:
+        """Of solver ``index`` to any other; infinite where there is none."""
+        others = np.delete(self.matrix[index], index)
+        return float(np.min(others)) if others.size else np.inf
+
+    def middle(self) -> int:
+        """The solver to which the others are nearest in the median."""
+        apart = self.matrix + np.diag(np.full(len(self.names), np.nan))
+        return int(np.argmin(np.nanmedian(apart, axis=1))) if len(self.names) > 1 else 0
+
+    def table(self, style: str = "simple") -> str:
+        """The matrix as text, with the numbers of the solvers as heads."""
+        count = range(len(self.names))
+        rows = [[f"{i + 1} {self.names[i]}", *(f"{self.matrix[i, j]:.0e}" if i != j else "" for j in count)] for i in count]
+        heads = ["largest difference", *(str(i + 1) for i in count)]
+        return tabulate(rows, headers=heads, tablefmt=style, disable_numparse=True)
+
+
+def agreement_of(motions: Mapping[str, Motion], scales: Scales, left_out: Mapping[str, str] | None = None) -> Agreement:
+    """The matrix of motions that are given at the same times."""
+    names = tuple(motions)
+    sizes = _sizes(motions, scales)
+    scaled = [_flat(motions[name], sizes) for name in names]
+    matrix = np.array([[float(np.max(np.abs(a - b), initial=0.0)) for b in scaled] for a in scaled])
+    return Agreement(names, matrix.reshape(len(names), len(names)), dict(left_out or {}))
+
+
+def agreement(
+    problem: Problem | str,
+    solvers: Sequence[Solver | str],
+    rtol: float = 1e-6,
+    levels: Sequence[str] = ("position", "velocity"),
+    max_seconds: float | None = None,
+) -> Agreement:
+    """Solve ``problem`` by every one of ``solvers`` and compare; what fails is left out with its reason.
+
+    Solvers of prescribed steps take 200 and twice as many, again and again, until the motion changes by less than ``rtol``.
+    ``max_seconds`` bounds each solve [s].
+    """
+    unknown = sorted(set(levels) - set(LEVELS))
+    if unknown or not levels:
+        raise ProblemError(f"levels must be some of {', '.join(LEVELS)}; got {', '.join(map(str, levels)) or 'none'}.")
+    loaded = load_problem(problem)
+    times = np.linspace(*loaded.t_span, ROWS)
+    names = [name for level in levels for name in LEVELS[level]]
+    motions: dict[str, Motion] = {}
+    left_out: dict[str, str] = {}
+    for entry in solvers:
+        solver = load_solver(entry)
+        label = entry if isinstance(entry, str) else solver.name
+        solution = _solved(loaded, solver, rtol, times, max_seconds)
+        if solution.success and solution.t.size == times.size:
+            motions[label] = {name: getattr(solution, name) for name in names}
+        else:
+            left_out[label] = f"{solution.status.label}: {solution.message}"
+    return agreement_of(motions, loaded.scales, left_out)
+
+
+def assert_solvers_agree(
+    problem: Problem | str,
+    solvers: Sequence[Solver | str],
+    rtol: float = 1e-6,
+    levels: Sequence[str] = ("position", "velocity"),
+    factor: float = FACTOR,
+) -> Agreement:
+    """All of ``solvers`` reach the end of ``problem`` and agree two by two to ``factor * rtol``.
+
+    Parameters
+    ----------
+    problem
+        A Problem or a spec; no reference is needed.
+    solvers
+        Two or more solvers or specs.
+    rtol
+        Asked of each; those of prescribed steps refine theirs until the motion changes by less.
+    levels
+        Some of "position" (q), "velocity" (v) and "acceleration" (lam and mu).  Differences are over the
+        largest size in the motion, at least ``problem.scales``.
+    factor
+        How far two motions may be apart, over ``rtol``.
+
+    Raises
+    ------
+    AssertionError
+        Two differ by more, or one does not reach the end; the text holds the whole matrix.
+    """
+    if len(solvers) < 2:
+        raise ProblemError("solvers must name two or more; one agrees with itself.")
+    found = agreement(problem, solvers, rtol, levels)
+    faults = [f"{name} ends with {reason}" for name, reason in found.left_out.items()]
+    for i, one in enumerate(found.names):
+        for j in range(i):
+            if found.matrix[i, j] > factor * rtol:
+                faults.append(f"{one} and {found.names[j]} differ by {found.matrix[i, j]:.1e}; expected {factor * rtol:.1e}")
+    if faults:
+        raise AssertionError("\n".join([*faults, found.table()]))
+    return found
+
+
+def _solved(problem: Problem, solver: Solver, rtol: float, times: Vector, max_seconds: float | None) -> Solution:
+    """With the tolerance, or with as many steps as it takes."""
+    shared: dict[str, Any] = {"t_eval": times, "max_seconds": max_seconds}
+    if solver.accepts(problem, Request(rtol=rtol, **shared)) is None or _no_steps(problem, solver):
+        return solve(problem, solver, rtol=rtol, **shared)
+    steps, before = FIRST_STEPS, None
+    while True:
+        found = solve(problem, solver, steps=steps, **shared)
+        if not found.success or steps >= MOST_STEPS:
+            return found
+        if before is not None and np.max(np.abs(_state(found, problem.scales) - _state(before, problem.scales))) <= rtol:
+            return found
+        steps, before = 2 * steps, found
+
+
+def _no_steps(problem: Problem, solver: Solver) -> bool:
+    return solver.accepts(problem, Request(steps=FIRST_STEPS)) is not None
+
+
+def _state(solution: Solution, scales: Scales) -> Vector:
+    motion = {"q": solution.q, "v": solution.v}
+    return _flat(motion, _sizes({"": motion}, scales))
+
+
+def _sizes(motions: Mapping[str, Motion], scales: Scales) -> dict[str, Vector]:
+    """What differences are over: the largest size of a component in any of the motions, at least its scale."""
+    found: dict[str, Vector] = {}
+    for motion in motions.values():
+        for name, values in motion.items():
+            least = np.maximum(np.max(np.abs(values), axis=0), np.asarray(getattr(scales, name)))
+            found[name] = np.maximum(found.get(name, least), least)
+    return found
+
+
+def _flat(motion: Motion, sizes: Mapping[str, Vector]) -> Vector:
+    """Every component over its size, in one vector."""
+    return np.concatenate([(values / sizes[name]).ravel() for name, values in motion.items()])

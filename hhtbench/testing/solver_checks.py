@@ -1,0 +1,60 @@
+"""``check_solver``: every claim about one solver, as named checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+
+from hhtbench.protocol import Solver
+from hhtbench.testing.check import Check, check_expected
+from hhtbench.testing.claims import conduct, failures, frames, motion
+from hhtbench.testing.claims.registry import claims_of
+from hhtbench.testing.subject import ACCURACY, ITERATIONS, Claims, Subject
+
+CLAIMS = tuple(claim for module in (motion, frames, conduct, failures) for claim in claims_of(module))
+
+
+def check_names() -> list[str]:
+    """Of all checks of a solver, in their order."""
+    return [name for claim in CLAIMS for name, _ in claim.named()]
+
+
+def check_solver(
+    solver: Solver | str,
+    expected_failed: Mapping[str, str] | None = None,
+    *,
+    order: float | None = None,
+    drift: float | None = None,
+    accuracy: float = ACCURACY,
+    iterations: float = ITERATIONS,
+) -> Iterator[Check]:
+    """Every check of ``solver``; none runs before it is called.
+
+    Parameters
+    ----------
+    solver
+        A solver, or a spec: ``"acme_rk4"``, ``"my_solver.py:solver(stages=3)"``.
+    expected_failed
+        Name of a check -> the reason why it is known to fail.  Such a check fails where it passes.
+    order
+        Of the error with prescribed steps, for all of q, v, lam and mu; None: nothing is claimed.
+    drift
+        Most violation of both constraint levels at any step and row; None: what the error of the run allows.
+    accuracy
+        Largest error of a run, relative to the size of q or v, over the tolerance it was asked for.
+    iterations
+        Most iterations of Newton's a step on a smooth motion, where the solver counts them.
+
+    Raises
+    ------
+    ValueError
+        ``expected_failed`` names no check, or gives no reason.
+    """
+    names = check_names()
+    expected = check_expected(expected_failed, names)
+    subject = Subject(solver, Claims(order=order, drift=drift, accuracy=accuracy, iterations=iterations))
+    return (
+        Check(name, claim.sentence, partial(measure, subject), expected.get(name, ""))
+        for claim in CLAIMS
+        for name, measure in claim.named()
+    )

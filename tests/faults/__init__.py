@@ -1,0 +1,1 @@
+"""Faults planted into copies of the sources: do the checks of ``hhtbench.testing`` find them?"""

@@ -1,0 +1,23 @@
+"""What solvers of the bench claim beyond the protocol, and what is known of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+EXPLICIT = {"stiff/implicit": "its Jacobians are those of the constraints; in the forces it is explicit"}
+CLAIMS: dict[str, dict[str, Any]] = {
+    "hht": {"order": 2.0, "drift": 1e-10, "accuracy": 10.0, "iterations": 4.0},
+    "rattle": {"order": 2.0, "drift": 1e-10, "iterations": 4.0, "expected_failed": EXPLICIT},
+    "generalised_alpha": {"order": 2.0, "drift": 1e-10, "iterations": 4.0},
+    "projected": {"drift": 1e-10, "accuracy": 10.0},
+    "ida": {},
+    "cvode": {},
+    "scipy(method=DOP853)": {"accuracy": 10.0},
+    "scipy(method=Radau)": {"accuracy": 10.0},
+    "diffrax": {"accuracy": 30.0},
+}
+
+
+def claims_of(spec: str) -> dict[str, Any]:
+    """Of the spec, or of the solver of that name whatever its options."""
+    return CLAIMS.get(spec, CLAIMS.get(spec.partition("(")[0], {}))

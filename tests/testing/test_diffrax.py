@@ -1,0 +1,13 @@
+"""diffrax, held to all checks: in a file of its own since XLA compiles for each scene."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.testing.test_solvers import parameters
+
+
+@pytest.mark.parametrize("check", parameters("diffrax"))
+def test_diffrax(check):
+    verdict = check.run()
+    assert verdict.kind.good, verdict.message
