@@ -19,7 +19,7 @@ from hhtbench.result import Counters, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
 from solvers._dense import OnConstraints, Pieces
-from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
+from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt
 from solvers._multipliers import recovered
@@ -90,7 +90,9 @@ class Run:
         self.y: Any = None  #: (size,) at t
         self.steps = 0
         self.note = ""  #: what is said of a run beside how it ended
-        self.recover_many: RecoverMany = None  #: of a solver that finds many rows' multipliers at once
+        self.recover_many: Callable[..., Any] = partial(
+            recovered, self
+        )  #: of many rows at once, see :func:`~solvers._multipliers.recovered`
         self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
@@ -117,7 +119,7 @@ class Run:
             put = OneByOne(counted(self.dynamics, Work())).put_all
             projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
             more = {"interpolant": self.pieces, "projection": projection}
-        recover_many = self.recover_many or partial(recovered, self.dynamics, self.work)
+        recover_many = partial(self.recover_many, *rows.motion, own.lam, own.mu)
         return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
 
     def left_over(self, end: Failure) -> Solution:

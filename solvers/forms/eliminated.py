@@ -12,20 +12,17 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import AccelerationLevel, Dynamics, Native, NotNative, Structure
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering import AccelerationLevel, Dynamics
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
-from solvers.hht.linear.analysis import Analysis
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import view
-from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
+from solvers.hht.run.kkt import Entries, kkt_of
+from solvers.hht.step.acceleration import recover
 
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
-_known = Cache(16)  # ordering a matrix takes a millisecond and more
 
-KKT = tuple[Native, Analysis]
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
 
 
@@ -36,7 +33,7 @@ class Eliminated:
         """``products``: the same without full matrices, where there is such."""
         self.n, code = dynamics.structure.n, kkt_of(dynamics, products)
         self.native = code is not None  #: whether no code of XLA is called
-        self.solve = _in_python(dynamics) if code is None else _in_loops(*code, dynamics.structure)
+        self.solve = _in_python(dynamics) if code is None else _in_loops(code, dynamics)
 
     def rhs(self, t: float, y: Vector) -> Vector:
         """y' (2n,)."""
@@ -110,35 +107,13 @@ class _Places(NamedTuple):
     starts: Indices  #: (N + 1,) of its columns
 
 
-def kkt_of(dynamics: Dynamics, products: MatrixFree | None) -> KKT | None:
-    """Code for the entries of the KKT matrix, by the ``products`` where there are such; remembered.
-
-    None where there is no machine code for them, or Python would factorise their matrix.
-    """
-    found: list[KKT] = _known.find(ById(dynamics), lambda: _kkt_of(dynamics if products is None else products))
-    return found[0] if found else None
-
-
-def kkt_made(dynamics: Dynamics) -> KKT | None:
-    """The same where it is there already."""
-    return (_known.kept(ById(dynamics)) or [None])[0]
-
-
-def _kkt_of(dynamics: Dynamics) -> list[KKT]:
-    try:
-        code = kkt_code(dynamics)
-    except (NotNative, NotImplementedError):  # the second: a primitive whose sparsity asdex does not know
-        return []
-    return [] if code[1].kind == "sparse" else [code]
-
-
-def _in_loops(kkt: Native, analysis: Analysis, s: Structure) -> Solve:
+def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
     """(F9) solved by compiled loops."""
-    local = _Loops(kkt, analysis, s)
+    local, n = _Loops(entries, dynamics), dynamics.structure.n
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:
         row = local.row
-        row[0], row[1 : 1 + s.n], row[1 + s.n : 1 + 2 * s.n] = t, q, v
+        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n] = t, q, v
         local.done[0] = False
         local.call()
         return local.x.copy() if local.done[0] else np.full(local.x.size, np.nan)
@@ -149,12 +124,13 @@ def _in_loops(kkt: Native, analysis: Analysis, s: Structure) -> Solve:
 class _Loops(threading.local):
     """Memory of each thread."""
 
-    def __init__(self, kkt: Native, analysis: Analysis, s: Structure) -> None:
-        self.z = row_memory(kkt, analysis, s)
-        self.x = view(self.z, mem.X)
-        rows, self.done = np.zeros((1, 1 + 2 * s.n + s.m + s.p)), np.zeros(1, dtype=bool)
+    def __init__(self, entries: Entries, dynamics: Dynamics) -> None:
+        z = entries.memory(dynamics)
+        z.i[mem.LINEAR] = True
+        self.x = view(z, mem.X)
+        rows, self.done = np.zeros((1, 1 + dynamics.structure.n + self.x.size)), np.zeros(1, dtype=bool)
         self.row = rows[0]
-        self.call = recover_entries.following(self.z, True, rows, self.done)
+        self.call = recover.following(z, rows, self.done)
 
 
 def _in_python(dynamics: Dynamics) -> Solve:

@@ -13,7 +13,7 @@ SOURCES = (
     *(HERE / "linear" / f"{name}.py" for name in ("band", "matrix")),
     *(HERE / "step" / f"{name}.py" for name in ("stopping", "newton", "acceleration", "entries", "projection", "attempt")),
     *(HERE / "control" / f"{name}.py" for name in ("estimate", "controller", "first_step")),
-    *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/recover")),
+    *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/interpolate")),
     Path(formulas.__file__),
 )
 called = entries(HERE / "compiled", *SOURCES)  #: what Python calls
