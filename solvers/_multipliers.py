@@ -11,7 +11,6 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.lowering import route_of
 from solvers._start import Solving
-from solvers.forms.functions import products_of
 from solvers.hht.run.kkt import kkt_made, kkt_of
 from solvers.hht.run.rows import FEW, in_blocks
 from solvers.hht.step.acceleration import recover
@@ -36,7 +35,7 @@ def recovered(run: Solving, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu
     dynamics, none = run.dynamics, np.zeros(times.size, dtype=bool)
     if route_of(dynamics) == "numpy":
         return none
-    entries = kkt_of(dynamics, products_of(dynamics)) if times.size >= FEW else kkt_made(dynamics)
+    entries = kkt_of(dynamics) if times.size >= FEW else kkt_made(dynamics)
     if entries is None:
         return none
     return many_recovered(recover.following(entries.memory(dynamics)), run.work, times, q, v, lam, mu)

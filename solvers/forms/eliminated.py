@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
@@ -21,6 +22,7 @@ from solvers.hht.loops.memory import view
 from solvers.hht.run.kkt import Entries, kkt_of
 from solvers.hht.step.acceleration import recover
 
+FILLED = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy'/dy faster than SuperLU
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
 
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
@@ -29,9 +31,8 @@ Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu],
 class Eliminated:
     """y' of y = [q; v], not finite where (F9) is singular."""
 
-    def __init__(self, dynamics: Dynamics, products: MatrixFree | None) -> None:
-        """``products``: the same without full matrices, where there is such."""
-        self.n, code = dynamics.structure.n, kkt_of(dynamics, products)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.n, code = dynamics.structure.n, kkt_of(dynamics)
         self.native = code is not None  #: whether no code of XLA is called
         self.solve = _in_python(dynamics) if code is None else _in_loops(code, dynamics)
 
@@ -76,8 +77,9 @@ class Differentiated:
         rows, columns = found.pattern.rows, found.pattern.columns
         order = np.lexsort((rows, columns))  # column by column, those of y first
         right, matrix = np.split(order, [np.searchsorted(columns[order], 2 * self._n)])
-        starts = np.searchsorted(columns[matrix], 2 * self._n + np.arange(self._size + 1)).astype(np.int32)
-        return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], starts)
+        of_matrix = columns[matrix] - 2 * self._n
+        starts = np.searchsorted(of_matrix, np.arange(self._size + 1)).astype(np.int32)
+        return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], of_matrix, starts)
 
     def _solved(self, places: _Places, entries: Vector) -> Matrix:
         """The derivative of [v'; lam; mu] by y, (N, 2n)."""
@@ -85,6 +87,11 @@ class Differentiated:
         right[places.where] = -entries[places.right]
         if not np.isfinite(entries).all():
             return np.full_like(right, np.nan)
+        if self._size <= FILLED:
+            full = np.zeros((self._size, self._size), order="F")
+            full[places.rows, places.columns] = entries[places.matrix]
+            *_, solution, info = dgesv(full, right, overwrite_a=True, overwrite_b=True)
+            return np.asarray(solution) if info == 0 else np.full_like(right, np.nan)
         compressed = entries[places.matrix], places.rows, places.starts
         matrix: Any = sp.csc_array(compressed, shape=(self._size, self._size))
         try:
@@ -104,7 +111,8 @@ class _Places(NamedTuple):
     where: tuple[Indices, Indices]  #: ... and their rows and columns
     matrix: Indices  #: the others, which are the KKT matrix, column by column
     rows: Indices  #: of these
-    starts: Indices  #: (N + 1,) of its columns
+    columns: Indices  #: likewise
+    starts: Indices  #: (N + 1,) where the columns begin
 
 
 def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:

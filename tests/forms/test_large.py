@@ -15,7 +15,7 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.protocol import Problem, System
 from hhtbench.result import Status
 from solvers import _xla_call
-from solvers.forms import eliminated, form, functions, make_form
+from solvers.forms import eliminated, form, make_form
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.hht.run import kkt
@@ -30,7 +30,7 @@ FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
 
 @pytest.fixture(autouse=True)
 def every_system_counts_as_large(monkeypatch):
-    monkeypatch.setattr(functions, "FULL", 0)
+    monkeypatch.setattr(kkt, "FULL", 0)
     monkeypatch.setattr(form, "_made", Cache(64))
 
 
@@ -124,7 +124,7 @@ def test_a_library_with_sparse_functions_goes_the_way_it_goes_with_full_ones(nam
         return hhtbench.solve(problem, solver, rtol=1e-6, max_num_steps=30)
 
     sparse = solved()
-    monkeypatch.setattr(functions, "FULL", 10**6)
+    monkeypatch.setattr(kkt, "FULL", 10**6)
     monkeypatch.setattr(form, "_made", Cache(64))
     full = solved()
     assert sparse.status is full.status

@@ -65,7 +65,7 @@ class Engine:
     @property
     def reusable(self) -> bool:
         """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
-        return self.runs_alone and not self.distrusts
+        return not (self.plain or self.distrusts)
 
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
@@ -250,7 +250,7 @@ class Engine:
         if not self.fallible:
             return ""
         without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
-        self.functions = functions_for(usable(without, self.place, self.work), self.method, self.linsolver)
+        self.functions = functions_for(usable(without, self.place), self.method, self.linsolver)
         self._loops, self.fallible, self.distrusts = None, False, True
         return ", ".join(self.declared)
 

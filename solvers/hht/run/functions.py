@@ -46,7 +46,6 @@ FULL = "its functions give full matrices (not a JAX system, a mass that varies o
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
 
-
 Pair = tuple[int, int]  # addresses of a function and of its parameters
 Code = Native | tuple[Callable[..., Any], int, tuple[Any, ...]]  # or a function in Python, the size of its result, shapes
 
@@ -293,7 +292,12 @@ def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | None:
 
 
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
-    """Those of a system, remembered for the same dynamics: machine code where that pays and is known how."""
+    """Those of a system, remembered for the same dynamics: machine code where that pays and is known how.
+
+    Of plain callables every engine has its own: what one has raised is noted with them.
+    """
+    if route_of(dynamics) == "numpy":
+        return _made(dynamics, method, linsolver)
     key = ById(dynamics), replace(method, start="f0"), linsolver
     return _known.find(key, lambda: _made(dynamics, method, linsolver))
 

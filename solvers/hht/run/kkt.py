@@ -5,12 +5,13 @@ Their linear systems are full, or where a system is large known by the entries o
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import Dynamics, Native, NotNative, native
+from hhtbench.lowering import Dynamics, Native, NotNative, native, route_of
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.compiling import too_large
@@ -24,6 +25,7 @@ from solvers.hht.linear.analysis import Analysis, address_of, chosen, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view
 
+FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
 LARGEST = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
 
@@ -51,7 +53,7 @@ class Places(NamedTuple):
 
 
 def places_of(dynamics: Dynamics) -> Places:
-    """Of full matrices, or by entries.
+    """By the way that is the fastest at its size.
 
     Raises
     ------
@@ -59,7 +61,21 @@ def places_of(dynamics: Dynamics) -> Places:
         The functions cannot be machine code.
     """
     if isinstance(dynamics, MatrixFree) or too_large(dynamics) is not None:
-        return _by_entries(dynamics)
+        return by_entries(dynamics)
+    if dynamics.structure.constrained and products_of(dynamics) is not None:
+        with suppress(NotNative):
+            return by_entries(dynamics)
+    return of_full_matrices(dynamics)
+
+
+def of_full_matrices(dynamics: Dynamics) -> Places:
+    """Solved by LAPACK.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code.
+    """
     s, codes = dynamics.structure, level_functions(dynamics)
     size = s.n + s.m + s.p
     z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
@@ -71,8 +87,15 @@ def places_of(dynamics: Dynamics) -> Places:
     return Places(z, mass.ravel(), codes)
 
 
-def _by_entries(dynamics: Dynamics) -> Places:
-    s, products = dynamics.structure, dynamics if isinstance(dynamics, MatrixFree) else matrix_free(dynamics)
+def by_entries(dynamics: Dynamics) -> Places:
+    """Solved by the entries of the KKT matrix, or without constraints.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code, or no smallest change solves such a system.
+    """
+    s, products = dynamics.structure, dynamics if isinstance(dynamics, MatrixFree) else products_of(dynamics)
     source, place = dynamics if products is None else products, ((), (s.n,), (s.n,))
     if not s.constrained:
         codes = {"force": native(force_and_inverse_mass, source, shapes=place)}
@@ -81,7 +104,7 @@ def _by_entries(dynamics: Dynamics) -> Places:
         return Places(z, np.zeros(0), codes)
     if declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
         raise NotNative("a declared reaction")
-    entries = kkt_of(dynamics, products)
+    entries = kkt_of(dynamics)
     if entries is None:
         raise NotNative("the entries of its KKT matrix are none of machine code")
     z, codes = entries.memory(dynamics), {"levels": native(levels, source, shapes=place)}
@@ -123,12 +146,23 @@ def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
-def kkt_of(dynamics: Dynamics, products: MatrixFree | None = None) -> Entries | None:
-    """Code for the entries of the KKT matrix, by the ``products`` where there are such; remembered.
+def larger(dynamics: Dynamics) -> bool:
+    """Whether full matrices are not the fastest any more."""
+    s = dynamics.structure
+    return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
+
+
+def products_of(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without full matrices where that pays, and is known how."""
+    return matrix_free(dynamics) if larger(dynamics) else None
+
+
+def kkt_of(dynamics: Dynamics) -> Entries | None:
+    """Code for the entries of the KKT matrix; remembered.
 
     None where there is no machine code for them, or Python would factorise their matrix.
     """
-    found: list[Entries] = _known.find(ById(dynamics), lambda: _kkt_of(dynamics if products is None else products))
+    found: list[Entries] = _known.find(ById(dynamics), lambda: _kkt_of(products_of(dynamics) or dynamics))
     return found[0] if found else None
 
 

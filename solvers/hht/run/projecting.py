@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import ById, Cache
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
-from solvers._start import counted
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
-from solvers.hht.run.kkt import Places, places_of
+from solvers.hht.run.kkt import Places, of_full_matrices, places_of
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -51,7 +49,7 @@ def projection_of(engine: Engine, steps: Any) -> OnConstraints:
 
 def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
     """:func:`put` without the counts and budgets of the run."""
-    return put(counted(dynamics, Work()), functions, t, q, v, sizes)
+    return put(dynamics, functions, t, q, v, sizes)
 
 
 def put(
@@ -98,7 +96,7 @@ def _memory(functions: Functions) -> Places | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        found = places_of(functions.dynamics)
+        found = (of_full_matrices if functions.level_codes() else places_of)(functions.dynamics)
     except NotNative:
         return None
     found.memory.i[mem.CALLS_PYTHON] = functions.callbacks is not None

@@ -130,7 +130,7 @@ def make_engine(
     ready: Engine | None = None,
 ) -> Engine:
     """The engine for runs that begin at ``place``, without a look at the start: ``ready`` if it was made for the same."""
-    dynamics = dynamics_for(system, place, work)
+    dynamics = dynamics_for(system, place)
     if ready is not None and ready.dynamics is dynamics:
         return ready.again(place, work)
     return Engine(dynamics, place, work, options, controlled=controlled)
