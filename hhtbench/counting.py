@@ -28,6 +28,7 @@ class Clock:
     late: float = 0.0  #: beyond the limit [s]
     kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
     passed_in: str = ""  #: what was being prepared when the time ended
+    work: Work | None = None  #: of the solve; it counts the callbacks of plain callables
 
     def left(self) -> float:
         """Seconds until the limit."""
@@ -57,11 +58,31 @@ class Clock:
 _clock: ContextVar[Clock | None] = ContextVar("clock", default=None)
 
 
-def check_clock(_: str = "") -> None:
-    """Raise :class:`BudgetSpent` when the time of the solve that runs here, if any, is used up."""
+def note_callback(name: str) -> None:
+    """Before a callback of a NumPy system: the solve that runs here counts those of the force, and may be out of time.
+
+    The system's dynamics serve many solves, and so know of none.
+    """
     clock = _clock.get()
-    if clock is not None:
+    if clock is None:
+        return
+    if clock.work is not None and name == "force":
+        clock.work.spend_residual()
+    else:
         clock.check()
+
+
+class uncounted:
+    """``with uncounted():`` around callbacks that belong to no point of the motion, as those that find out sizes."""
+
+    def __enter__(self) -> None:
+        self._clock = clock = _clock.get()
+        if clock is not None:
+            self._work, clock.work = clock.work, None
+
+    def __exit__(self, *_: object) -> None:
+        if self._clock is not None:
+            self._clock.work = self._work
 
 
 class timed:
@@ -85,6 +106,8 @@ class timed:
 
     def __exit__(self, *_: object) -> None:
         if self._token is not None:
+            if (clock := _clock.get()) is not None:
+                clock.work = None
             _clock.reset(self._token)
 
 
@@ -133,23 +156,19 @@ class Work:
     tally: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: by the names of ``Counters``
     output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: of ``tally``, what output rows have cost
 
+    def __post_init__(self) -> None:
+        self.clock.work = self
+
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""
         self.tally[name] += amount
-
-    def on_call(self, name: str) -> None:
-        """Before a callback of a NumPy system: count that of the force, and stop when a budget is spent."""
-        if name == "force":
-            self._spend_residual()
-        else:
-            self.clock.check()
 
     def counted(self, function: Callable[..., Any], *, residuals: int = 0, jacobians: int = 0) -> Callable[..., Any]:
         """``function`` with its points counted: ``residuals`` evaluations of F and ``jacobians`` per call."""
 
         def call(*arguments: Any) -> Any:
             for _ in range(residuals):
-                self._spend_residual()
+                self.spend_residual()
             self.tally["jacobian_evaluations"] += jacobians
             return function(*arguments)
 
@@ -179,7 +198,8 @@ class Work:
         """The tally, frozen."""
         return Counters(**self.counted_for_steps())
 
-    def _spend_residual(self) -> None:
+    def spend_residual(self) -> None:
+        """Count one evaluation of F; raises :class:`BudgetSpent` when a budget is used up."""
         if self.max_evaluations is not None and self.tally["residual_evaluations"] >= self.max_evaluations:
             raise BudgetSpent("evaluations", self.max_evaluations)
         self.check_time()

@@ -180,8 +180,8 @@ class NumpySystem:
     from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
     the difference scheme (about 1e-9), not to roundoff.  Arguments are read-only copies.
 
-    Nothing that was found out about it serves a later solve, as with a :class:`System`: the functions may be any Python, and
-    refer to what changes.
+    Its sizes and a constant mass serve later solves; its functions are asked for all else again, since they may be any
+    Python and refer to what changes.
     """
 
     def __init__(self, *, force: Callable[..., Any], **declared: Any) -> None:

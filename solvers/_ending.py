@@ -18,7 +18,7 @@ from solvers._start import Failure, Solving, of_dynamics, points_of
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
-RecoverMany = Callable[..., Any] | None
+RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
 
 
 class OwnMultipliers(NamedTuple):
@@ -72,7 +72,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
 
     Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
-    where it is not finite.  ``recover_many(t, q, v, lam, mu)`` puts those of easy rows in place and tells which.
+    where it is not finite.
     """
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if not run.dynamics.structure.constrained:
@@ -80,7 +80,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     done, undetermined = np.zeros(times.size, dtype=bool), []
     if recover_many is not None:
         with suppress(BudgetSpent):  # nothing more can be compiled
-            done = recover_many(times, q, v, lam, mu)
+            done = recover_many()
     if np.count_nonzero(done) == done.size:  # in a fifth of the time of all()
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)

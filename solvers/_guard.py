@@ -1,8 +1,9 @@
-"""The equations as callbacks that a foreign library cannot harm, and what went wrong in them."""
+"""The equations as callbacks that a foreign library cannot harm, the work they count and what went wrong in them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,27 @@ import numpy as np
 from hhtbench.arguments import Vector, all_finite
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, Stop
-from hhtbench.result import Status
+from hhtbench.result import Counters, Status
 
 MOST_NONFINITE = 100  # values that are not finite within one step: a library shrinks its step tenfold long before
+OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
+
+
+@dataclass
+class LibraryWork(Work):
+    """The tally of one solve by a library."""
+
+    library: dict[str, int] = field(default_factory=dict)  #: Counters that only the library knows
+    unseen: list[str] = field(default_factory=list)  #: Counters of work inside compiled code
+
+    def counters(self) -> Counters:
+        """The work done so far; what nobody reports is None."""
+        jacobians = self.output["jacobian_evaluations"]
+        values: dict[str, Any] = dict.fromkeys(OF_LIBRARY) | self.counted_for_steps() | self.library
+        values |= dict.fromkeys(self.unseen)
+        more = f"; library: {', '.join(self.library)}" if self.library else ""
+        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
+        return Counters(**values, provenance=f"counted{more}; None: not reported")
 
 
 class Halt(Stop):

@@ -9,44 +9,33 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.lowering import Dynamics, route_of
-from solvers.forms.eliminated import kkt_of
-from solvers.forms.functions import products_of
-from solvers.hht.run.recover import recover_entries, row_memory
+from hhtbench.lowering import route_of
+from solvers._start import Solving
+from solvers.hht.run.kkt import kkt_of
+from solvers.hht.run.rows import FEW, in_blocks
+from solvers.hht.step.acceleration import recover
 
-FEW = 20  # rows: fewer go without machine code, made before or not, as the bits must not depend on earlier solves
-BLOCK = 256  # rows of one call: budgets and the user's interrupt are looked at between
+BLOCK = 256  # rows of the first call
 
-RecoverBlock = Callable[[Matrix, Any], None]  # (rows [t, q, v, lam, mu], done): fills rows, marks them and counts
+Recover = Callable[[Matrix, Any], Any]  # (rows [t, q, v, lam, mu], done): fills rows and marks them
 
 
-def in_blocks(recover: RecoverBlock, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
-    done, packed = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
-    for first in range(0, times.size, BLOCK):
-        if work.clock.left() < 0.0:
-            break
-        block = slice(first, first + BLOCK)
-        recover(packed[block], done[block])
-    found = packed[done, 1 + 2 * q.shape[1] :]
+def many_recovered(recover: Recover, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``; counted."""
+    done, rows = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+    in_blocks(times.size, BLOCK, lambda block: recover(rows[block], done[block]), lambda: work.clock.left() >= 0.0)
+    found = rows[done, 1 + 2 * q.shape[1] :]
     lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
+    work.add("residual_evaluations", int(done.sum()))
     return done
 
 
-def recovered(dynamics: Dynamics, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
+def recovered(run: Solving, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
     """The same by the entries of the KKT matrix; none where there is no machine code for them."""
-    none = np.zeros(times.size, dtype=bool)
-    if times.size < FEW or route_of(dynamics) == "numpy":
+    dynamics, none = run.dynamics, np.zeros(times.size, dtype=bool)
+    if times.size < FEW or route_of(dynamics) == "numpy":  # also where there is code: bits would depend on earlier solves
         return none
-    code = kkt_of(dynamics, products_of(dynamics))
-    if code is None:
+    entries = kkt_of(dynamics)
+    if entries is None:
         return none
-    kkt, analysis = code
-    z = row_memory(kkt, analysis, dynamics.structure)
-    linear = dynamics.structure.linear_reaction
-
-    def recover(rows: Matrix, done: Any) -> None:
-        recover_entries(z, linear, rows, done)
-        work.add("residual_evaluations", int(done.sum()))
-
-    return in_blocks(recover, work, times, q, v, lam, mu)
+    return many_recovered(recover.following(entries.memory(dynamics)), run.work, times, q, v, lam, mu)

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
-from hhtbench.counting import Clock, Work
+from hhtbench.counting import Clock
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.result import Solution, Status
 from hhtbench.trust import doubt_about_motion, unresolved, violated
 from solvers import forms
 from solvers._dense import OnConstraints, Pieces
-from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
+from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
-from solvers._guard import Guard, Halt
+from solvers._guard import Guard, Halt, LibraryWork
 from solvers._multipliers import recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
@@ -38,7 +37,6 @@ from solvers._start import (
     absolute_tolerances,
     budget_failure,
     check_start,
-    counted,
     dynamics_for,
     of_dynamics,
     start_acceleration,
@@ -47,25 +45,7 @@ from solvers._start import (
 
 __all__ = ["Halt", "Run"]
 
-OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
 Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y' (size,)
-
-
-@dataclass
-class LibraryWork(Work):
-    """The tally of one solve by a library."""
-
-    library: dict[str, int] = field(default_factory=dict)  #: Counters that only the library knows
-    unseen: list[str] = field(default_factory=list)  #: Counters of work inside compiled code
-
-    def counters(self) -> Counters:
-        """The work done so far; what nobody reports is None."""
-        jacobians = self.output["jacobian_evaluations"]
-        values: dict[str, Any] = dict.fromkeys(OF_LIBRARY) | self.counted_for_steps() | self.library
-        values |= dict.fromkeys(self.unseen)
-        more = f"; library: {', '.join(self.library)}" if self.library else ""
-        more += f"; {jacobians} Jacobians for output rows left out" if jacobians else ""
-        return Counters(**values, provenance=f"counted{more}; None: not reported")
 
 
 class Run:
@@ -88,7 +68,9 @@ class Run:
         self.y: Any = None  #: (size,) at t
         self.steps = 0
         self.note = ""  #: what is said of a run beside how it ended
-        self.recover_many: RecoverMany = None  #: of a solver that finds many rows' multipliers at once
+        self.recover_many: Callable[..., Any] = partial(
+            recovered, self
+        )  #: of many rows at once, see :func:`~solvers._multipliers.recovered`
         self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
@@ -112,10 +94,10 @@ class Run:
         end = Failure(end.status, f"{end.message} {self.note}".strip())
         more: dict[str, Any] = {}
         if self.pieces is not None and self.steps:
-            put = OneByOne(counted(self.dynamics, Work())).put_all
+            put = OneByOne(self.dynamics).put_all
             projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
             more = {"interpolant": self.pieces, "projection": projection}
-        recover_many = self.recover_many or partial(recovered, self.dynamics, self.work)
+        recover_many = partial(self.recover_many, *rows.motion, own.lam, own.mu)
         return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
 
     def left_over(self, end: Failure) -> Solution:
@@ -145,7 +127,7 @@ class Run:
         place = Place(self.now, problem.q0, problem.v0)
         guesses = problem.lam_guess, problem.mu_guess
         self.atol = absolute_tolerances(problem, self.request)
-        self.dynamics = dynamics_for(problem.system, place, self.work)
+        self.dynamics = dynamics_for(problem.system, place)
         whole = unreduced(self.dynamics)
         self.levels = of_dynamics(whole).levels
         self.acceleration = of_dynamics(self.dynamics).acceleration

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from scipy.sparse import issparse
 
 from hhtbench.arguments import Vector, all_finite
-from hhtbench.counting import Work
+from hhtbench.counting import Work, uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
     CONSISTENT,
@@ -31,8 +30,6 @@ from hhtbench.lowering import (
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.dynamics.jax_dynamics import large
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
@@ -123,41 +120,40 @@ _of_dynamics = Cache(64)
 
 def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     """Remembered of a dynamics that is remembered itself."""
-
-    if route_of(dynamics) == "numpy":
-        return OfDynamics(dynamics)
     found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: OfDynamics(dynamics))
     return found
 
 
-def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dynamics:
-    """Derived functions with a regular mass, counted; declared derivatives that enter the equations are compared first.
+def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
+    """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
-    replaced, with a warning.
+    replaced, with a warning.  What is called for this is no evaluation of the motion.
     """
-    dynamics = derive(system, place.t, place.q, place.v)
-    if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
+    with uncounted():
+        dynamics = derive(system, place.t, place.q, place.v)
+        if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
+            return dynamics
+        check_sparsity(dynamics, place.t, place.q, place.v)
+        wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
+        if wrong:
+            warnings.warn(
+                f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
+                "`hhtbench check` shows the entries.",
+                UserWarning,
+                stacklevel=2,
+            )
+            dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
+        return usable(dynamics, place)
+
+
+def usable(dynamics: Dynamics, place: Place) -> Dynamics:
+    """``dynamics`` without dependent rows and with a regular mass."""
+    with uncounted():
+        dynamics = _independent(dynamics, place)
+        if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
+            dynamics = augment(dynamics, place.t, place.q)
         return dynamics
-    check_sparsity(dynamics, place.t, place.q, place.v)
-    wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
-    if wrong:
-        warnings.warn(
-            f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
-            "`hhtbench check` shows the entries.",
-            UserWarning,
-            stacklevel=2,
-        )
-        dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
-    return usable(dynamics, place, work)
-
-
-def usable(dynamics: Dynamics, place: Place, work: Work) -> Dynamics:
-    """``dynamics`` without dependent rows and with a regular mass; a NumPy system tells ``work`` of every callback."""
-    dynamics = _independent(dynamics, place)
-    if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
-        dynamics = augment(dynamics, place.t, place.q)
-    return counted(dynamics, work)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
@@ -281,12 +277,3 @@ def budget_failure(spent: BudgetSpent, t: float) -> Failure:
     """The status of a spent budget, with the time it has lasted for."""
     status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
     return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
-
-
-def counted(dynamics: Dynamics, work: Work) -> Dynamics:
-    """``dynamics``; that of a NumPy system tells ``work`` of every callback."""
-    if isinstance(dynamics, NumpyDynamics):
-        return dataclasses.replace(dynamics, on_call=work.on_call)
-    if isinstance(dynamics, AugmentedDynamics | ReducedDynamics) and route_of(dynamics) == "numpy":
-        return dataclasses.replace(dynamics, inner=counted(dynamics.inner, work))
-    return dynamics

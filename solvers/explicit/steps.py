@@ -12,17 +12,16 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, route_of, unreduced
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
-from solvers._multipliers import in_blocks
+from solvers._multipliers import many_recovered
 from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, copied, integer_view, view
+from solvers.hht.loops.memory import copied, integer_view, view
 from solvers.hht.run.in_python import acceleration_level
-from solvers.hht.run.projecting import constant_mass, level_memory, sizes_of
+from solvers.hht.run.kkt import Places, places_of
 from solvers.hht.step.acceleration import recover
 
 FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
@@ -45,7 +44,7 @@ class CompiledSteps:
 
     def __init__(self, run: Run, name: str) -> None:
         dynamics, method = run.dynamics, coefficients(name)
-        blank, mass, self._codes = _known.find(ById(dynamics), lambda: _memory(dynamics))
+        blank, mass, self._codes = _known.find(ById(dynamics), lambda: _places(dynamics))
         s, size = dynamics.structure, run.form.size
         self.run, self.method = run, method
         run.work.library["steps_rejected_error"] = 0
@@ -127,23 +126,26 @@ class CompiledSteps:
 
     def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
         """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
-        return in_blocks(self._recover, self.run.work, times, q, v, lam, mu)
-
-    def _recover(self, rows: Matrix, done: Any) -> None:
-        recover(self.z, rows, done)
-        self._count()
+        done = many_recovered(recover.following(self.z), self.run.work, times, q, v, lam, mu)
+        self._counts[:] = 0  # they are counted
+        return done
 
 
-def _memory(dynamics: Dynamics) -> tuple[Memory, Vector, Any]:
-    """The loops' memory with what depends on the system alone, a constant mass, and what owns the code that is called.
+def _places(dynamics: Dynamics) -> Places:
+    """What looks at places and moves them onto the constraints.
 
     Raises
     ------
     NotNative
-        Its functions cannot be machine code.
+        The functions cannot be machine code.
     """
-    reason = "the functions are plain callables" if route_of(dynamics) == "numpy" else too_large(dynamics)
-    if reason is not None:
-        raise NotNative(reason)
-    z, codes = level_memory(dynamics)
-    return z, constant_mass(dynamics), codes
+    if route_of(dynamics) == "numpy":
+        raise NotNative("the functions are plain callables")
+    return places_of(dynamics)
+
+
+def sizes_of(q: Any, v: Any, n: int) -> Vector:
+    """(2n,) from typical sizes of q and v, each a number or (n,)."""
+    sizes = np.empty(2 * n)
+    sizes[:n], sizes[n:] = q, v
+    return sizes

@@ -9,34 +9,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import AccelerationLevel, Dynamics, Native, NotNative, Structure
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering import AccelerationLevel, Dynamics
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
-from solvers.hht.linear.analysis import Analysis
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import view
-from solvers.hht.run.recover import kkt_code, recover_entries, row_memory
+from solvers.hht.run.kkt import Entries, kkt_of
+from solvers.hht.step.acceleration import recover
 
+FILLED = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy'/dy faster than SuperLU
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
-_known = Cache(16)  # ordering a matrix takes a millisecond and more
 
-KKT = tuple[Native, Analysis]
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
 
 
 class Eliminated:
     """y' of y = [q; v], not finite where (F9) is singular."""
 
-    def __init__(self, dynamics: Dynamics, products: MatrixFree | None) -> None:
-        """``products``: the same without full matrices, where there is such."""
-        self.n, code = dynamics.structure.n, kkt_of(dynamics, products)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.n, code = dynamics.structure.n, kkt_of(dynamics)
         self.native = code is not None  #: whether no code of XLA is called
-        self.solve = _in_python(dynamics) if code is None else _in_loops(*code, dynamics.structure)
+        self.solve = _in_python(dynamics) if code is None else _in_loops(code, dynamics)
 
     def rhs(self, t: float, y: Vector) -> Vector:
         """y' (2n,)."""
@@ -79,8 +77,9 @@ class Differentiated:
         rows, columns = found.pattern.rows, found.pattern.columns
         order = np.lexsort((rows, columns))  # column by column, those of y first
         right, matrix = np.split(order, [np.searchsorted(columns[order], 2 * self._n)])
-        starts = np.searchsorted(columns[matrix], 2 * self._n + np.arange(self._size + 1)).astype(np.int32)
-        return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], starts)
+        of_matrix = columns[matrix] - 2 * self._n
+        starts = np.searchsorted(of_matrix, np.arange(self._size + 1)).astype(np.int32)
+        return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], of_matrix, starts)
 
     def _solved(self, places: _Places, entries: Vector) -> Matrix:
         """The derivative of [v'; lam; mu] by y, (N, 2n)."""
@@ -88,6 +87,11 @@ class Differentiated:
         right[places.where] = -entries[places.right]
         if not np.isfinite(entries).all():
             return np.full_like(right, np.nan)
+        if self._size <= FILLED:
+            full = np.zeros((self._size, self._size), order="F")
+            full[places.rows, places.columns] = entries[places.matrix]
+            *_, solution, info = dgesv(full, right, overwrite_a=True, overwrite_b=True)
+            return np.asarray(solution) if info == 0 else np.full_like(right, np.nan)
         compressed = entries[places.matrix], places.rows, places.starts
         matrix: Any = sp.csc_array(compressed, shape=(self._size, self._size))
         try:
@@ -107,33 +111,17 @@ class _Places(NamedTuple):
     where: tuple[Indices, Indices]  #: ... and their rows and columns
     matrix: Indices  #: the others, which are the KKT matrix, column by column
     rows: Indices  #: of these
-    starts: Indices  #: (N + 1,) of its columns
+    columns: Indices  #: likewise
+    starts: Indices  #: (N + 1,) where the columns begin
 
 
-def kkt_of(dynamics: Dynamics, products: MatrixFree | None) -> KKT | None:
-    """Code for the entries of the KKT matrix, by the ``products`` where there are such; remembered.
-
-    None where there is no machine code for them, or Python would factorise their matrix.
-    """
-    found: list[KKT] = _known.find(ById(dynamics), lambda: _kkt_of(dynamics if products is None else products))
-    return found[0] if found else None
-
-
-def _kkt_of(dynamics: Dynamics) -> list[KKT]:
-    try:
-        code = kkt_code(dynamics)
-    except (NotNative, NotImplementedError):  # the second: a primitive whose sparsity asdex does not know
-        return []
-    return [] if code[1].kind == "sparse" else [code]
-
-
-def _in_loops(kkt: Native, analysis: Analysis, s: Structure) -> Solve:
+def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
     """(F9) solved by compiled loops."""
-    local = _Loops(kkt, analysis, s)
+    local, n = _Loops(entries, dynamics), dynamics.structure.n
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:
         row = local.row
-        row[0], row[1 : 1 + s.n], row[1 + s.n : 1 + 2 * s.n] = t, q, v
+        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n] = t, q, v
         local.done[0] = False
         local.call()
         return local.x.copy() if local.done[0] else np.full(local.x.size, np.nan)
@@ -144,12 +132,13 @@ def _in_loops(kkt: Native, analysis: Analysis, s: Structure) -> Solve:
 class _Loops(threading.local):
     """Memory of each thread."""
 
-    def __init__(self, kkt: Native, analysis: Analysis, s: Structure) -> None:
-        self.z = row_memory(kkt, analysis, s)
-        self.x = view(self.z, mem.X)
-        rows, self.done = np.zeros((1, 1 + 2 * s.n + s.m + s.p)), np.zeros(1, dtype=bool)
+    def __init__(self, entries: Entries, dynamics: Dynamics) -> None:
+        z = entries.memory(dynamics)
+        z.i[mem.LINEAR] = True
+        self.x = view(z, mem.X)
+        rows, self.done = np.zeros((1, 1 + dynamics.structure.n + self.x.size)), np.zeros(1, dtype=bool)
         self.row = rows[0]
-        self.call = recover_entries.following(self.z, True, rows, self.done)
+        self.call = recover.following(z, rows, self.done)
 
 
 def _in_python(dynamics: Dynamics) -> Solve:

@@ -138,15 +138,13 @@ def refusal(name: str, structure: Structure) -> str | None:
 
 
 def make_form(name: str, dynamics: Dynamics) -> Form:
-    """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use; remembered where that is never counted.
+    """The form ``name`` (one of FORMS) of ``dynamics``, compiled on first use; remembered.
 
     Raises
     ------
     ProblemError
         There is no form of that name, or the system does not have it: see :func:`refusal`.
     """
-    if route_of(dynamics) == "numpy":
-        return _make_form(name, dynamics)
     made: Form = _made.find((name, ById(dynamics)), lambda: _make_form(name, dynamics))
     return made
 

@@ -21,14 +21,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering import Dynamics, compile_function, route_of
+from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.compile.coloured import OftenCalled, Pattern
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.eliminated import Differentiated, Eliminated
 from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
 from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_function
+from solvers.hht.run.kkt import larger, products_of
 
-FULL = 40  # unknowns n + m + p up to which formulas of full matrices are the fastest
 CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
 
 
@@ -58,9 +58,9 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
     products = products_of(dynamics)
-    route = "xla" if _large(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
+    route = "xla" if larger(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
     jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
-    if _large(dynamics) and dynamics.structure.constrained:
+    if larger(dynamics) and dynamics.structure.constrained:
         return _eliminated(dynamics, products, jacobian)
     if products is None:
         return Functions(compile_function(rhs_function, dynamics), jacobian)
@@ -73,7 +73,7 @@ def ode_functions(dynamics: Dynamics) -> Functions:
 
 
 def _eliminated(dynamics: Dynamics, products: MatrixFree | None, jacobian: Callable[..., Any]) -> Functions:
-    eliminated = Eliminated(dynamics, products)
+    eliminated = Eliminated(dynamics)
     if products is None:
         return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
     derivative = Differentiated(eliminated, products, jacobian)
@@ -82,16 +82,6 @@ def _eliminated(dynamics: Dynamics, products: MatrixFree | None, jacobian: Calla
         return eliminated.native and (not differentiated or derivative.native)
 
     return Functions(eliminated.rhs, derivative.rhs_jacobian, outside=outside)
-
-
-def products_of(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without full matrices where that pays, and is known how."""
-    return matrix_free(dynamics) if _large(dynamics) else None
-
-
-def _large(dynamics: Dynamics) -> bool:
-    s = dynamics.structure
-    return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
 
 
 def _sparse(

@@ -133,8 +133,9 @@ class HHT:
             raise ProblemError("step must not be zero.")
         asked = make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol)
         check_accuracy(asked, place.q.size)
-        with self._alone(), timed(None):
-            started = self.begin(place, guesses, h or self.options.control.first_step, Work(), controlled=h is None)
+        with self._alone(), timed(None) as clock:
+            first, work = h or self.options.control.first_step, Work(clock=clock)
+            started = self.begin(place, guesses, first, work, controlled=h is None)
             self._engine = self._integrator = self._onward = None
             if isinstance(started, Failure):
                 self._message = started.message
@@ -180,11 +181,12 @@ class HHT:
             return self._onward is not None and self._onward.step()
 
     def _step(self, t: float | None, method: str, tstop: float | None) -> Status:
-        with timed(None):
+        with timed(None) as clock:
             integrator = self._current()
             self._onward = None
             goal = make_goal(t, method, tstop, integrator)
             self._engine = self._engine or self._rebuild(integrator)
+            clock.work = self._engine.work
             self._integrator, status = take(
                 stepper_of(self._engine, integrator, self.options.control, self.events), integrator, goal
             )

@@ -13,7 +13,6 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.protocol import NumpySystem
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.run import history
 
 SOLVERS = ["hht", "hht(engine=python)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]
@@ -107,9 +106,9 @@ def test_a_slow_function_of_a_numpy_system_that_declares_no_derivatives_is_stopp
 
 def test_rows_that_find_no_time_are_left_out_and_said(monkeypatch):
     """A hundred blocks of rows that would take three seconds."""
-    interpolate = HermiteOutput.at
+    interpolate = history.interpolate
     monkeypatch.setattr(history, "BLOCK", 10)
-    monkeypatch.setattr(HermiteOutput, "at", lambda self, t, row: time.sleep(0.03) or interpolate(self, t, row))
+    monkeypatch.setattr(history, "interpolate", lambda *arguments: time.sleep(0.03) or interpolate(*arguments))
     free = hb.Problem(name="free", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0, 1), q0=[1.0], v0=[0.0])
     solution = hb.solve(free, "hht", steps=10, t_eval=np.linspace(0, 1, 1000), max_seconds=1.0)
     assert solution.status is Status.deadline

@@ -15,9 +15,10 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.protocol import Problem, System
 from hhtbench.result import Status
 from solvers import _xla_call
-from solvers.forms import eliminated, form, functions, make_form
+from solvers.forms import eliminated, form, make_form
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
+from solvers.hht.run import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
 
@@ -29,7 +30,7 @@ FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
 
 @pytest.fixture(autouse=True)
 def every_system_counts_as_large(monkeypatch):
-    monkeypatch.setattr(functions, "FULL", 0)
+    monkeypatch.setattr(kkt, "FULL", 0)
     monkeypatch.setattr(form, "_made", Cache(64))
 
 
@@ -69,7 +70,7 @@ def test_the_underlying_ode_by_entries_is_that_of_full_matrices(name, monkeypatc
 def test_masses_that_are_no_diagonal_and_systems_without_machine_code_have_the_same_ode(name, compiled, monkeypatch):
     moment = moment_of(hhtbench.load_problem(name))
     if not compiled:
-        monkeypatch.setattr(eliminated, "kkt_code", refuse)
+        monkeypatch.setattr(kkt, "kkt_code", refuse)
     made, y = make_form("ode", moment.dynamics), np.concatenate([moment.q, moment.v])
     assert difference(made.rhs(moment.t, y), compile_function(rhs_function, moment.dynamics)(moment.t, y)) < ROUNDOFF
 
@@ -123,7 +124,7 @@ def test_a_library_with_sparse_functions_goes_the_way_it_goes_with_full_ones(nam
         return hhtbench.solve(problem, solver, rtol=1e-6, max_num_steps=30)
 
     sparse = solved()
-    monkeypatch.setattr(functions, "FULL", 10**6)
+    monkeypatch.setattr(kkt, "FULL", 10**6)
     monkeypatch.setattr(form, "_made", Cache(64))
     full = solved()
     assert sparse.status is full.status

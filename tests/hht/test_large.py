@@ -17,7 +17,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
 from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.loops import memory as mem
-from solvers.hht.run import functions, idle
+from solvers.hht.run import functions, idle, kkt
 from solvers.hht.run.functions import LARGEST, SparseCode, layout_of
 
 ROUNDOFF = 1e-13  # of the largest
@@ -99,7 +99,8 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
     def refuse(*_):
         raise NotNative("none is wanted")
 
-    monkeypatch.setattr(functions, "kkt_code", refuse)
+    monkeypatch.setattr(kkt, "kkt_code", refuse)
+    monkeypatch.setattr(kkt, "_known", Cache(16))
     monkeypatch.setattr(functions, "_known", Cache(16))
     monkeypatch.setattr(idle, "_idle", [])
     one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)

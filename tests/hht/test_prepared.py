@@ -12,7 +12,7 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering.caching import Cache
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.run import functions, start
+from solvers.hht.run import functions, kkt, start
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
 ONE_ROW_LESS = pytest.mark.filterwarnings("ignore:redundant constraints")
@@ -246,7 +246,8 @@ def test_a_time_budget_that_ends_while_code_is_made_leaves_no_half_of_it(last, m
                 raise BudgetSpent("seconds", 1.0)
         return make(function, *given, **options)
 
-    monkeypatch.setattr(functions, "native", native)
+    for module in (functions, kkt):
+        monkeypatch.setattr(module, "native", native)
     monkeypatch.setattr(functions, "_known", Cache(16))
     system = Sprung()
     ended, again = (HHT(system).solve((0.0, 0.2), [1.0, 0.0], [0.0, 0.0], rtol=1e-4) for _ in range(2))

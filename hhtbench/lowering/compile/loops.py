@@ -112,12 +112,12 @@ class Entry(Inner):
         One thread at a time may call it.
         """
         known: list[Any] = []
-        begins, result, error = in_words(first, known)[:-1], ctypes.c_int64(), ctypes.c_void_p()
+        begins, result, error = in_words(first, known), ctypes.c_int64(), ctypes.c_void_p()
         at, error_at = _address(result), _address(error)
 
         def call(*rest: Any, _kept: Any = (first, error)) -> int:
             words = known.copy()
-            layout = begins + in_words(rest, words)[1:]
+            layout = begins + in_words(rest, words)
             wanted, function, pack = self._ready or self._prepare(words)
             if layout != wanted:
                 raise TypeError(f"{self.__name__} takes {wanted}; got {layout}.")
@@ -154,33 +154,35 @@ class Entry(Inner):
             return from_bitcode(bitcode)
 
 
-def in_words(value: Any, words: list[Any]) -> str:
-    """Append the eight-byte words of ``value``; returns what they are.
+def in_words(values: tuple[Any, ...], words: list[Any]) -> str:
+    """Append the eight-byte words of ``values``; returns what they are.
 
     Raises
     ------
     TypeError
-        There is no way to hand it over.
+        There is no way to hand one over.
     """
-    if isinstance(value, float):
-        words.append(value)
-        return "d"
-    if isinstance(value, np.ndarray):
-        try:
-            words.append(_address(_buffer(value)))  # in a fifth of the time that NumPy's word for it takes
-        except (TypeError, ValueError):  # one that is read-only, empty or strided
-            if not value.flags.c_contiguous:
-                text = "compiled loops take arrays whose entries follow one another in memory; got a strided one."
-                raise TypeError(text) from None
-            words.append(value.ctypes.data)
-        words.extend(value.shape)
-        return array_layout(value.dtype, value.ndim)
-    if isinstance(value, tuple):
-        return f"({''.join([in_words(part, words) for part in value])})"
-    if not isinstance(value, int):  # as True and False are
-        raise TypeError(f"compiled loops take arrays, numbers and tuples of them; got {type(value).__name__}.")
-    words.append(value)
-    return "?" if isinstance(value, bool) else "q"
+    layout = ""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            flags = value.flags
+            if not flags.c_contiguous:
+                raise TypeError("compiled loops take arrays whose entries follow one another in memory; got a strided one.")
+            # a buffer, in a fifth of the time that NumPy's word takes: of no array that is read-only or empty
+            words.append(_address(_buffer(value)) if flags.writeable and value.size else value.ctypes.data)
+            words.extend(value.shape)
+            layout += array_layout(value.dtype, value.ndim)
+        elif isinstance(value, float):
+            words.append(value)
+            layout += "d"
+        elif isinstance(value, tuple):
+            layout += f"({in_words(value, words)})"
+        elif isinstance(value, int):  # as True and False are
+            words.append(value)
+            layout += "?" if isinstance(value, bool) else "q"
+        else:
+            raise TypeError(f"compiled loops take arrays, numbers and tuples of them; got {type(value).__name__}.")
+    return layout
 
 
 @lru_cache

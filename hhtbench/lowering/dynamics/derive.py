@@ -137,8 +137,14 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
     m, p = _rows(system, result)
     linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
     structure = Structure(n=np.size(q), m=m, p=p, mass=_mass_kind(system), linear_reaction=linear)
-    constant = mass_as_matrix(declared(system, "mass_matrix") if structure.mass == "constant" else None, structure.n, np)
-    return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
+
+    def made() -> NumpyDynamics:
+        mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
+        constant = mass_as_matrix(mass, structure.n, np)
+        return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
+
+    found: NumpyDynamics = _derived.find((ById(system), structure, ignored), made)
+    return found
 
 
 def _rows(system: Any, result: Callable[[str], Any]) -> list[int]:

@@ -7,7 +7,6 @@ Machine code fills the result with NaN before the call and the callback writes i
 
 from __future__ import annotations
 
-import _signal  # type: ignore[import-not-found] # `signal` makes enums of its results, which takes ten times as long
 import ctypes
 import math
 import signal
@@ -24,6 +23,7 @@ import numpy as np
 from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import cpython_internals
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.jax_internals import Primitive
@@ -74,13 +74,13 @@ class Callbacks:
     def __enter__(self) -> None:
         if self._before is not None or threading.current_thread() is not threading.main_thread():
             return
-        handler = _signal.getsignal(SIGINT)
+        handler = cpython_internals.getsignal(SIGINT)
         if handler is signal.default_int_handler or isinstance(getattr(handler, "__self__", None), Callbacks):
-            self._before = _signal.signal(SIGINT, self._interrupted)
+            self._before = cpython_internals.signal(SIGINT, self._interrupted)
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._before is not None:
-            _signal.signal(SIGINT, self._before)
+            cpython_internals.signal(SIGINT, self._before)
             self._before = None
 
     def _interrupted(self, *_: Any) -> None:

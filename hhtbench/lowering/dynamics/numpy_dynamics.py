@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import FLOAT, all_finite, real_values
-from hhtbench.counting import check_clock
+from hhtbench.counting import note_callback
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
@@ -36,7 +36,7 @@ class NumpyDynamics(Dynamics):
     ignored: tuple[str, ...] = ()
     constant_mass: Any = None
     inverse_mass: Any = None
-    on_call: Callable[[str], None] = check_clock  #: told the name of every callback before it is called
+    on_call: Callable[[str], None] = note_callback  #: told the name of every callback before it is called
 
     @property
     def xp(self) -> Any:

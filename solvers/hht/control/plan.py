@@ -98,9 +98,10 @@ class ByError(Plan):
 
         None where it is less, and in a motion whose v'' has no error that a single step towards ``stop`` [s] would show.
         """
-        tolerances, memory = self.tolerances, state.memory
-        if memory is None or tolerances.above_roundoff:
+        tolerances = self.tolerances
+        if tolerances.above_roundoff or state.memory is None:
             return None
+        memory = state.memory
         roundoff = tolerances.roundoff(state)
         if roundoff <= CERTAIN:
             return None

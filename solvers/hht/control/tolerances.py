@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,11 @@ class Tolerances:
 
     rtol: Vector  #: (2n,) of q and of v
     atol: Vector  #: (2n,) [m, rad], [m/s, rad/s]
+
+    @cached_property
+    def finest(self) -> float:
+        """The smallest relative one."""
+        return float(self.rtol.min())
 
     def weights(self, before: State, after: State) -> Vector:
         """(2n,) largest allowed errors of q and v over the step."""
@@ -48,7 +54,7 @@ class Tolerances:
     @property
     def above_roundoff(self) -> bool:
         """Whether :meth:`roundoff` at the end of a long step is allowed of every state, whatever its size."""
-        return bool(CERTAIN * float(self.rtol.min()) ** 1.5 >= EPS)
+        return CERTAIN * self.finest**1.5 >= EPS
 
     def reachable(self, state: State, h: float) -> str:
         """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
@@ -56,7 +62,7 @@ class Tolerances:
         What is allowed goes with tolerance^(3/2), (H26), and the roundoff of q over h with tolerance^(-1/2) besides.
         """
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
-        smallest = {"rtol": float(self.rtol.min()), "atol": float(self.atol.min())}
+        smallest = {"rtol": self.finest, "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
         return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."
 
@@ -74,11 +80,10 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     n = start.q.size
     relative = components("rtol", 0.0 if rtol is None else rtol, n)
     if atol is None:
-        size_q = start.size_q or 1.0
-        size_v = max(start.size_v, math.sqrt(float(np.abs(start.vdot).max()) * size_q)) or 1.0
-        typical = np.empty(2 * n)
-        typical[:n], typical[n:] = size_q, size_v
-        return Tolerances(relative, relative * typical)
+        absolute, size_q = relative.copy(), start.size_q or 1.0
+        absolute[:n] *= size_q
+        absolute[n:] *= max(start.size_v, math.sqrt(float(np.abs(start.vdot).max()) * size_q)) or 1.0
+        return Tolerances(relative, absolute)
     given = components("atol", atol, n)
     if start.size_q > 0 and given[:n].min() > start.size_q:
         text = f"atol={given[:n].min():g} exceeds the size of q, {start.size_q:g}: no digit of it will be right."
@@ -89,7 +94,9 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
 def components(name: str, value: Any, n: int) -> Vector:
     """``value`` for every component of q and v, (2n,)."""
     if type(value) is float:
-        return np.full(2 * n, value)
+        given = np.empty(2 * n)
+        given.fill(value)  # in a fifth of the time that np.full takes
+        return given
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (n,), (2 * n,)):
         raise ProblemError(f"{name} must be a number, ({n},) for q and v alike, or ({2 * n},); got shape {given.shape}.")

@@ -17,8 +17,24 @@ ROUNDING = 1e-12  # -0.3333333333333 means -1/3
 NEAR_HALF = 0.1  # |b - 1/2| below it: errors are five times larger than at b = 0 and grow like 1/(1 - 2b)
 
 
+class NewmarkWeights:
+    """Those of the end acceleration for a damping ``alpha``, in the extended HHT and its rivals alike."""
+
+    alpha: float
+
+    @property
+    def beta(self) -> float:
+        """Weight of the end acceleration in the position, (H3), (H39)."""
+        return (1.0 - self.alpha) ** 2 / 4.0
+
+    @property
+    def gamma(self) -> float:
+        """Weight of the end acceleration in the velocity, (H3), (H39)."""
+        return 0.5 - self.alpha
+
+
 @dataclass(frozen=True, kw_only=True)
-class Coefficients:
+class Coefficients(NewmarkWeights):
     """Newmark weights and the weight of the end reaction.
 
     The free numbers are ``alpha`` in [-1/3, 0] (0 keeps the energy of fast vibrations, -1/3 damps them most) and
@@ -32,16 +48,6 @@ class Coefficients:
 
     total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
     both_levels: ClassVar[bool] = True  #: whether steps end on both levels of the constraints
-
-    @property
-    def beta(self) -> float:
-        """Weight of the end acceleration in the position, (H3)."""
-        return (1.0 - self.alpha) ** 2 / 4.0
-
-    @property
-    def gamma(self) -> float:
-        """Weight of the end acceleration in the velocity, (H3)."""
-        return 0.5 - self.alpha
 
     @property
     def rho_inf(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure
-from solvers.hht.equations.coefficients import Method
+from solvers.hht.equations.coefficients import Method, NewmarkWeights
 from solvers.hht.equations.discretise import accelerate, columns, scaled_mass
 from solvers.hht.equations.known import Layout, start_of
 
@@ -31,22 +31,11 @@ class Terms(NamedTuple):
     earlier: Any = None  #: (n,) those before it, weighted; None: they do not count
 
 
-class Newmark:
+class Newmark(NewmarkWeights):
     """What the weights of such a method have in common; ``alpha`` says where ``a`` belongs, near v'(t + alpha h)."""
 
-    alpha: float
     b: ClassVar[float] = 0.0  #: weight of the end reaction in the position
     total: ClassVar[bool] = True  #: a holds the reactions
-
-    @property
-    def beta(self) -> float:
-        """Weight of the end acceleration in the position, (H3), (H39)."""
-        return 0.25 * (1.0 - self.alpha) ** 2
-
-    @property
-    def gamma(self) -> float:
-        """Weight of the end acceleration in the velocity, (H3), (H39)."""
-        return 0.5 - self.alpha
 
     @property
     def both_levels(self) -> bool:

@@ -110,6 +110,10 @@ ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
 
+# Of the two factorisations that are kept: numbers of each, and where the matrix was made.  The state ends here.
+RECORD = slots(lambda s: 7)
+MADE_AT = slots(lambda s: s.size + s.given)
+
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
 ATTEMPT = floats(lambda s: 10)
 X = floats(lambda s: s.size)
@@ -143,13 +147,11 @@ ATOL = floats(lambda s: 2 * s.n)
 SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
 CHANGE = floats(lambda s: 2 * s.n)
 
-# Two slots for factorisations: numbers of each, factors, maps, and where the matrix was made.
-RECORD = slots(lambda s: 7)
+# Two slots for factorisations: factors, maps.
 STORAGE = slots(lambda s: s.storage)
 COUPLINGS = slots(lambda s: s.couplings)
 MAPS = slots(lambda s: s.maps)
 INVERSE = slots(lambda s: s.inverse)
-MADE_AT = slots(lambda s: s.size + s.given)
 MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECORD
 
 CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))

@@ -22,8 +22,9 @@ from solvers.hht.control.plan import Plan
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.options import HHTOptions
-from solvers.hht.run.functions import MachineCode, force_and_inverse_mass, functions_for
+from solvers.hht.run.functions import MachineCode, functions_for
 from solvers.hht.run.history import columns
+from solvers.hht.run.kkt import force_and_inverse_mass
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
@@ -64,7 +65,7 @@ class Engine:
     @property
     def reusable(self) -> bool:
         """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
-        return self.runs_alone and not self.distrusts
+        return not (self.plain or self.distrusts)
 
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
@@ -147,7 +148,7 @@ class Engine:
             ended = int(loops.z.i[mem.ENDED])
         self._stopped = None
         if made:
-            state = loops.store(controlled=state.memory is not None)
+            state = loops.store(controlled=state.controlled)
             self._stopped = None if ended == mem.CONVERGED else (state, ended)
             return state, made, mem.CONVERGED
         if ended in (mem.CONVERGED, mem.EVENT_FOUND):  # what a failed step leaves behind is not the state
@@ -202,7 +203,7 @@ class Engine:
 
         Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
         """
-        loops, row, controlled = self.loops, np.zeros((1, columns(self.structure))), before.memory is not None
+        loops, row, controlled = self.loops, np.zeros((1, columns(self.structure))), before.controlled
         if loops.held is not before:
             attempt = self.attempted()
             self._load(before, values, controlled=controlled)
@@ -228,7 +229,7 @@ class Engine:
             return False
         declared_ones = self.functions, self._loops
         h, t1 = self.loops.section(mem.ATTEMPT)[[mem.H_TRIED, mem.T_END]].tolist()
-        names, controlled = self.distrust(), state.memory is not None
+        names, controlled = self.distrust(), state.controlled
         self.loops.load(replace(state, factorised=None), None, controlled=controlled, suspicious=False)
         ended = self.loops.call(try_step, h, t1)
         self.loops.held = None
@@ -249,7 +250,7 @@ class Engine:
         if not self.fallible:
             return ""
         without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
-        self.functions = functions_for(usable(without, self.place, self.work), self.method, self.linsolver)
+        self.functions = functions_for(usable(without, self.place), self.method, self.linsolver)
         self._loops, self.fallible, self.distrusts = None, False, True
         return ", ".join(self.declared)
 

@@ -17,8 +17,6 @@ from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pat
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
-from hhtbench.lowering.dynamics.kkt import kkt_terms
-from hhtbench.lowering.dynamics.levels import level_terms
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
@@ -38,7 +36,7 @@ from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, copied
-from solvers.hht.run.recover import kkt_code
+from solvers.hht.run.kkt import level_functions
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
@@ -47,7 +45,6 @@ FULL = "its functions give full matrices (not a JAX system, a mass that varies o
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
-
 
 Pair = tuple[int, int]  # addresses of a function and of its parameters
 Code = Native | tuple[Callable[..., Any], int, tuple[Any, ...]]  # or a function in Python, the size of its result, shapes
@@ -204,11 +201,6 @@ class MachineCode(Functions):
         """Whether the start and guesses are machine code too: of full matrices, with no function in Python."""
         return self.alone and too_large(self.dynamics) is None
 
-    @cached_property
-    def kkt(self) -> tuple[Native, Analysis]:
-        """For the multipliers of rows, where the start is not machine code."""
-        return kkt_code(self.dynamics)
-
 
 class SparseCode(MachineCode):
     """Machine code of a large system, without a full matrix."""
@@ -300,7 +292,12 @@ def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | None:
 
 
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
-    """Those of a system, remembered for the same dynamics: machine code where that pays and is known how."""
+    """Those of a system, remembered for the same dynamics: machine code where that pays and is known how.
+
+    Of plain callables every engine has its own: what one has raised is noted with them.
+    """
+    if route_of(dynamics) == "numpy":
+        return _made(dynamics, method, linsolver)
     key = ById(dynamics), replace(method, start="f0"), linsolver
     return _known.find(key, lambda: _made(dynamics, method, linsolver))
 
@@ -312,33 +309,6 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
         return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)
-
-
-def level_functions(dynamics: Dynamics) -> dict[str, Native]:
-    """Machine code of what start, acceleration level and projection need, by its name in the loops.
-
-    Raises
-    ------
-    NotNative
-        There is none for one of them.
-    """
-    s = dynamics.structure
-    place = (), (s.n,), (s.n,)
-    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
-    if s.constrained:
-        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
-    if s.constrained or s.mass == "variable":
-        codes["kkt"] = native(kkt_terms, dynamics, shapes=(*place, (s.n + s.m + s.p,)))
-    return codes
-
-
-def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
-    force = dynamics.force(t, q, v)
-    if dynamics.structure.mass != "variable":
-        return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
-    inverse = inverse_mass_at(dynamics, t, q)
-    return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:

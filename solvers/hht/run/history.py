@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from hhtbench.result import StepsData
 from solvers._projection import sizes_from
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
-from solvers.hht.step.state import State
+from solvers.hht.run.interpolate import interpolate
 
 GROWTH = 4  # times the rows there are
 ROOM = 64  # rows at first
@@ -24,15 +25,16 @@ BLOCK = 65_536  # output rows that are interpolated at once: the time budget is 
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
 
 
-class OutputRows(NamedTuple):
+class OutputRows:
     """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
 
-    t: Vector  #: (k,)
-    q: Matrix  #: (k, n)
-    v: Matrix  #: (k, n)
-    lam: Matrix  #: (k, m)
-    mu: Matrix  #: (k, p)
-    between: Any  #: (k,) whether it lies between the ends of steps; None: they are those ends
+    def __init__(self, rows: Matrix, between: Any, n: int, m: int) -> None:
+        """Of ``rows`` (k, 1 + 2n + m + p), of which the attributes but :attr:`t` are parts."""
+        self.rows = rows
+        self.between = between  #: (k,) whether it lies between the ends of steps; None: they are those ends
+        self.t = rows[:, 0].copy()  #: (k,)
+        self.q, self.v = rows[:, 1 : 1 + n], rows[:, 1 + n : 1 + 2 * n]  #: (k, n) each
+        self.lam, self.mu = rows[:, 1 + 2 * n : 1 + 2 * n + m], rows[:, 1 + 2 * n + m :]  #: (k, m), (k, p)
 
 
 class History:
@@ -42,21 +44,23 @@ class History:
     Where the rows of the steps would take more than ``KEPT``, only those at the times of ``t_eval`` are kept, if there are.
     """
 
-    def __init__(self, structure: Structure, start: State, events: int = 0, t_eval: Vector | None = None) -> None:
-        self._n, self._parts = structure.n, parts_of(structure)
+    def __init__(self, structure: Structure, start: Vector, events: int = 0, t_eval: Vector | None = None) -> None:
+        """``start``: its row."""
+        self._n, self._m = structure.n, structure.m
+        self._parts, self._own = parts_of(structure), own_columns(structure)
         self._rows = np.empty((ROOM, self._parts[-1].stop))
         self._count = self._changes = self._dropped = 0
-        self._elapsed, self._begin = 0.0, start.t
+        self._elapsed, self._begin = 0.0, float(start[0])
         self._ahead = t_eval  # those that are not in ``_output`` yet
-        self._output: list[OutputRows] = []
+        self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
         self._sizes = np.zeros(2 * self._n)  # of the steps that were dropped
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
-    def restart(self, state: State) -> None:
+    def restart(self, row: Vector) -> None:
         """Append a state that no step has led to: the start, or what an event made of the last."""
         self._changes += 1
-        self.room(1)[0] = np.concatenate([[state.t, 0.0], state.q, state.v, state.a, state.lam, state.lam, state.mu])
+        self.room(1)[0] = row
         self.commit(1)
 
     def room(self, count: int) -> Matrix:
@@ -88,40 +92,41 @@ class History:
 
     def _drop_steps(self, ahead: Vector) -> None:
         """Keep the output rows before the last step's end, which an event may change yet, and that end."""
-        output = self.dense_output()
-        direction = np.sign(output.t[-1] - output.t[0])
-        if direction == 0.0:
+        t0, t1 = self._rows[[0, self._count - 1], 0].tolist()
+        if t0 == t1:
             return
-        passed = int(np.searchsorted(direction * ahead, direction * output.t[-1], "left"))
-        self._output.append(self._output_rows(output, ahead[:passed]))
+        direction = math.copysign(1.0, t1 - t0)
+        passed = int(np.searchsorted(direction * ahead, direction * t1, "left"))
+        self._output.append(self._interpolated(ahead[:passed], lambda: False))
         self._dropped, self._elapsed = self.steps
         self._sizes = self.sizes()
         self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
         self._rows[0, 1] = 0.0  # its step is counted
 
-    def output_rows(self, output: HermiteOutput, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
-        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were.
-
-        ``output``: the :meth:`dense_output` by now.
-        """
+    def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
+        """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
         if self._ahead is None:
-            t, q, v, lam, mu = (column.copy() for column in self._columns(0, 2, 3, 6, 7))
-            return OutputRows(t[:, 0], q, v, lam, mu, None), self._count
-        rows, times, (low, high) = [*self._output], self._ahead, sorted((output.t[0], output.t[-1]))
+            return OutputRows(self._rows[: self._count].take(self._own, axis=1), None, self._n, self._m), self._count
+        times, low, high = self._ahead, *sorted((float(self._rows[0, 0]), float(self._rows[self._count - 1, 0])))
         if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
             times = times[(times >= low) & (times <= high)]
-        asked = times.size + sum([part.t.size for part in rows])
-        for first in range(0, max(times.size, 1), BLOCK):
-            rows.append(self._output_rows(output, times[:0] if enough() else times[first : first + BLOCK]))
-        return rows[0] if len(rows) == 1 else OutputRows(*(np.concatenate(x) for x in zip(*rows, strict=True))), asked
+        rows, between = self._interpolated(times, enough)
+        asked = times.size
+        if self._output:
+            asked += sum(len(part) for part, _ in self._output)
+            rows, between = (np.concatenate(parts) for parts in zip(*self._output, (rows, between), strict=True))
+        return OutputRows(rows, between, self._n, self._m), asked
 
-    def _output_rows(self, output: HermiteOutput, times: Vector) -> OutputRows:
-        """At ``times`` (k,), with the stage multipliers at the step ends next to them, first order."""
-        row = output.rows_before(times)
-        between = output.t[row] != times
-        ends = self._rows[row + between]
-        lam, mu = (ends[:, self._parts[i]].copy() for i in (6, 7))
-        return OutputRows(times, *output.at(times, row), lam, mu, between)
+    def _interpolated(self, times: Vector, enough: Callable[[], bool]) -> tuple[Matrix, Any]:
+        """Rows [t, q, v, lam, mu] at ``times`` (k,), and which are between steps; fewer where there is ``enough()``."""
+        rows, between = np.empty((times.size, self._own.size)), np.empty(times.size, dtype=bool)
+        for first in range(0, times.size, BLOCK):
+            if enough():
+                return rows[:first], between[:first]
+            block = slice(first, first + BLOCK)
+            asked = times[block].copy()  # of the caller's, which are read-only: compiled loops find those in a microsecond
+            interpolate(self._n, self._m, self._rows[: self._count], asked, rows[block], between[block])
+        return rows, between
 
     def sizes(self) -> Vector:
         """Typical sizes of q and v over all steps, (2n,)."""
@@ -136,7 +141,7 @@ class History:
     def steps(self) -> tuple[int, float]:
         """How many were accepted, and the sum of their signed lengths [s]."""
         h = self._rows[: self._count, 1][self._made()]
-        return self._dropped + h.size, self._elapsed + float(h.sum())
+        return self._dropped + h.size, self._elapsed + float(np.add.reduce(h))
 
     def _made(self) -> Any:
         """Which rows are ends of steps."""
@@ -181,6 +186,13 @@ def parts_of(structure: Structure) -> tuple[slice, ...]:
     n, m = structure.n, structure.m
     ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
     return tuple(map(slice, (0, *ends), ends))
+
+
+@lru_cache
+def own_columns(structure: Structure) -> Any:
+    """Which columns of a row a row of output has: t, q, v, lam at the end and mu."""
+    parts, every = parts_of(structure), np.arange(columns(structure))
+    return np.concatenate([every[parts[i]] for i in (0, 2, 3, 6, 7)])
 
 
 def columns(structure: Structure) -> int:

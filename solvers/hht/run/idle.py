@@ -1,8 +1,4 @@
-"""Engines that no run uses: what was prepared for a system serves its next solve, whichever HHT object asks.
-
-Not of a NumpySystem, nor of what has functions in Python else: they may hide numbers of any kind, and most of a solve's time
-is theirs anyway.
-"""
+"""Engines that no run uses: what was prepared for a system serves its next solve, whichever HHT object asks."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Loops:
         self.events.fill(z)
         self._blank = z.w.copy()
         self._kept, self._parts = state_sections(z)
-        self._made = [(self.section(mem.RECORD + slot), self.section(mem.MADE_AT + slot)) for slot in (0, 1)]
+        self._row = row_places(z)
         self._entries: dict[Any, Callable[..., Any]] = {}
         looks_closer = engine.structure.constrained and not z.i[mem.C_KKT]  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
@@ -95,7 +95,7 @@ class Loops:
         if self._allowed is not tolerances:
             self.section(mem.RTOL)[:], self.section(mem.ATOL)[:] = tolerances.rtol, tolerances.atol
             o, self._allowed = self.functions.newton, tolerances
-            self._stops_early = bool(o.remaining > 0.0 and tolerances.rtol.min() >= o.finest)
+            self._stops_early = o.remaining > 0.0 and tolerances.finest >= o.finest
 
     def load(self, state: State, values: Vector | None, *, controlled: bool, suspicious: bool) -> None:
         """Put ``state`` into the memory, with its factorisation made again, and the ``values`` of the event functions there.
@@ -137,26 +137,17 @@ class Loops:
             section[:] = 0.0 if guess is None else guess
         return self.store(controlled=False) if self._entry(start)() else None
 
+    def row(self, state: State) -> Vector:
+        """[t, 0, q, v, a, lam, lam, mu] of a state that no step has led to, as the loops write it of one."""
+        if self.held is state:
+            return self.z.w.take(self._row)
+        return np.concatenate(([state.t, 0.0], state.q, state.v, state.a, state.lam, state.lam, state.mu))
+
     def store(self, *, controlled: bool) -> State:
         """The state that the loops left in their memory."""
-        kept, parts = self.z.w[self._kept].copy(), self._parts
-        t, h, size_q, size_v, known, slot = kept[parts[mem.NUMBER]].tolist()
-        arrays: dict[str, Any] = {name: kept[parts[section]] for name, section in OF_STATE.items()}
-        n = arrays["q"].size
-        arrays["inverse_mass"] = arrays["inverse_mass"].reshape(n, n) if self.z.i[mem.VARIABLE] else None
-        if known > 1.0:
-            arrays["earlier"] = kept[parts[mem.X_EARLIER]].reshape(HIGHEST, -1)[: int(known) - 1]
-        if known == 0.0:
-            arrays["unknowns"] = None
-        self.held = State(
-            t=t,
-            h=h or None,
-            **arrays,
-            factorised=None if slot < 0 else self._factorised(int(slot)),
-            size_q=size_q,
-            size_v=size_v,
-            memory=self._control_memory(kept) if controlled else None,
-        )
+        kept = KeptState(self.z.w[self._kept].copy(), self._parts, bool(self.z.i[mem.VARIABLE]), controlled)
+        t, h, size_q, size_v = kept.part(mem.NUMBER)[:4].tolist()
+        self.held = State.read_later(kept.read, t=t, h=h or None, size_q=size_q, size_v=size_v, controlled=controlled)
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
@@ -233,23 +224,6 @@ class Loops:
         if earlier is not None:
             self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
 
-    def _control_memory(self, kept: Vector) -> ControlMemory:
-        parts = self._parts
-        h_next, last, error, has_reaction = kept[parts[mem.CONTROL]].tolist()
-        return ControlMemory(
-            h_next=h_next,
-            last=last,
-            earlier=kept[parts[mem.BEFORE]],
-            acceleration=kept[parts[mem.ACCELERATION]],
-            velocity_reaction=kept[parts[mem.REACTION_K]] if has_reaction else None,
-            error=None if error < 0.0 else error,
-        )
-
-    def _factorised(self, slot: int) -> Factorised:
-        record, at = self._made[slot]
-        rate, uses, _, cost = record[mem.RATE : mem.KEPT_COST + 1].tolist()
-        return Factorised(at=at.copy(), rate=rate, uses=int(uses), cost=cost)
-
 
 def in_plain_python(entry: Any, *arguments: Any) -> Any:
     """What ``entry`` does, and as quietly as compiled code."""
@@ -257,13 +231,67 @@ def in_plain_python(entry: Any, *arguments: Any) -> Any:
         return entry.function(*arguments)
 
 
-def state_sections(z: Memory) -> tuple[slice, dict[int, slice]]:
+Parts = dict[int, slice]  # sections of the state by name
+
+
+class KeptState(NamedTuple):
+    """A copy of what the memory held of a state."""
+
+    numbers: Vector
+    parts: Parts  #: of the numbers
+    variable: bool  #: the mass
+    controlled: bool
+
+    def part(self, section: int) -> Vector:
+        """The numbers of a section."""
+        return self.numbers[self.parts[section]]
+
+    def read(self, name: str) -> Any:
+        """What :class:`State` has by that name."""
+        known, slot = self.part(mem.NUMBER)[mem.KNOWN : mem.FACTOR + 1].tolist()
+        if name == "memory":
+            return self._memory() if self.controlled else None
+        if name == "factorised":
+            return None if slot < 0.0 else self._factorised(int(slot))
+        if name == "earlier":
+            return self.part(mem.X_EARLIER).reshape(HIGHEST, -1)[: int(known) - 1] if known > 1.0 else None
+        found = self.part(OF_STATE[name])
+        if name == "inverse_mass":
+            n = self.part(mem.Q).size
+            return found.reshape(n, n) if self.variable else None
+        return None if name == "unknowns" and not known else found
+
+    def _memory(self) -> ControlMemory:
+        h_next, last, error, has_reaction = self.part(mem.CONTROL).tolist()
+        return ControlMemory(
+            h_next=h_next,
+            last=last,
+            earlier=self.part(mem.BEFORE),
+            acceleration=self.part(mem.ACCELERATION),
+            velocity_reaction=self.part(mem.REACTION_K) if has_reaction else None,
+            error=None if error < 0.0 else error,
+        )
+
+    def _factorised(self, slot: int) -> Factorised:
+        rate, uses, _, cost = self.part(mem.RECORD + slot)[mem.RATE : mem.KEPT_COST + 1].tolist()
+        return Factorised(at=self.part(mem.MADE_AT + slot), rate=rate, uses=int(uses), cost=cost)
+
+
+def state_sections(z: Memory) -> tuple[slice, Parts]:
     """Where in the floats of the memory all of the state stands, and in that its sections by name."""
-    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values())
+    slots = (mem.RECORD, mem.RECORD + 1, mem.MADE_AT, mem.MADE_AT + 1)
+    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *slots)
     bounds = {section: z.i[2 * section : 2 * section + 2].tolist() for section in sections}
     first = min(start for start, _ in bounds.values())
     parts = {section: slice(start - first, start - first + size) for section, (start, size) in bounds.items()}
     return slice(first, first + max(part.stop for part in parts.values())), parts
+
+
+def row_places(z: Memory) -> Any:
+    """Where in them what :meth:`Loops.row` gives stands; H is 0 before the first step."""
+    bounds = [z.i[2 * section : 2 * section + 2].tolist() for section in (mem.Q, mem.V, mem.A, mem.LAM, mem.LAM, mem.MU)]
+    number = int(z.i[2 * mem.NUMBER])
+    return np.concatenate([[number + mem.T, number + mem.H], *(start + np.arange(size) for start, size in bounds)])
 
 
 def misfits(state: State, layout: Layout, given: int) -> list[str]:

@@ -10,23 +10,16 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import Dynamics, NotNative, native
+from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
-from hhtbench.protocol import declared
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
-from solvers._start import counted
-from solvers.hht.equations.local_error import levels
-from solvers.hht.linear.analysis import address_of
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, allocate, copied, integer_view
+from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.functions import Functions, MachineCode, level_functions
-from solvers.hht.run.recover import row_memory
+from solvers.hht.run.functions import Functions, MachineCode
+from solvers.hht.run.kkt import Places, of_full_matrices, places_of
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -56,7 +49,7 @@ def projection_of(engine: Engine, steps: Any) -> OnConstraints:
 
 def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
     """:func:`put` without the counts and budgets of the run."""
-    return put(counted(dynamics, Work()), functions, t, q, v, sizes)
+    return put(dynamics, functions, t, q, v, sizes)
 
 
 def put(
@@ -76,7 +69,7 @@ def put(
             found = _memory_for(functions)
     if found is not None and functions is not None:
         packed, callbacks = np.concatenate([t[:, None], q, v], axis=1), functions.callbacks
-        call = project.following(copied(found[0]), found[1].copy(), sizes)
+        call = project.following(copied(found.memory), found.mass.copy(), sizes)
         with callbacks or nullcontext():
             in_blocks(
                 t.size,
@@ -93,64 +86,18 @@ def put(
     return OneByOne(dynamics).put(np.flatnonzero(~done), t, q, v, sizes, going)
 
 
-def _memory_for(functions: Functions) -> tuple[Memory, Vector, Any] | None:
-    """For :func:`project`: the loops' memory, a constant mass (none by entries), and what owns the code that is called."""
-    found: tuple[Memory, Vector, Any] | None = _known.find(ById(functions), lambda: _memory(functions))
+def _memory_for(functions: Functions) -> Places | None:
+    """For :func:`project`; None where there is no machine code for it."""
+    found: Places | None = _known.find(ById(functions), lambda: _memory(functions))
     return found
 
 
-def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
-    dynamics, s = functions.dynamics, functions.layout.structure
+def _memory(functions: Functions) -> Places | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        if not isinstance(dynamics, MatrixFree) and too_large(dynamics) is None:
-            (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
-        elif declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
-            return None
-        else:
-            (kkt, analysis), look = functions.kkt, native(levels, dynamics, shapes=((), (s.n,), (s.n,)))
-            if analysis.kind == "sparse":  # Python would factorise
-                return None
-            z, codes, mass = row_memory(kkt, analysis, s), (kkt, look), np.zeros(0)
-            z.i[mem.C_LEVELS : mem.C_LEVELS + 2] = look.pair
+        found = (of_full_matrices if functions.level_codes() else places_of)(functions.dynamics)
     except NotNative:
         return None
-    z.i[mem.CALLS_PYTHON] = functions.callbacks is not None
-    return z, mass, codes
-
-
-def level_memory(dynamics: Dynamics) -> tuple[Memory, Any]:
-    """The loops' memory for acceleration level and projection of a small system, and what owns the code they call.
-
-    Raises
-    ------
-    NotNative
-        Its functions cannot be machine code.
-    """
-    s = dynamics.structure
-    size = s.n + s.m + s.p
-    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
-    z.i[mem.LINEAR] = s.linear_reaction
-    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
-    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
-    codes = level_functions(dynamics)
-    for name, code in codes.items():
-        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
-        z.i[at : at + 2] = code.pair
-    return z, codes
-
-
-def constant_mass(dynamics: Dynamics) -> Vector:
-    """M (n*n,), or room for it where it varies."""
-    s, mass = dynamics.structure, dynamics.constant_mass
-    if s.mass == "variable":
-        return np.zeros(s.n**2)
-    return np.ravel(np.eye(s.n) if mass is None else np.asarray(mass, dtype=np.float64)).copy()
-
-
-def sizes_of(q: Any, v: Any, n: int) -> Vector:
-    """(2n,) from typical sizes of q and v, each a number or (n,)."""
-    sizes = np.empty(2 * n)
-    sizes[:n], sizes[n:] = q, v
-    return sizes
+    found.memory.i[mem.CALLS_PYTHON] = functions.callbacks is not None
+    return found

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import NotNative
+from hhtbench.arguments import Matrix
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import MachineCode
-from solvers.hht.run.recover import recover_entries, row_memory
+from solvers.hht.run.kkt import kkt_of
 from solvers.hht.step.acceleration import recover
 
 FEW = 20  # rows below which their multipliers are found one by one, where no code is there for them
@@ -21,19 +20,15 @@ FIRST = 512  # rows of the first call, and FEW of a NumPy system
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 
 
-def recovered(engine: Engine, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
-    done = np.zeros(times.size, dtype=bool)
-    packed = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
-    recover_block = _by_blocks(engine, packed, done)
+def recovered(engine: Engine, rows: Matrix) -> Any:
+    """Which of the ``rows`` (k, ...) [t, q, v, lam, mu] got their multipliers from the acceleration level."""
+    done = np.zeros(len(rows), dtype=bool)
+    recover_block = _by_blocks(engine, rows, done)
     if recover_block is None:
         return done
     loops, clock = engine.loops, engine.work.clock
     going = lambda: clock.left() >= 0.0 and loops.callbacks.cause is None  # noqa: E731
-    in_blocks(times.size, FIRST if engine.points else FEW, recover_block, going)
-    found, m = packed[:, 1 + 2 * engine.structure.n :], engine.structure.m
-    which = slice(None) if np.count_nonzero(done) == done.size else done
-    lam[which], mu[which] = found[which, :m], found[which, m:]
+    in_blocks(len(rows), FIRST if engine.points else FEW, recover_block, going)
     loops.raise_noted()
     return done
 
@@ -47,27 +42,23 @@ def in_blocks(count: int, block: int, work_on: Callable[[slice], Any], going: Ca
         first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
 
 
-def _by_blocks(engine: Engine, packed: Matrix, done: Any) -> Callable[[slice], Any] | None:
+def _by_blocks(engine: Engine, rows: Matrix, done: Any) -> Callable[[slice], Any] | None:
     """What recovers a block of rows: the loops' own acceleration level, or code for many rows; None: there is none."""
-    functions, loops, s = engine.functions, engine.loops, engine.structure
+    functions, loops = engine.functions, engine.loops
     if engine.plain or not isinstance(functions, MachineCode):
         return None
     if loops.z.i[mem.C_KKT]:
-        return lambda block: loops.call_noting(recover, packed[block], done[block])
-    if len(packed) < FEW:
+        return lambda block: loops.call_noting(recover, rows[block], done[block])
+    entries = kkt_of(functions.dynamics) if len(rows) >= FEW else None
+    if entries is None:  # more operations than pay, say
         return None
-    try:
-        kkt, analysis = functions.kkt
-    except NotNative:  # more operations than pay, say
-        return None
-    if analysis.kind == "sparse":  # Python would factorise
-        return None
-    z = row_memory(kkt, analysis, s)
+    z = entries.memory(functions.dynamics)
     z.i[mem.CALLS_PYTHON] = not engine.points
+    call = recover.following(z)
 
     def recover_block(block: slice) -> None:
         with loops.callbacks:
-            recover_entries(z, s.linear_reaction, packed[block], done[block])
+            call(rows[block], done[block])
         engine.work.add("residual_evaluations", engine.points * int(done[block].sum()))
 
     return recover_block

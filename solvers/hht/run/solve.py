@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
-from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, plan_steps
+from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, has_zero, plan_steps
 from hhtbench.result import Solution, Status
 from hhtbench.trust import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
@@ -60,7 +59,7 @@ class Integration:
         if isinstance(started, Failure):
             return self._nothing(started)
         engine, state, events, most = started.engine, started.state, self.solver.events, request.max_num_steps
-        self.history = History(engine.structure, state, len(events), request.t_eval)
+        self.history = History(engine.structure, engine.loops.row(state), len(events), request.t_eval)
         if steps is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
             plan: Plan = ByError(tolerances, self.solver.options.control)
@@ -78,9 +77,8 @@ class Integration:
         """What was accepted before an exception; no function of the system is called for it."""
         if self.stepper is None:
             return self._nothing(end)
-        output = self.history.dense_output()
-        rows, _ = self.history.output_rows(output, lambda: False)
-        more = self.history.kept(output)
+        rows, _ = self.history.output_rows(lambda: False)
+        more = self.history.kept(self.history.dense_output())
         return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
@@ -88,7 +86,7 @@ class Integration:
         engine = stepper.engine
         self.work.only_output_is_left()
         output = self.history.dense_output()
-        rows, asked = self.history.output_rows(output, lambda: self.work.clock.left() < 0.0)
+        rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
         unmet = self._put_on_constraints(engine, rows)
         own, carried = own_multipliers(rows), None
         if self.request.t_eval is None and engine.structure.constrained:
@@ -101,7 +99,7 @@ class Integration:
         more = self.history.kept(output) | {"carried": carried}
         if "interpolant" in more:
             more["projection"] = projection_of(engine, output)
-        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, partial(recovered, engine), note, **more)
+        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, **more)
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -151,7 +149,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         history.note(accepted.occurrences)
         after = stepper.after_events(accepted)
         if after.state is not accepted.state:
-            history.restart(after.state)
+            history.restart(stepper.engine.loops.row(after.state))
         state, watch = after.state, after.watch
         if after.ended is not None:
             return after.ended
@@ -193,8 +191,8 @@ def check_accuracy(request: Request, n: int) -> None:
     """
     if not request.fixed and request.rtol is None and request.atol is None:
         raise ProblemError("HHT takes step=h, steps=N or steps=array of lengths [s], or tolerances: rtol=1e-4.")
-    if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
+    if request.atol is None and request.rtol is not None and has_zero(request.rtol):
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
     for name, value in (("rtol", request.rtol), ("atol", request.atol)):
-        if value is not None:
+        if value is not None and type(value) is not float:
             components(name, value, n)

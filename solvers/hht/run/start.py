@@ -130,7 +130,7 @@ def make_engine(
     ready: Engine | None = None,
 ) -> Engine:
     """The engine for runs that begin at ``place``, without a look at the start: ``ready`` if it was made for the same."""
-    dynamics = dynamics_for(system, place, work)
+    dynamics = dynamics_for(system, place)
     if ready is not None and ready.dynamics is dynamics:
         return ready.again(place, work)
     return Engine(dynamics, place, work, options, controlled=controlled)
@@ -162,10 +162,15 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
         v=v,
         a=a0,
         f=near,
+        h=None,
         lam=NOTHING if found is None else found.lam,
         mu=NOTHING if found is None else found.mu,
         vdot=vdot,
         inverse_mass=inverse,
+        unknowns=None,
+        earlier=None,
+        factorised=None,
+        memory=None,
         size_q=float(np.max(np.abs(q))),
         size_v=float(np.max(np.abs(v))),
     )

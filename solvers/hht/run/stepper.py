@@ -83,7 +83,7 @@ class Stepper:
         engine.watch(self.events)
         if by_error is not None:
             engine.loops.allow(by_error.tolerances)
-            if state.memory is None:
+            if not state.controlled:
                 state = engine.prepared(state, horizon)
             if failure := by_error.unreachable(state, stop):
                 return Accepted(state, watch, ended=failure)

@@ -156,7 +156,7 @@ def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
     engine, plan, state = stepper.engine, stepper.plan, integrator.state
     if stepper.events or state.h is None or engine.loops.held is not state or engine.loops.call_python:
         return None
-    if plan.by_error is not None and (state.memory is None or not plan.by_error.tolerances.above_roundoff):
+    if plan.by_error is not None and (not state.controlled or not plan.by_error.tolerances.above_roundoff):
         return None
     return Onward(engine, plan, integrator.direction) if engine.loops.z.w.size <= LIGHT else None
 

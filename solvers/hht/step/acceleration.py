@@ -1,4 +1,7 @@
-"""Accelerations and multipliers at a place by the KKT system, (H16): for the start, guesses and rows of output."""
+"""Accelerations and multipliers at a place by the KKT system, (H16): for the start, guesses and rows of output.
+
+Its matrix is full and solved by LAPACK, or where a system is large known by its entries.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,9 @@ from typing import Any
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
 from solvers.hht.equations.formulas import EPS, FULL_RANK
+from solvers.hht.linear.matrix import step_back
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called, compiled
+from solvers.hht.loops.compiled import called, compiled, inlined
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import (
     address,
@@ -23,7 +27,8 @@ from solvers.hht.loops.sections import (
     put,
     view,
 )
-from solvers.hht.step.newton import spend
+from solvers.hht.step.entries import by_entries, compute_entries, factor_entries, solve_entries
+from solvers.hht.step.roundoff import spend
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -38,8 +43,8 @@ def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
     if not spend(z, counts):
         return False
     n, constraints, found = z.i[mem.N], z.i[mem.M] + z.i[mem.P], part(z, mem.ACCELERATION_LEVEL)
-    if z.i[mem.C_KKT] and determined(z, view(z.w, near, constraints)) > 0.0:
-        x = part(z, mem.LEVEL_X)
+    if (z.i[mem.C_KKT] or by_entries(z)) and determined(z, view(z.w, near, constraints)) > 0.0:
+        x = unknowns(z)
         found[0] = 1.0
         put(found, put(found, 1, x[n:]), x[:n])
         return True
@@ -49,26 +54,53 @@ def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
     return found[0] > 0.0
 
 
+@inlined
+def unknowns(z: Any) -> Any:
+    """[v', lam, mu] (n + m + p,)."""
+    return part(z, mem.X if by_entries(z) else mem.LEVEL_X)
+
+
 @compiled
 def determined(z: Any, guess: Any) -> Any:
-    """Least over largest pivot of the KKT matrix at PLACE, with [v', lam, mu] near the ``guess`` [lam, mu] in LEVEL_X.
+    """Least over largest pivot of the KKT matrix at PLACE, with the :func:`unknowns` near the ``guess`` [lam, mu].
 
-    0.0 where it is singular to working precision, something is not finite, or no multipliers are found from the guess.
+    By entries 1.0.  0.0 where it is singular to working precision, something is not finite, or no multipliers are found from
+    the guess.
     """
-    n, x, increment, at = z.i[mem.N], part(z, mem.LEVEL_X), part(z, mem.LEVEL_TERMS), address(z, mem.PLACE)
-    linear, size = z.i[mem.LINEAR], part(z, mem.LEVEL_X).size
-    for i in range(size):
+    n, x, linear, entries = z.i[mem.N], unknowns(z), z.i[mem.LINEAR], by_entries(z)
+    increment = part(z, mem.INCREMENT if entries else mem.LEVEL_TERMS)
+    for i in range(x.size):
         x[i] = 0.0 if linear or i < n else guess[i - n]
     for _ in range(MAX_ITERATIONS):
-        call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
-        pivots = scaled_factor(z)
-        if pivots == 0.0 or not scaled_solve(z):
+        pivots = newton_by_entries(z) if entries else newton(z)
+        if pivots == 0.0:
             return 0.0
-        for i in range(size):
-            x[i] -= increment[i]
-        if linear or (small(increment[:n], x[:n]) and small(increment[n:size], x[n:])):
+        if linear or (small(increment[:n], x[:n]) and small(increment[n : x.size], x[n:])):
             return pivots
     return 0.0
+
+
+@compiled
+def newton(z: Any) -> Any:
+    """One iteration; least over largest pivot, or 0.0."""
+    n, x, increment, at = z.i[mem.N], part(z, mem.LEVEL_X), part(z, mem.LEVEL_TERMS), address(z, mem.PLACE)
+    call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
+    pivots = scaled_factor(z)
+    if pivots == 0.0 or not scaled_solve(z):
+        return 0.0
+    for i in range(x.size):
+        x[i] -= increment[i]
+    return pivots
+
+
+@compiled
+def newton_by_entries(z: Any) -> Any:
+    """The same by the entries of the matrix: 1.0, or 0.0."""
+    compute_entries(z)
+    if not (factor_entries(z) and solve_entries(z)):
+        return 0.0
+    step_back(z)
+    return 1.0
 
 
 @compiled
@@ -141,7 +173,7 @@ def recover(z: Memory, rows: FloatMatrix, done: BoolArray) -> None:
         if determined(z, row[1 + 2 * n :]) > 0.0:
             done[i] = True
             indices(z, mem.COUNTED)[mem.RESIDUALS] += 1
-            put(row, 1 + 2 * n, part(z, mem.LEVEL_X)[n:])
+            put(row, 1 + 2 * n, unknowns(z)[n:])
 
 
 @called

@@ -10,7 +10,8 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
-from solvers.hht.step.newton import newton, restarted, spend
+from solvers.hht.step.newton import newton, restarted
+from solvers.hht.step.roundoff import spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 

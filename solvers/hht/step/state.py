@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from hhtbench.arguments import Matrix, Vector
 
@@ -38,14 +41,38 @@ class State:
     v: Vector  #: (n,)
     a: Vector  #: (n,) auxiliary acceleration, near f(t + alpha h), or near v' there where it holds the reactions
     f: Vector  #: (n,) M^-1 F at (t, q, v), or v' where ``a`` is near that
-    h: float | None = None  #: signed length of the last step [s]; None before the first
+    h: float | None  #: signed length of the last step [s]; None before the first
     lam: Vector  #: (m,) multiplier estimate at t, starts the next Newton iteration or KKT solve
     mu: Vector  #: (p,) the same for the velocity constraints
     vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
-    unknowns: Vector | None = None  #: (size,) of the last step
-    earlier: Matrix | None = None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
-    factorised: Factorised | None = None  #: the kept factorisation
+    unknowns: Vector | None  #: (size,) of the last step
+    earlier: Matrix | None  #: (k, size) of up to five before it (``HIGHEST``) of the same length, newest first
+    factorised: Factorised | None  #: the kept factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen
-    memory: ControlMemory | None = None  #: None with prescribed steps
+    memory: ControlMemory | None  #: None with prescribed steps
+
+    @cached_property
+    def controlled(self) -> bool:
+        """Whether step control has begun."""
+        return self.memory is not None
+
+    @classmethod
+    def read_later(cls, read: Callable[[str], Any], **known: Any) -> State:
+        """The state that is ``known`` in part; the rest is ``read(name)`` when asked for: of most states it never is."""
+        state = cls.__new__(cls)
+        state.__dict__.update(known, _read=read)
+        return state
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            found = self.__dict__
+            if "_read" not in found or name not in self.__dataclass_fields__:
+                raise AttributeError(f"a State has no {name!r}")
+            value = found[name] = found["_read"](name)
+            return value
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -1,0 +1,200 @@
+"""Machine code of a system at any place, and memory of the loops for it: acceleration level, constraint levels, projection.
+
+Their linear systems are full, or where a system is large known by the entries of the KKT matrix: bands where they pay.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering import Dynamics, Native, NotNative, native, route_of
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.coloured import find_pattern
+from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.levels import level_terms
+from hhtbench.protocol import declared
+from solvers._finite import inverse_mass_at
+from solvers.hht.equations.local_error import levels
+from solvers.hht.linear.analysis import Analysis, address_of, chosen, of_pattern
+from solvers.hht.loops import memory as mem
+from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view
+
+FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
+LARGEST = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
+_known = Cache(16)  # ordering a matrix takes a millisecond and more
+
+
+class Entries(NamedTuple):
+    """Code for the entries of the KKT matrix, and its linear algebra."""
+
+    kkt: Native  #: [residual; entries] of (H16)
+    analysis: Analysis
+
+    def memory(self, dynamics: Dynamics) -> Memory:
+        """Of the loops for acceleration level and projection."""
+        s = dynamics.structure
+        z = self.analysis.memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=self.kkt.size, by_entries=True)
+        z.i[mem.C_MATRIX : mem.C_MATRIX + 2], z.i[mem.LINEAR] = self.kkt.pair, s.linear_reaction
+        return z
+
+
+class Places(NamedTuple):
+    """What looks at any place of one system, and moves it onto the constraints."""
+
+    memory: Memory  #: to be copied
+    mass: Vector  #: M (n*n,), or room for it where it varies; nothing by entries
+    codes: Any  #: what owns the code that is called
+
+
+def places_of(dynamics: Dynamics) -> Places:
+    """By the way that is the fastest at its size.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code.
+    """
+    if isinstance(dynamics, MatrixFree) or too_large(dynamics) is not None:
+        return by_entries(dynamics)
+    if dynamics.structure.constrained and products_of(dynamics) is not None:
+        with suppress(NotNative):
+            return by_entries(dynamics)
+    return of_full_matrices(dynamics)
+
+
+def of_full_matrices(dynamics: Dynamics) -> Places:
+    """Solved by LAPACK.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code.
+    """
+    s, codes = dynamics.structure, level_functions(dynamics)
+    size = s.n + s.m + s.p
+    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
+    z.i[mem.LINEAR] = s.linear_reaction
+    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
+    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
+    _call(z, codes)
+    mass = np.eye(s.n) if dynamics.constant_mass is None else np.array(dynamics.constant_mass, dtype=np.float64)
+    return Places(z, mass.ravel(), codes)
+
+
+def by_entries(dynamics: Dynamics) -> Places:
+    """Solved by the entries of the KKT matrix, or without constraints.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code, or no smallest change solves such a system.
+    """
+    s, products = dynamics.structure, dynamics if isinstance(dynamics, MatrixFree) else products_of(dynamics)
+    source, place = dynamics if products is None else products, ((), (s.n,), (s.n,))
+    if not s.constrained:
+        codes = {"force": native(force_and_inverse_mass, source, shapes=place)}
+        z = allocate(Sizes(n=s.n, m=0, p=0, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0))
+        _call(z, codes)
+        return Places(z, np.zeros(0), codes)
+    if declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
+        raise NotNative("a declared reaction")
+    entries = kkt_of(dynamics)
+    if entries is None:
+        raise NotNative("the entries of its KKT matrix are none of machine code")
+    z, codes = entries.memory(dynamics), {"levels": native(levels, source, shapes=place)}
+    _call(z, codes)
+    return Places(z, np.zeros(0), (entries, codes))
+
+
+def _call(z: Memory, codes: dict[str, Native]) -> None:
+    """Put the addresses of ``codes`` into the memory."""
+    for name, code in codes.items():
+        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
+        z.i[at : at + 2] = code.pair
+
+
+def level_functions(dynamics: Dynamics) -> dict[str, Native]:
+    """Machine code of what start, acceleration level and projection need, of full matrices, by its name in the loops.
+
+    Raises
+    ------
+    NotNative
+        There is none for one of them.
+    """
+    s = dynamics.structure
+    place = (), (s.n,), (s.n,)
+    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
+    if s.constrained:
+        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
+    if s.constrained or s.mass == "variable":
+        codes["kkt"] = native(kkt_terms, dynamics, shapes=(*place, (s.n + s.m + s.p,)))
+    return codes
+
+
+def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
+    force = dynamics.force(t, q, v)
+    if dynamics.structure.mass != "variable":
+        return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
+    inverse = inverse_mass_at(dynamics, t, q)
+    return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
+
+
+def larger(dynamics: Dynamics) -> bool:
+    """Whether full matrices are not the fastest any more."""
+    s = dynamics.structure
+    return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
+
+
+def products_of(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without full matrices where that pays, and is known how."""
+    return matrix_free(dynamics) if larger(dynamics) else None
+
+
+def kkt_of(dynamics: Dynamics) -> Entries | None:
+    """Code for the entries of the KKT matrix; remembered.
+
+    None where there is no machine code for them, or Python would factorise their matrix.
+    """
+    found: list[Entries] = _known.find(ById(dynamics), lambda: _kkt_of(products_of(dynamics) or dynamics))
+    return found[0] if found else None
+
+
+def _kkt_of(dynamics: Dynamics) -> list[Entries]:
+    try:
+        found = kkt_code(dynamics)
+    except (NotNative, NotImplementedError):  # the second: a primitive whose sparsity asdex does not know
+        return []
+    return [] if found.analysis.kind == "sparse" else [found]
+
+
+def kkt_code(dynamics: Dynamics) -> Entries:
+    """Machine code of residual and matrix of (H16), and the linear algebra for the entries that can differ from zero.
+
+    The ``slots`` say where code puts each of [residual; entries].
+
+    Raises
+    ------
+    NotNative
+        There is none, or it would take long to make.
+    """
+    s = dynamics.structure
+    size, vector = s.n + s.m + s.p, (s.n,)
+    if size > LARGEST and not isinstance(dynamics, MatrixFree):
+        raise NotNative(f"full matrices of {size} unknowns")
+    shapes = (), vector, vector, (size,)
+    if isinstance(dynamics, MatrixFree):
+        pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
+        return Entries(native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto"))
+    code = native(kkt_terms, dynamics, shapes=shapes)
+    flat = np.union1d(code.varying, np.flatnonzero(code.constants))
+    flat = flat[flat >= size]
+    slots = np.concatenate([np.arange(size), flat])
+    found = Analysis(size, flat // size - 1, flat % size, 0, slots, np.zeros(slots.size))
+    return Entries(code, chosen(found, "auto", measured=False))
