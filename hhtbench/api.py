@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from hhtbench.accuracy import solve_to
-from hhtbench.counting import Clock, check_clock, handed_over
+from hhtbench.counting import Clock, handed_over
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem, Solver
@@ -66,28 +66,28 @@ def solve(
     with handed_over(clock):
         try:
             if accuracy is not None:
-                return solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen))
-            found = _once(loaded, chosen, asked)
+                return solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen, clock=clock))
+            found = _once(loaded, chosen, asked, clock)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
     return replace(found, message=f"{found.message} {note}") if note and found.status is not Status.declined else found
 
 
-def _once(problem: Problem, solver: Solver, request: Request) -> Solution:
+def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:
     """One run, declined or judged where the solver does not judge itself."""
     reason = solver.accepts(problem, request)
     if reason is not None:
         return _nothing(problem, Status.declined, reason)
     found = solver.solve(problem, request)
-    return found if getattr(solver, "judges_itself", False) else _believed(problem, request, found)
+    return found if getattr(solver, "judges_itself", False) else _believed(problem, request, found, clock)
 
 
-def _believed(problem: Problem, request: Request, found: Any) -> Solution:
+def _believed(problem: Problem, request: Request, found: Any, clock: Clock) -> Solution:
     """``found``, unreliable where it cannot be the success that it reports."""
     doubt = doubt_about(problem, request, found)
     if not doubt and found.success:
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-        doubt = violated(levels, problem, request, (found.t, found.q, found.v), check_clock)
+        doubt = violated(levels, problem, request, (found.t, found.q, found.v), clock.check)
     if not doubt:
         return cast("Solution", found)
     if isinstance(found, Solution):

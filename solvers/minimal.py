@@ -77,9 +77,8 @@ class _Seen:
 
 
 def _seen(problem: Problem) -> _Seen:
-    work = Work()
-    dynamics = dynamics_for(problem.system, Place(problem.t_span[0], problem.q0, problem.v0), work)
-    return _Seen(dynamics, of_dynamics(dynamics).acceleration, work)
+    dynamics = dynamics_for(problem.system, Place(problem.t_span[0], problem.q0, problem.v0))
+    return _Seen(dynamics, of_dynamics(dynamics).acceleration, Work())
 
 
 @functools.lru_cache(REMEMBERED)
