@@ -31,6 +31,18 @@ def pendulum():
     return hb.load_problem("simple_pendulum(t_end=3)")  # its motion is known in elliptic functions
 
 
+@pytest.fixture
+def spring():
+    """Without constraints, which would give away who is wrong."""
+
+    def exact(t):
+        return hb.Motion(np.array([np.cos(t)]), np.array([-np.sin(t)]), np.zeros(0), np.zeros(0))
+
+    system = hb.NumpySystem(force=lambda t, q, v: -q)
+    scales = hb.Scales(q=1.0, v=1.0)
+    return hb.Problem(name="spring", system=system, t_span=(0.0, 3.0), q0=[1.0], v0=[0.0], exact=exact, scales=scales)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
 def test_the_true_error_is_below_what_was_asked_and_below_its_bound(pendulum, solver, accuracy):
@@ -75,19 +87,25 @@ def test_the_cost_is_that_of_all_runs(pendulum):
     assert all(difference >= x for difference, x in zip(found.error.differences, apart, strict=True))
 
 
-def test_a_solver_whose_runs_do_not_contract_is_not_believed(pendulum):
-    class Noisy:
-        name = "noisy"
-        rng = np.random.default_rng(1)
+class Off:
+    """The motion to roundoff, and at its end ``by(rtol)`` beside it."""
 
-        def accepts(self, problem, request):
-            return None
+    name = "off"
 
-        def solve(self, problem, request):
-            found = hb.load_solver("projected").solve(problem, replace(request, rtol=1e-8))
-            return replace(found, q=found.q + 1e-3 * self.rng.standard_normal(found.q.shape))
+    def __init__(self, by):
+        self.by = by
 
-    found = hb.solve(pendulum, Noisy(), accuracy=1e-4)
+    def accepts(self, problem, request):
+        return None
+
+    def solve(self, problem, request):
+        found = hb.load_solver("scipy(method=DOP853)").solve(problem, replace(request, rtol=1e-12))
+        return replace(found, q=found.q + self.by(request.rtol) * found.t[:, None] / 3)
+
+
+def test_a_solver_whose_runs_do_not_contract_is_not_believed(spring):
+    noise = np.random.default_rng(1)
+    found = hb.solve(spring, Off(lambda rtol: 1e-3 * noise.standard_normal()), accuracy=1e-4)
     assert found.status is Status.accuracy_not_shown
     assert found.error.bound is None
     assert np.isnan(found.error.q).all()
@@ -95,21 +113,9 @@ def test_a_solver_whose_runs_do_not_contract_is_not_believed(pendulum):
     assert len(found.error.settings) <= MOST_RUNS
 
 
-def test_one_small_difference_by_chance_is_not_believed(pendulum):
-    class Lucky:
-        name = "lucky"
-
-        def accepts(self, problem, request):
-            return None
-
-        def solve(self, problem, request):
-            exact = hb.load_solver("projected").solve(problem, replace(request, rtol=1e-10))
-            off = 0.0 if request.rtol < 1e-4 else request.rtol  # 1e-3, 2.5e-4: then two runs that agree by chance
-            off = 3e-4 if request.rtol < 2e-4 else off
-            return replace(exact, q=exact.q + off)
-
-    found = hb.solve(pendulum, Lucky(), accuracy=1e-5)
-    assert not (found.success and np.max(true_errors(pendulum, found)) > 3e-5)
+def test_two_runs_that_agree_by_chance_are_not_believed(spring):
+    found = hb.solve(spring, Off(lambda rtol: 3e-4 if rtol < 2e-4 else rtol), accuracy=1e-5)
+    assert not (found.success and np.max(true_errors(spring, found)) > 3e-5)
 
 
 def test_one_run_made_again_and_again_tells_nothing(pendulum):
