@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,6 +30,8 @@ COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
+SMALL = 0.1  # of the range of the motion: a difference below it should contract
+STALLS = 2  # so many that do not are noise
 LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
 LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
 ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
@@ -127,6 +130,8 @@ class _Search:
                         f"a run at {self._told(setting)} ended with {found.status.label}: {found.message}", found
                     )
                 setting /= self.finer
+            if self._stalls() >= STALLS:
+                return self._unknown("finer runs do not come nearer to one another")
             if setting < FINEST[self.kind]:
                 return self._unknown(
                     f"a setting below {self._told(FINEST[self.kind])} would be needed, which roundoff decides"
@@ -169,12 +174,27 @@ class _Search:
         before, last = self.differences[-2:]
         if max(before, last) <= ROUNDOFF and self._differ_in_work():
             return ROUNDOFF
-        contraction = last / before if before > 0.0 else math.inf
-        if not contraction < CONTRACTS:
-            return None
+        contraction, *others = self._ratios()[::-1]
+        if not contraction < CONTRACTS or (max(others, default=0.0) >= CONTRACTS and not others[0] < CONTRACTS):
+            return None  # where they did not contract once, chance may make one smaller: two in a row must be
         first, second, third = (run.setting**self.order for run in self.runs[-3:])
         proportional = before * third / (first - second)  # the last difference may be small by chance
         return SAFETY * max(last * max(self.least_share, contraction / (1 - contraction)), proportional)
+
+    def _ratios(self) -> list[float]:
+        """Of every difference to that before it."""
+        return [b / a if a > 0.0 else math.inf for a, b in pairwise(self.differences)]
+
+    def _stalls(self) -> int:
+        """How often a difference did not contract that was small beside the motion: coarse runs may be anywhere."""
+        last = self.runs[-1].solution if self.runs else None
+        if last is None:
+            return 0
+        ranges = [
+            np.ptp(x, axis=0) / np.asarray(s) for x, s in ((last.q, self.problem.scales.q), (last.v, self.problem.scales.v))
+        ]
+        small = SMALL * float(np.max(np.concatenate(ranges)))
+        return sum(ratio >= CONTRACTS and d < small for ratio, d in zip(self._ratios(), self.differences[1:], strict=True))
 
     def _differ_in_work(self) -> bool:
         """Whether the last runs took different steps: else they are one run, which tells nothing."""
