@@ -30,6 +30,7 @@ COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
+AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
 SMALL = 0.1  # of the range of the motion: a difference below it should contract
 STALLS = 2  # so many that do not are noise
 LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
@@ -120,8 +121,9 @@ class _Search:
                 self._keep(_Run(setting, found))
                 failed = 0
                 bound = self._bound()
-                if bound is not None and bound <= self.accuracy:
-                    return self._finished(bound)
+                known = self._agreement() if bound is None else bound
+                if known is not None and known <= self.accuracy:
+                    return self._finished(known)
                 setting = self._next(bound)
             else:
                 failed += 1
@@ -180,6 +182,12 @@ class _Search:
         first, second, third = (run.setting**self.order for run in self.runs[-3:])
         proportional = before * third / (first - second)  # the last difference may be small by chance
         return SAFETY * max(last * max(self.least_share, contraction / (1 - contraction)), proportional)
+
+    def _agreement(self) -> float | None:
+        """Of the last run's error, where three runs are so near to one another that it matters little how they contract."""
+        if len(self.differences) < 2 or not self._is_pair():
+            return None
+        return AGREEMENT * max(self.differences[-2:]) if self._differ_in_work() else None
 
     def _ratios(self) -> list[float]:
         """Of every difference to that before it."""
