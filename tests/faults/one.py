@@ -1,8 +1,9 @@
-"""``python -m tests.faults.one CHECKED`` in a copy of the tree: the checks up to the first that fails, as JSON."""
+"""``python -m tests.faults.one CHECKED FIRST`` in a copy of the tree: the checks up to the first that fails, as JSON."""
 
 from __future__ import annotations
 
 import json
+import resource
 import sys
 import warnings
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ from hhtbench.specs import parse_spec
 from hhtbench.testing import Check, check_problem, check_solver
 from hhtbench.testing.scenes import SCENES
 from tests.testing.claims import claims_of
+
+SECONDS = 150  # of processor time: a fault may make a loop endless
 
 
 def loaded(group: str, text: str) -> Any:
@@ -36,16 +39,17 @@ def checks_of(checked: str) -> Iterator[Check]:
     return check_solver(loaded("hhtbench.solvers", checked), **claims_of(checked))
 
 
-def main(checked: str) -> None:
+def main(checked: str, first: str) -> None:
     """Print {"flagged": name, "message": text, "checks": how many ran}."""
     one_blas_thread()
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
     warnings.simplefilter("ignore")
     root = Path(hhtbench.__file__).parent.parent
     if root != Path.cwd():
         raise SystemExit(f"hhtbench was imported from {root}, not from {Path.cwd()}")
     count, found = 0, {"flagged": "", "message": ""}
     try:
-        for check in checks_of(checked):
+        for check in sorted(checks_of(checked), key=lambda check: not check.name.startswith(first)):
             verdict, count = check.run(), count + 1
             if not verdict.kind.good:
                 found = {"flagged": verdict.name, "message": verdict.message}
@@ -56,4 +60,4 @@ def main(checked: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

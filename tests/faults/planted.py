@@ -14,6 +14,7 @@ class Fault:
     name: str
     file: str
     checked: str  #: the solver whose checks should find it, "problem:SPEC" or "scene:NAME"
+    first: str  #: how the names of checks begin that are tried before the others; "": in their order
     right: str  #: occurs once in the file
     wrong: str
 
