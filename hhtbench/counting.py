@@ -28,7 +28,7 @@ class Clock:
     late: float = 0.0  #: beyond the limit [s]
     kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
     passed_in: str = ""  #: what was being prepared when the time ended
-    work: Work | None = None  #: of the solve; it counts the callbacks of plain callables
+    work: Work | None = None  #: what counts the callbacks of plain callables while the solve runs
 
     def left(self) -> float:
         """Seconds until the limit."""
@@ -155,9 +155,6 @@ class Work:
     clock: Clock = field(default_factory=Clock)
     tally: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: by the names of ``Counters``
     output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: of ``tally``, what output rows have cost
-
-    def __post_init__(self) -> None:
-        self.clock.work = self
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.result.Counters`."""

@@ -9,20 +9,28 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.lowering import route_of
-from solvers._start import Solving
+from hhtbench.lowering import Dynamics, route_of
 from solvers.hht.run.kkt import kkt_of
 from solvers.hht.run.rows import FEW, in_blocks
-from solvers.hht.step.acceleration import recover
+from solvers.hht.step import acceleration
 
 BLOCK = 256  # rows of the first call
 
 Recover = Callable[[Matrix, Any], Any]  # (rows [t, q, v, lam, mu], done): fills rows and marks them
 
 
-def many_recovered(recover: Recover, work: Work, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``; counted."""
-    done, rows = np.zeros(times.size, dtype=bool), np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+def recovered(
+    dynamics: Dynamics, work: Work, recover: Recover | None, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix
+) -> Any:
+    """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``; counted.
+
+    By ``recover``, or the entries of the KKT matrix; none where there is no machine code for them.
+    """
+    done = np.zeros(times.size, dtype=bool)
+    recover = recover or _by_entries(dynamics, times.size)
+    if recover is None:
+        return done
+    rows = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
     in_blocks(times.size, BLOCK, lambda block: recover(rows[block], done[block]), lambda: work.clock.left() >= 0.0)
     found = rows[done, 1 + 2 * q.shape[1] :]
     lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
@@ -30,12 +38,7 @@ def many_recovered(recover: Recover, work: Work, times: Vector, q: Matrix, v: Ma
     return done
 
 
-def recovered(run: Solving, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-    """The same by the entries of the KKT matrix; none where there is no machine code for them."""
-    dynamics, none = run.dynamics, np.zeros(times.size, dtype=bool)
-    if times.size < FEW or route_of(dynamics) == "numpy":  # also where there is code: bits would depend on earlier solves
-        return none
-    entries = kkt_of(dynamics)
-    if entries is None:
-        return none
-    return many_recovered(recover.following(entries.memory(dynamics)), run.work, times, q, v, lam, mu)
+def _by_entries(dynamics: Dynamics, count: int) -> Recover | None:
+    """Code for ``count`` rows; none for few, also where there is some: bits would depend on earlier solves."""
+    entries = kkt_of(dynamics) if count >= FEW and route_of(dynamics) != "numpy" else None
+    return None if entries is None else acceleration.recover.following(entries.memory(dynamics))

@@ -21,7 +21,7 @@ from solvers._dense import OnConstraints, Pieces
 from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._multipliers import recovered
+from solvers._multipliers import Recover, recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
     Rows,
@@ -62,15 +62,13 @@ class Run:
         #: output times [s]; None: every step
         self.wanted = None if request.t_eval is None else request.t_eval - problem.t_span[0]
         self.direction = -1.0 if self.t1 < self.t0 else 1.0
-        self.work = LibraryWork(max_evaluations=request.max_evaluations, clock=clock)
+        self.work = clock.work = LibraryWork(max_evaluations=request.max_evaluations, clock=clock)
         self.form_name = form
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
         self.steps = 0
         self.note = ""  #: what is said of a run beside how it ended
-        self.recover_many: Callable[..., Any] = partial(
-            recovered, self
-        )  #: of many rows at once, see :func:`~solvers._multipliers.recovered`
+        self.recover: Recover | None = None  #: the code of a solver that finds many rows' multipliers at once
         self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
         self._times: list[float] = []
@@ -97,7 +95,7 @@ class Run:
             put = OneByOne(self.dynamics).put_all
             projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
             more = {"interpolant": self.pieces, "projection": projection}
-        recover_many = partial(self.recover_many, *rows.motion, own.lam, own.mu)
+        recover_many = partial(recovered, self.dynamics, self.work, self.recover, *rows.motion, own.lam, own.mu)
         return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
 
     def left_over(self, end: Failure) -> Solution:

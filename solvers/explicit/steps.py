@@ -14,7 +14,6 @@ from hhtbench.lowering import Dynamics, NotNative, route_of, unreduced
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
-from solvers._multipliers import many_recovered
 from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
@@ -71,7 +70,7 @@ class CompiledSteps:
     def drive(self) -> None:
         """From the start to the end of the interval."""
         run, count = self.run, FIRST
-        run.recover_many = self.recovered
+        run.recover = recover.following(self.z)
         run.holds_constraints = unreduced(run.dynamics) is run.dynamics
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
@@ -123,12 +122,6 @@ class CompiledSteps:
             run.guard.nonfinite = float(place[0]), place[1:].copy()
         status = Status.step_too_small
         raise Halt(status, f"Required step size is less than spacing between numbers. {status.text} t = {run.now:.17g}.")
-
-    def recovered(self, times: Vector, q: Matrix, v: Matrix, lam: Matrix, mu: Matrix) -> Any:
-        """Which rows (k,) got their multipliers from the acceleration level in ``lam`` and ``mu``."""
-        done = many_recovered(recover.following(self.z), self.run.work, times, q, v, lam, mu)
-        self._counts[:] = 0  # they are counted
-        return done
 
 
 def _places(dynamics: Dynamics) -> Places:

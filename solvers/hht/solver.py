@@ -135,6 +135,7 @@ class HHT:
         check_accuracy(asked, place.q.size)
         with self._alone(), timed(None) as clock:
             first, work = h or self.options.control.first_step, Work(clock=clock)
+            clock.work = work
             started = self.begin(place, guesses, first, work, controlled=h is None)
             self._engine = self._integrator = self._onward = None
             if isinstance(started, Failure):

@@ -67,7 +67,7 @@ def parameters_of(value: Any) -> Hashable:
         return ById(value)
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, eqx.Module):
+    if isinstance(value, (eqx.Module, NumpySystem)):
         value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
     if isinstance(value, dict):
         return tuple(value), tuple(map(parameters_of, value.values()))
@@ -143,7 +143,8 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
         constant = mass_as_matrix(mass, structure.n, np)
         return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
 
-    found: NumpyDynamics = _derived.find((ById(system), structure, ignored), made)
+    key = ById(system), parameters_of(system), structure, ignored
+    found: NumpyDynamics = _derived.find(key, made)
     return found
 
 

@@ -49,7 +49,7 @@ class Integration:
         """``steps``: those that ``request`` prescribes; None: error control."""
         self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
         self.place, self.guesses = place, guesses
-        self.work = Work(max_evaluations=request.max_evaluations, clock=clock)
+        self.work = clock.work = Work(max_evaluations=request.max_evaluations, clock=clock)
 
     def solution(self) -> Solution:
         """The whole solve."""
