@@ -15,6 +15,7 @@ from hhtbench.report.words import (
     MEASURES,
     NOTHING,
     STAR,
+    behind,
     bounded,
     outcome,
     plural,
@@ -32,6 +33,7 @@ ANY = "any"
 INTERPOLATED = (
     f"Costs are interpolated in the logarithms between two runs; {AT_MOST}: the loosest run is already more accurate."
 )
+COMPARED = ("wins", "loses", "level")
 MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "unheld": "others drift", "absent": "not there"}
 
 
@@ -44,7 +46,7 @@ def balance(rows: Sequence[RunRow]) -> Table:
         for measure in MEASURES:
             own = [line for line in lines if line.measure == measure]
             cells = [_counted([line for line in own if line.target == target]) for target in targets]
-            body.append([_bound(bound), SHORT[measure], *cells, _counted(own)])
+            body.append([_bound(bound), SHORT[measure], _counted(own), *cells])
     note = (
         f"Numbers of problems: {', '.join(MARKS.values())}. The best HHT entry against the cheapest of all other solvers at "
         "the same achieved error and with drift of position and velocity within the bound on both sides; with a bound, "
@@ -52,12 +54,15 @@ def balance(rows: Sequence[RunRow]) -> Table:
         f"{times(analysis.level_of(analysis.points(rows)))} for processor time. Alone: no other solver gets there, whatever "
         "it was given; not there: HHT does not, another does."
     )
-    return make_table(["drift", "by", *(f"error {target:.0e}" for target in targets), "all"], body, note)
+    return make_table(["drift", "by", "all", *(f"error {target:.0e}" for target in targets)], body, note)
 
 
-def _counted(lines: Sequence[Comparison]) -> str:
+def _counted(lines: Sequence[Comparison]) -> Cell:
+    """Comparisons in large print, below them who gets there alone."""
     counts = Counter(line.outcome for line in lines)
-    return ", ".join(f"{counts[name]} {mark}" for name, mark in MARKS.items() if counts[name]) or NOTHING
+    parts = {name: f"{counts[name]} {mark}" for name, mark in MARKS.items() if counts[name]}
+    both = [text for name, text in parts.items() if name in COMPARED]
+    return Cell(", ".join(both) or NOTHING, "", ", ".join(text for name, text in parts.items() if name not in COMPARED))
 
 
 def _bound(bound: float | None) -> str:
@@ -87,12 +92,12 @@ def against(rows: Sequence[RunRow]) -> Table:
 
 
 def _rival(line: Comparison) -> Cell:
-    detail = f"against {line.rival.entry}" if line.rival is not None and line.factor is not None else ""
-    return _verdict(line)._replace(detail=detail)
+    return _verdict(line)._replace(detail=behind(line))
 
 
 def _verdict(line: Comparison) -> Cell:
-    return Cell(outcome(line), TONES.get(line.outcome, ""))
+    detail = "" if line.factor is not None else behind(line)  # who the other is stands in columns of its own
+    return Cell(outcome(line), TONES.get(line.outcome, ""), detail)
 
 
 def both_sides(rows: Sequence[RunRow], problem: str, held: float | None = None) -> Table:

@@ -95,7 +95,7 @@ def _clock(rows: Sequence[RunRow], runs: Sequence[Point]) -> list[str]:
         "Time is processor time of a solve without output on the way, alone on a core; starts and compilation apart. The "
         f"best of {plural(rounds, 'round')} over all runs; a short solve is repeated within a reading, the shortest of "
         f"which lasted {seconds(least)}.",
-        f"Level are costs within a factor {times(level)} of one another: {SAME:.0%} of the repeats of one and the same "
+        f"Level are costs within a factor {times(level)} of one another: {SAME:.1%} of the repeats of one and the same "
         "solve differ by less.",
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from hhtbench.analysis import UNKNOWN, Comparison, Point, family
+from hhtbench.analysis import Comparison, Point, family
 
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 NOTHING = "\N{EN DASH}"
@@ -94,24 +94,26 @@ def bounded(bound: float | None) -> str:
 
 def outcome(line: Comparison) -> str:
     """Who needs less, by which factor; or who gets there at all."""
-    if line.outcome in ("absent", "unknown"):
-        return not_there(line)
-    least = line.least_factor
-    more = f", others need more than {times(least)}" if least is not None and least > 1 else ""
-    texts = {"alone": f"only HHT gets there{more}", "unheld": "no other accurate run drifts so little"}
+    if line.outcome == "absent":
+        return "HHT does not get there"
+    if line.outcome == "unknown":
+        reason = line.own_missing
+        return reason.text if reason is not None else "no HHT run" if line.subject is None else "nobody to compare with"
+    texts = {"alone": "only HHT gets there", "unheld": "no other accurate run drifts so little"}
     return texts.get(line.outcome) or f"{line.outcome} {factor(line)}"
 
 
-def not_there(line: Comparison) -> str:
-    """Why HHT has no cost, and what it would need at least."""
-    reason = line.own_missing
-    if reason is None:
-        return "no HHT run" if line.subject is None else "nobody to compare with"
-    if reason.kind in UNKNOWN:
-        return reason.text
+def behind(line: Comparison) -> str:
+    """Whom the verdict is about, why one side does not get there, and what it would need at least."""
+    if line.factor is not None and line.rival is not None:
+        return f"against {line.rival.entry}"
     least = line.least_factor
-    more = f"; it needs more than {times(least)}" if line.rival is not None and least is not None and least > 1 else ""
-    return f"HHT does not get there: {reason.text}{more}"
+    more = f"more than {times(least)}" if least is not None and least > 1 else ""
+    if line.outcome == "alone":
+        return f"the others need {more}" if more else ""
+    if line.outcome != "absent" or line.own_missing is None:
+        return ""
+    return f"{line.own_missing.text}{f'; it needs {more}' if more else ''}"
 
 
 def doubt(message: str) -> str:

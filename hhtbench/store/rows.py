@@ -19,7 +19,10 @@ class RunRow:
         Exactly one of ``rtol``, ``step``, ``steps`` is not null: ``{"rtol": 1e-06, "atol": null, "step": null,
         "steps": null, "outputs": 51, "counting": true, "max_seconds": 20.0}``.  ``outputs`` is the number of output times,
         equal distances over the interval (the times of the problem's reference are added); ``atol`` null means the
-        solver's own choice; ``counting``: solvers that count in a run of their own were let to.
+        solver's own choice; ``counting``: solvers that count in a run of their own were let to.  In a campaign that refines
+        its settings also ``rules``: ``{"accuracies", "max_seconds", "pair_seconds", "refinements"}``, what every solver was
+        given; ``held_out`` true on problems that were not looked at while defaults were tuned; ``reference``, digest of the
+        certificate that the problem was given, and ``reference_file``, where it lies.
 
     ``metrics``
         ``t_end``: last time reached [s].  ``reached``: fraction of the interval, 0 to 1.  ``rows``: output rows.
@@ -64,12 +67,13 @@ class RunRow:
     ``timing``
         ``compile_s``: wall time of the warm-up of this solver on this problem, compilation included; what solvers before
         it have compiled or left in the cache on disk is not compiled again.  ``solve_s``: one warm solve beside other work.
-        ``best_s``, ``median_s``, ``repeats``: wall time of warm solves alone on a core with one thread (of an even number
-        the lower median).  Of the median solve: ``cpu_s`` processor time, ``load`` the machine's average of running tasks
-        over the last minute (null where the system does not tell), ``disturbed`` true where the wall time is more than 1.2
-        times the processor time: something else ran there.  All are null until the timing pass has run, and for a cell that
-        did not succeed.  ``note``: only where a timed solve failed (then ``repeats`` is 0).  Every solve here is one without
-        output before the end.  ``{}`` where no solve came back.
+        ``solve_cpu_s``: its processor time.  ``rounds_s``: processor times of warm solves, each reading taken alone on a
+        core with one thread, one in every round over all cells; ``best_s`` and ``median_s`` of them (of an even number the
+        lower median), ``repeats`` how many.  Of the median reading: ``solves``, how many it lasted for, ``wall_s``, the wall
+        time of one, ``load`` the machine's average of running tasks over the last minute (null where the system does not
+        tell), ``disturbed`` true where the wall time is more than 1.2 times the processor time: the process waited.  All are
+        null until the timing pass has run, and for a cell that did not succeed.  ``note``: only where a timed solve failed
+        (then ``repeats`` is 0).  Every solve here is one without output before the end.  ``{}`` where no solve came back.
 
     ``environment``
         ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "commit", "numpy", ...}``: text

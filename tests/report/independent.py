@@ -51,7 +51,7 @@ class Truth:
         for row in rows:
             times = row.timing.get("rounds_s") or []
             ratios += [max(a, b) / min(a, b) for i, a in enumerate(times) for b in times[:i]]
-        self.level = sorted(ratios)[math.ceil(0.99 * len(ratios)) - 1] if ratios else 1.0
+        self.level = sorted(ratios)[math.ceil(0.995 * len(ratios)) - 1] if ratios else 1.0
 
     def limit(self, problem):
         rows = [row for runs in self.groups[problem].values() for row in runs]
