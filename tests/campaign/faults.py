@@ -27,7 +27,7 @@ from tests.campaign.plugin import FILES, GROUPS
 from tests.platform.plugins_fixture import make_distribution
 
 RUNNER_SHARE = 0.3  # of the kills; the others hit a worker
-PAUSES = (0.3, 4.0)  # s between two kills
+PAUSES = (0.2, 6.0)  # s between two kills
 RTOL = [f"{mantissa}e-{power}" for power in (3, 4) for mantissa in range(1, 9)] + ["1e-6"]
 
 
@@ -82,18 +82,18 @@ def workers_of(runner: int) -> list[int]:
 def disturb(campaign: Campaign, most: int, chance: random.Random) -> None:
     """Run the campaign to its end with up to ``most`` kills."""
     runner = campaign.start()
-    due = time.monotonic() + 3 * chance.uniform(*PAUSES)
+    due, at_runner = time.monotonic() + chance.uniform(*PAUSES), False
     while (code := runner.poll()) is None or code == -signal.SIGKILL:
         if code is not None:
             campaign.look()
             runner = campaign.start()
         if time.monotonic() > due and campaign.kills.total() < most:
-            victims = [runner.pid] if chance.random() < RUNNER_SHARE else workers_of(runner.pid)
+            victims = [runner.pid] if at_runner else workers_of(runner.pid)  # none yet: it waits for one
             if victims:
                 with suppress(ProcessLookupError):
                     os.kill(chance.choice(victims), signal.SIGKILL)
-                    campaign.kills["runner" if victims == [runner.pid] else "worker"] += 1
-                due = time.monotonic() + chance.uniform(*PAUSES)
+                    campaign.kills["runner" if at_runner else "worker"] += 1
+                due, at_runner = time.monotonic() + chance.uniform(*PAUSES), chance.random() < RUNNER_SHARE
         time.sleep(0.01)
     campaign.look()
     if code:
@@ -111,7 +111,7 @@ def main() -> None:
     faults: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         folder = make_distribution(Path(name) / "site", "outside", FILES, GROUPS)
-        solvers = "told(seconds=0.1), told(does=segv), told(does=raise), hht, ida(form=ggl)"
+        solvers = "told(seconds=0.1), told(does=segv), told(does='raise'), hht, ida(form=ggl)"
         calm = Campaign(folder, Path(name) / "calm.sqlite", solvers)
         disturb(calm, 0, chance)
         expected = {row.key: result(row) for row in load_rows(calm.store)}

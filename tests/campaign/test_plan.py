@@ -140,3 +140,16 @@ def test_an_unknown_entry_or_name_of_a_campaign_is_named():
         read_campaign("[[grid]]\nproblems=['a']\nsolvers=['b']\nrtoll=[1]\n")
     with pytest.raises(NotFoundError, match="known: quick"):
         named_campaign("quck")
+
+
+def test_a_users_folder_of_a_distributions_name_changes_no_key(
+    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3,)),))
+    (before,) = plan_cells(asked)
+    folder = tmp_path / "own" / "outside"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").write_text("VALUE = 1\n")
+    monkeypatch.syspath_prepend(str(folder.parent))
+    (after,) = plan_cells(asked)
+    assert after.key == before.key
