@@ -3,6 +3,12 @@ only itself.
 
 Tasks go out one at a time, so nothing else is lost with a worker; they go where their problem and solver are loaded and
 compiled already.
+
+Pebble (5.2) and loky (3.7) were tried in this place.  With loky one killed worker fails every task that waits or runs (here
+none), and one that hangs in C hangs for good.  With Pebble both cost their task only, but a process that a task has forked
+lives on after its time limit, as does a worker in C after a kill of the runner (here, as with loky's, for ever; ours are
+gone at once).  Neither limits memory, tells compiling from solving in a time limit, or sends tasks of a compiled pair to the
+worker that has it.  What they cost, 0.3 and 0.6 ms a task, is no less: a worker here waits 0.3 ms between two tasks.
 """
 
 from __future__ import annotations
