@@ -71,7 +71,12 @@ def run_task(task: Task) -> dict[str, Any]:
     A :class:`WorkerPool` runs it in its own workers.  Any other executor calls it where it wants to, in a thread or on
     another machine: that process has workers of its own then.
     """
-    return dict(_pool_of_this_process().submit(run_task, task).result())
+    with _one_pool:
+        pool = _pool_of_this_process()
+    return dict(pool.submit(run_task, task).result())
+
+
+_one_pool = threading.Lock()  # threads of one process share it
 
 
 @cache
@@ -215,11 +220,12 @@ class WorkerPool(Executor):
         return [worker for worker in self._workers if worker.task is not None]
 
     def _hand_out(self, worker: WorkerProcess) -> None:
-        self._failed_starts = self._killed_starts = 0
-        if worker.tasks == 0 and self._again:
-            entry = self._again.popleft()
-            worker.submit(entry, asdict(entry.task))
-            return
+        if worker.tasks == 0:
+            self._failed_starts = self._killed_starts = 0
+            if self._again:
+                entry = self._again.popleft()
+                worker.submit(entry, asdict(entry.task))
+                return
         while (entry := self._waiting.take(worker)) is not None:
             if entry.future.set_running_or_notify_cancel():
                 worker.submit(entry, asdict(entry.task))
