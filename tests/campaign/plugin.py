@@ -61,7 +61,7 @@ SOLVER = """\
                 t, q, v = t[:-1], q[:-1], v[:-1]
             none = np.zeros((t.size, 0))
             return Solution(t=t, q=q, v=v, lam=none, mu=none, status=Status.success, message="there",
-                            counters=Counters(steps_accepted=4))
+                            counters=Counters(steps_accepted=4, residual_evaluations=8))
 
         def misbehave(self):
             if self.does == "segv":
