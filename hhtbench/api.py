@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from hhtbench.counting import Clock, handed_over
+from hhtbench.counting import Clock, check_clock, handed_over
 from hhtbench.errors import BudgetSpent
+from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
-from hhtbench.request import check_output_times, make_request
-from hhtbench.result import Solution, Status
+from hhtbench.request import Request, check_output_times, make_request
+from hhtbench.result import Counters, Solution, Status
+from hhtbench.trust import doubt_about, violated
 
 RTOL = 1e-4  #: where a request has neither tolerances nor steps: plain engineering accuracy
 
 
 def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) -> Solution:
     """Integrate ``problem`` with ``solver``.
+
+    What a solver from elsewhere returns is looked at before it is believed: shapes, times, counters, constraints.  Whether
+    it obeys the equations of motion between its rows, the bench judges (``hhtbench run``).
 
     Parameters
     ----------
@@ -54,10 +59,27 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     with handed_over(clock):
         try:
             reason = chosen.accepts(loaded, asked)
-            found = chosen.solve(loaded, asked) if reason is None else _nothing(loaded, Status.declined, reason)
+            if reason is not None:
+                return _nothing(loaded, Status.declined, reason)
+            found = chosen.solve(loaded, asked)
+            if not getattr(chosen, "judges_itself", False):
+                found = _believed(loaded, asked, found)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
     return replace(found, message=f"{found.message} {note}") if note and found.status is not Status.declined else found
+
+
+def _believed(problem: Problem, request: Request, found: Any) -> Solution:
+    """``found``, unreliable where it cannot be the success that it reports."""
+    doubt = doubt_about(problem, request, found)
+    if not doubt and found.success:
+        levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
+        doubt = violated(levels, problem, request, (found.t, found.q, found.v), check_clock)
+    if not doubt:
+        return cast("Solution", found)
+    if isinstance(found, Solution):
+        return replace(found, status=Status.unreliable, message=doubt)
+    return _nothing(problem, Status.unreliable, doubt)
 
 
 def _nothing(problem: Problem, status: Status, message: str) -> Solution:
@@ -65,4 +87,5 @@ def _nothing(problem: Problem, status: Status, message: str) -> Solution:
     n = problem.q0.size
     m, p = (np.size(guess) if guess is not None else 0 for guess in (problem.lam_guess, problem.mu_guess))
     q, v, lam, mu = (np.empty((0, width)) for width in (n, n, m, p))
-    return Solution(t=np.empty(0), q=q, v=v, lam=lam, mu=mu, status=status, message=message)
+    none = np.empty(0)
+    return Solution(t=none, q=q, v=v, lam=lam, mu=mu, status=status, message=message, counters=Counters())

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import importlib.util
-import json
 import os
 import sys
 from difflib import get_close_matches
@@ -14,10 +12,9 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from urllib.parse import unquote, urlparse
-from urllib.request import url2pathname
 
 from hhtbench.errors import NotFoundError, ProblemError
+from hhtbench.packages import locations, make_findable, own_folder, owner
 
 GROUPS = {
     "problem": "hhtbench.problems",
@@ -49,7 +46,7 @@ def find(kind: str, name: str) -> EntryPoint:
     if not found:
         raise NotFoundError(_unknown(kind, name))
     if len(found) > 1:
-        owners = " and ".join(sorted(f"{_owner(entry)} ({entry.value})" for entry in found))
+        owners = " and ".join(sorted(f"{owner(entry)} ({entry.value})" for entry in found))
         raise ProblemError(f"the {kind} {name} is registered more than once: by {owners}. Uninstall one of them.")
     return found[0]
 
@@ -79,18 +76,18 @@ def _search_path() -> list[tuple[str, int]]:
 
 def _imported(kind: str, name: str, entry: EntryPoint) -> tuple[Any, ModuleType]:
     """The registered object and its module."""
-    _refuse_shadow(entry)
+    make_findable(entry)
     try:
         module = importlib.import_module(entry.module)
     except Exception as error:
         raise ProblemError(
-            f"the {kind} {name} of {_owner(entry)} cannot be imported: {type(error).__name__}: {error}. "
+            f"the {kind} {name} of {owner(entry)} cannot be imported: {type(error).__name__}: {error}. "
             f"Python found {entry.module.partition('.')[0]} at {_places(entry.module)}."
         ) from error
     try:
         return reduce(getattr, filter(None, entry.attr.split(".")), module), module
     except AttributeError as error:
-        raise ProblemError(f"the {kind} {name} of {_owner(entry)}: {error} (file {_file(module)}).") from error
+        raise ProblemError(f"the {kind} {name} of {owner(entry)}: {error} (file {_file(module)}).") from error
 
 
 def summaries(kind: str) -> dict[str, str]:
@@ -103,9 +100,9 @@ def summaries(kind: str) -> dict[str, str]:
 
 def _summary(entries: list[EntryPoint]) -> str:
     if len(entries) != 1:
-        return f"registered by {' and '.join(sorted(_owner(entry) for entry in entries))}: not usable"
+        return f"registered by {' and '.join(sorted(owner(entry) for entry in entries))}: not usable"
     top, *rest = entries[0].module.split(".")
-    for folder in _locations(top):
+    for folder in filter(None, [own_folder(entries[0]), *locations(top)]):
         base = folder.joinpath(*rest) if rest else folder
         for file in (base.with_suffix(".py"), base / "__init__.py", base):
             if file.is_file():
@@ -132,47 +129,8 @@ def _unknown(kind: str, name: str) -> str:
     return f"{text} `hhtbench list` shows all; a file is named as FILE.py:{name}."
 
 
-def _owner(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown distribution"
-
-
-def _refuse_shadow(entry: EntryPoint) -> None:
-    """Raise when Python would import another file than the distribution's, before that file is executed."""
-    roots = _roots(entry)
-    found = _locations(entry.module.partition(".")[0])
-    if roots and found and not any(place.is_relative_to(root) for place in found for root in roots):
-        raise ProblemError(
-            f"{entry.group.removeprefix('hhtbench.').removesuffix('s')} {entry.name}: {_owner(entry)} means its own "
-            f"{entry.module}, but Python finds {_places(entry.module)} first, which hides it. "
-            f"Rename that file or folder, or run from elsewhere."
-        )
-
-
-def _roots(entry: EntryPoint) -> list[Path]:
-    """Folders that may hold the distribution's modules: where it is installed, or its project if editable."""
-    if entry.dist is None:
-        return []
-    roots = [Path(str(entry.dist.locate_file(""))).resolve()]
-    origin = json.loads(entry.dist.read_text("direct_url.json") or "{}")
-    if origin.get("dir_info", {}).get("editable"):
-        roots.append(Path(url2pathname(unquote(urlparse(origin["url"]).path))).resolve())
-    return roots
-
-
-def _locations(package: str) -> list[Path]:
-    """Where Python finds a top-level package or module, without executing it."""
-    try:
-        spec = importlib.util.find_spec(package)  # that of the imported module, where it is imported already
-    except ValueError:  # a module made by hand has none
-        return []
-    if spec is None:
-        return []
-    places = [*(spec.submodule_search_locations or ()), *([spec.origin] if spec.origin else ())]
-    return [Path(place).resolve() for place in places]
-
-
 def _places(module: str) -> str:
-    return ", ".join(str(place) for place in _locations(module.partition(".")[0])) or "no file"
+    return ", ".join(str(place) for place in locations(module.partition(".")[0])) or "no file"
 
 
 def _file(module: ModuleType) -> str:

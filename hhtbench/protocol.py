@@ -281,7 +281,11 @@ class Problem:
 
 
 class Solver(Protocol):
-    """What the bench knows of a solver."""
+    """What the bench knows of a solver.
+
+    It may have more: ``warm_up(problem, request)`` compiles, ``count(problem, request)`` gives the Counters of an untimed
+    run, and with a true ``judges_itself`` ``hb.solve`` returns its results as they are; a campaign judges them all the same.
+    """
 
     name: str
 

@@ -96,6 +96,10 @@ class Counters:
     provenance: str = "counted"
 
 
+_COUNTED = [counter.name for counter in fields(Counters) if counter.name != "provenance"]
+NOT_REPORTED = Counters(**dict.fromkeys(_COUNTED), provenance="not reported")
+
+
 @dataclass(frozen=True, kw_only=True)
 class StepsData:
     """Stage values of the HHT method, one row per accepted step."""
@@ -119,6 +123,8 @@ class DenseOutput(NamedTuple):
 class Solution:
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
 
+    Of a solver that says nothing about its work no counter is reported.
+
     ``carried`` is None where a solver has no multipliers of its own, as on the underlying ODE, and for HHT with output
     between its steps: its stage values belong to their ends.  ``steps_data`` and ``interpolant`` are None where the steps
     were too many to keep them all for nothing but rows at ``t_eval``.
@@ -131,7 +137,7 @@ class Solution:
     mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
     status: Status
     message: str  #: what happened, where, and what to do
-    counters: Counters = field(default_factory=Counters)
+    counters: Counters = field(default_factory=lambda: NOT_REPORTED)
     steps_data: StepsData | None = None  #: HHT only
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
     t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for

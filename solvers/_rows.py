@@ -1,4 +1,4 @@
-"""What becomes of the rows that a library has given: are they to be believed, and which multipliers does it hold itself."""
+"""What becomes of the rows that a library has given, and which multipliers it holds itself."""
 
 from __future__ import annotations
 
@@ -8,16 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, padded
+from hhtbench.lowering import Dynamics, padded
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.protocol import Scales
 from solvers._ending import OwnMultipliers
 from solvers.forms.form import Form
 
-BELIEVABLE = 0.1  # constraint violation in units of the typical size: beyond it the rows show another mechanism
-CHECKED_ROWS = 200  # rows looked at by that check, the last one included: more would cost more than the steps
 INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers
 
 
@@ -67,43 +62,6 @@ def carried(form: Form, rows: Rows, dynamics: Dynamics) -> Mapping[str, Matrix] 
     else:
         return None
     return dict(zip(("lam", "mu"), padded(dynamics, *own), strict=True))
-
-
-def doubt_about(rows: Rows, wanted: Vector | None) -> str:
-    """What speaks against the rows of a success, in words; empty when nothing does.  ``wanted``: their times."""
-    if wanted is not None and not np.array_equal(rows.t, wanted):
-        return f"It gave {rows.t.size} of {wanted.size} rows."
-    if not np.isfinite(rows.y).all():
-        return f"The row at t = {rows.t[np.argmin(np.isfinite(rows.y).all(axis=1))]:.17g} is not finite."
-    return ""
-
-
-def worst_violation(levels: ConstraintLevels, rows: Rows, scales: Scales, work: Work) -> str:
-    """The largest violation of the constraints in words, with its time; empty where all rows are believable.
-
-    Raises
-    ------
-    BudgetSpent
-        The time budget ended before all was looked at.
-    """
-    if not levels.structure.constrained or not rows.t.size:
-        return ""
-    largest, at_time = 0.0, 0.0
-    for i in np.unique(np.linspace(0, rows.t.size - 1, CHECKED_ROWS).astype(int)):
-        work.check_time()
-        try:
-            at = levels.at(float(rows.t[i]), rows.q[i], rows.v[i])
-        except NonFiniteValue as error:
-            return f"{error}."
-        velocity = at.scaled_velocity(scales.v)[at.position.size :]
-        worst = float(np.max(np.concatenate([at.scaled_position(scales.q), velocity])))
-        if not worst <= largest:  # NaN counts as larger than all
-            largest, at_time = worst, float(rows.t[i])
-        if np.isnan(worst):
-            break
-    if largest <= BELIEVABLE:
-        return ""
-    return f"A constraint is violated by up to {largest:.2g} of its size, most at t = {at_time:.17g}."
 
 
 def own_multipliers(form: Form, rows: Rows, dynamics: Dynamics, first: Acceleration) -> OwnMultipliers:

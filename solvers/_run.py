@@ -16,7 +16,7 @@ from hhtbench.lowering import unreduced
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust import unresolved
+from hhtbench.trust import doubt_about_motion, unresolved, violated
 from solvers import forms
 from solvers._dense import OnConstraints, Pieces
 from solvers._ending import RecoverMany, empty_solution, solution_of, unrecovered
@@ -27,12 +27,10 @@ from solvers._projection import OneByOne
 from solvers._rows import (
     Rows,
     carried,
-    doubt_about,
     holds_integrals,
     make_rows,
     own_multipliers,
     rates_of,
-    worst_violation,
 )
 from solvers._start import (
     Failure,
@@ -295,15 +293,15 @@ class Run:
         """How the run ended, after a look at what speaks against a success."""
         if end.status is not Status.success:
             return end
-        doubt = f"It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}." if self.t != self.t1 else ""
+        doubt = f"end: It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}." if self.t != self.t1 else ""
         try:
-            doubt = doubt or doubt_about(rows, self.request.t_eval)
+            doubt = doubt or doubt_about_motion(self.problem, self.request, rows.motion)
             if not (doubt or self.holds_constraints):
-                doubt = worst_violation(self.levels, rows, self.problem.scales, self.work)
+                doubt = violated(self.levels, self.problem, self.request, rows.motion, self.work.check_time)
         except BudgetSpent as spent:
             return budget_failure(spent, self.now)
         if doubt:
-            return Failure(Status.unreliable, f"{Status.unreliable.text} {doubt}")
+            return Failure(Status.unreliable, f"{doubt} {Status.unreliable.text}")
         coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
         return Failure(Status.time_resolution, coarse) if coarse else end
 

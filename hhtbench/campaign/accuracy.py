@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from hhtbench.result import Solution
 
 COMPONENTS = ("q", "v", "lam", "mu")
 SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
+SPACINGS = 4  # of floating-point times, which may be further apart than that
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +59,12 @@ class Comparison:
             "max": error.max(),
             "max_scaled": scaled.max(),
         }
+
+
+def same_time(problem: Problem) -> float:
+    """Two times that are no further apart [s] are one, computed in two ways."""
+    t0, t1 = problem.t_span
+    return max(SAME_TIME * (abs(t1 - t0) or 1.0), SPACINGS * math.ulp(max(abs(t0), abs(t1))))
 
 
 def compare_multipliers(problem: Problem, t: Vector, carried: Mapping[str, Matrix]) -> dict[str, dict[str, Any]]:
@@ -113,7 +121,7 @@ def compare(problem: Problem, solution: Solution) -> Comparison | None:
 
 
 def _at_end(problem: Problem, t: Vector) -> bool:
-    return bool(abs(t[-1] - problem.t_span[1]) <= SAME_TIME * _span(problem))
+    return bool(abs(t[-1] - problem.t_span[1]) <= same_time(problem))
 
 
 def _scale(problem: Problem, name: str, values: Matrix) -> Vector:
@@ -135,7 +143,7 @@ def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], s
     rows, known = [], []
     for j, t in enumerate(np.asarray(problem.reference["t"], dtype=np.float64)):
         nearest = int(np.argmin(np.abs(times - t)))
-        if abs(times[nearest] - t) <= SAME_TIME * _span(problem):
+        if abs(times[nearest] - t) <= same_time(problem):
             rows.append(nearest)
             known.append(j)
     found = {k: np.asarray(problem.reference[k], dtype=np.float64)[known] for k in COMPONENTS if k in problem.reference}
@@ -145,7 +153,3 @@ def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], s
 def _observed(function: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix) -> Matrix:
     rows = [np.atleast_1d(np.asarray(function(float(t[i]), q[i], v[i], lam[i]), dtype=float)) for i in range(t.size)]
     return np.array([row.ravel() for row in rows])
-
-
-def _span(problem: Problem) -> float:
-    return abs(problem.t_span[1] - problem.t_span[0]) or 1.0

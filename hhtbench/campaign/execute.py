@@ -178,8 +178,8 @@ class WorkerPool(Executor):
         for worker in self._workers:
             if worker.ready and worker.task is None:
                 self._hand_out(worker)
-        under_way = any(worker.task is not None or not worker.ready for worker in self._workers)
-        said = wait([self._bell, *(worker.connection for worker in self._workers)], timeout=POLL if under_way else None)
+        idle = not self._left() and all(worker.ready for worker in self._workers)
+        said = wait([self._bell, *(worker.connection for worker in self._workers)], timeout=None if idle else POLL)
         if self._bell in said:
             os.read(self._bell, 65536)
         self._look(said)

@@ -10,21 +10,24 @@ import gc
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.drift import keeps_steps
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
+from hhtbench.trust.judge import Steps, judge
+from hhtbench.trust.rows import doubt_about, ends_elsewhere, impossible_work
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
 MEASURING = "the measurement"  #: of that which looks at every step
-SAME_TIME = 1e-9  # of the interval: how far the last time of a success may lie from the end
 
 TIMED = (
     "best_s",
@@ -38,6 +41,15 @@ TIMED = (
 )  #: of ``timing``, null until the timing pass
 
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the judgement changes in a row, and adds."""
+
+    row: dict[str, Any] = field(default_factory=dict)  #: another status and message
+    note: str = ""  #: what was not judged
+    metrics: dict[str, Any] | None = None  #: ``metrics["trust"]``
 
 
 @dataclass(frozen=True)
@@ -57,11 +69,22 @@ def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
     times = np.linspace(t0, t1, asked["outputs"])
     if problem.reference is not None:
         known = np.asarray(problem.reference["t"], dtype=np.float64)
-        times = np.union1d(times, known[(known >= min(t0, t1)) & (known <= max(t0, t1))])
+        known = np.unique(known[(known >= min(t0, t1)) & (known <= max(t0, t1))])
+        known = _apart(known, np.array([t0, t1]), same_time(problem))
+        times = np.union1d(_apart(times, known, same_time(problem)), known)
     times = times[::-1] if t1 < t0 and times[0] < times[-1] else times
     check_output_times(times, t0, t1)
     values = {name: asked[name] for name in ("rtol", "atol", "step", "steps", "max_seconds")}
     return Request(t_eval=times, **values)
+
+
+def _apart(times: Vector, others: Vector, least: float) -> Vector:
+    """Those of ``times`` (k,) that are further than ``least`` [s] from each of ``others``.
+
+    Between two times one rounding error apart no solver can make a step.
+    """
+    gaps = np.abs(times[:, None] - others).min(axis=1, initial=np.inf)
+    return times[gaps > least]
 
 
 def without_output(problem: Problem, request: Request) -> Request:
@@ -86,18 +109,18 @@ def run_cell(
     if outcome.solution is None:
         return row
     work = _work(problem, solver, request, outcome, phase)
-    if succeeded(outcome) and not succeeded(work):
-        row = {"status": work.status.label, "message": f"without output on the way: {work.message}"}
     counters = outcome.solution.counters if work.solution is None else work.solution.counters
     if asked["counting"] and succeeded(work):
         counters = _counted(problem, solver, request, counters, phase)
     at_steps = _at_steps(problem, solver, request, outcome, phase)
     phase(MEASURING)
-    measured = measure(problem, outcome.solution, at_steps)
+    judgement = _judged(problem, request, outcome, work, at_steps)
+    measured = measure(problem, outcome.solution, None if at_steps is None else at_steps.solution)
     return {
         **row,
-        "message": f"{row['message']} {measured.note}".strip(),
-        "metrics": measured.metrics,
+        **judgement.row,
+        "message": " ".join(filter(None, (judgement.row.get("message", row["message"]), judgement.note, measured.note))),
+        "metrics": {**measured.metrics, "trust": judgement.metrics},
         "series": measured.series,
         "counters": counters_of(counters),
         "timing": {"compile_s": warm["s"], "solve_s": work.seconds, "solve_cpu_s": work.cpu, **dict.fromkeys(TIMED)},
@@ -127,10 +150,10 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
         partial = getattr(raised, "partial_solution", None)
         kept = partial if isinstance(partial, Solution) else None
         return Outcome(status_of(raised), text_of(raised), kept, *cost)
-    fault = _fault(problem, request, solution)
-    if fault:
+    doubt = doubt_about(problem, request, solution) or impossible_work(solution.counters, cost[0])
+    if doubt:
         kept = solution if isinstance(solution, Solution) else None
-        return Outcome(Status.unreliable, fault, kept, *cost)
+        return Outcome(Status.unreliable, doubt, kept, *cost)
     return Outcome(solution.status, solution.message, solution, *cost)
 
 
@@ -154,14 +177,47 @@ def _counted(problem: Problem, solver: Solver, request: Request, counters: Count
     return counters
 
 
-def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Solution | None:
+def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Outcome | None:
     """The solve once more with output at every step, where its end was reached, believed or not, and it keeps no steps."""
     ends = (Status.success, Status.event, Status.unreliable)
     if outcome.solution is None or outcome.status not in ends or keeps_steps(outcome.solution):
         return None
     phase("the solve with output at every step")
     again = attempt(problem, solver, replace(request, t_eval=None))
-    return again.solution if again.status in ends else None
+    return again if again.status in ends and again.solution is not None else None
+
+
+def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None) -> Judged:
+    """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
+    if not succeeded(outcome) or outcome.solution is None:
+        return Judged()
+    if not succeeded(work):
+        return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})
+    if at_steps is not None and at_steps.status is Status.unreliable:
+        return Judged({"status": at_steps.status.label, "message": f"{at_steps.message} (with output at every step)"})
+    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps))
+    doubt = found.doubt
+    if not doubt and work.solution is not None:
+        doubt = ends_elsewhere(problem, request, outcome.solution, work.solution)
+    row = {"status": Status.unreliable.label, "message": doubt} if doubt else {}
+    note = f"Equations of motion not judged: {found.not_judged}." if found.not_judged else ""
+    return Judged(row, note, found.metrics())
+
+
+def _steps_of(solution: Solution, at_steps: Outcome | None) -> Steps | None:
+    """The solver's own steps, from the same solve or from the one with output at every step."""
+    if at_steps is not None and at_steps.solution is not None:
+        t, q, v = at_steps.solution.t, at_steps.solution.q, at_steps.solution.v
+        return Steps(t, lambda some: (q[some], v[some]))
+    if not keeps_steps(solution):
+        return None
+    ends = np.asarray(solution.interpolant.t, dtype=np.float64)  # type: ignore[union-attr]
+
+    def states(some: Any) -> tuple[Matrix, Matrix]:
+        found = solution(ends[some])
+        return found.q, found.v
+
+    return Steps(ends, states)
 
 
 def status_of(error: BaseException) -> Status:
@@ -194,22 +250,3 @@ def warm_up(problem: Problem, solver: Solver, request: Request) -> float:
     gc.collect()
     gc.freeze()  # JAX's objects: every later collection would walk through them, 0.15 s each time
     return seconds
-
-
-def _fault(problem: Problem, request: Request, solution: Any) -> str:
-    """Why the result of a solver cannot be believed, or ""."""
-    if not isinstance(solution, Solution):
-        return f"the solver returned {type(solution).__name__} instead of a Solution."
-    if not solution.success:
-        return ""
-    count, n = np.size(solution.t), problem.q0.size
-    if np.shape(solution.q) != (count, n) or np.shape(solution.v) != (count, n):
-        return f"success reported, but q has shape {np.shape(solution.q)} and v {np.shape(solution.v)} for {count} times."
-    broken = [name for name in ("t", "q", "v", "lam", "mu") if not np.isfinite(getattr(solution, name)).all()]
-    if broken:
-        return f"success reported, but {', '.join(broken)} hold values that are not finite."
-    t0, t1 = problem.t_span
-    if solution.status is Status.success and (count == 0 or abs(solution.t[-1] - t1) > SAME_TIME * abs(t1 - t0)):
-        last = f"the last time is {solution.t[-1]:.17g}" if count else "there are no rows"
-        return f"success reported, but {last} and the interval ends at {t1:.17g}."
-    return ""

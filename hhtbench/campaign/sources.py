@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import importlib.util
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 
 from hhtbench import plugins
+from hhtbench.packages import locations, own_folders
 from hhtbench.specs import Spec
 
 NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
@@ -44,6 +44,7 @@ class SourceReader:
     def __init__(self) -> None:
         self._read: dict[Path, _Read] = {}
         self._modules: dict[str, _Module | None] = {}
+        self._folders: dict[str, tuple[Path, ...]] = {}
 
     def behind(self, problem: Spec, solver: Spec) -> dict[str, str]:
         """Content hash of every file and version of every library behind a run of ``solver`` on ``problem``."""
@@ -84,7 +85,10 @@ class SourceReader:
 
     def _module(self, name: str) -> _Module | None:
         if name not in self._modules:
-            self._modules[name] = _find(name)
+            top = name.partition(".")[0]
+            if top not in self._folders:
+                self._folders[top] = _folders(top)
+            self._modules[name] = _find(name, self._folders[top])
         return self._modules[name]
 
     def _reading(self, module: _Module) -> _Read:
@@ -112,12 +116,15 @@ class SourceReader:
                     yield f"{module.name}: {name}", hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _find(name: str) -> _Module | None:
-    """The file of a dotted name; None for one that is no file, and for ``hhtbench`` itself, which only re-exports."""
-    top, *rest = name.split(".")
+def _find(name: str, folders: tuple[Path, ...]) -> _Module | None:
+    """The file of a dotted name, whose first part lies in ``folders``; None for one that is no file.
+
+    Nor is ``hhtbench`` itself one, which only re-exports.
+    """
+    rest = name.split(".")[1:]
     if name == "hhtbench":
         return None
-    for base in _folders(top):
+    for base in folders:
         place = base.joinpath(*rest)
         for file in (place.with_name(f"{place.name}.py"), place / "__init__.py", *(() if rest else (base,))):
             if file.is_file():
@@ -126,13 +133,8 @@ def _find(name: str) -> _Module | None:
 
 
 def _folders(top: str) -> tuple[Path, ...]:
-    """Where a top-level package or module lies, without importing it."""
-    spec = importlib.util.find_spec(top)
-    if spec is None:
-        return ()
-    if spec.submodule_search_locations is not None:
-        return tuple(map(Path, spec.submodule_search_locations))
-    return (Path(spec.origin),) if spec.origin else ()
+    """Where a top-level package or module lies, without importing it; that of a distribution before a user's."""
+    return tuple(dict.fromkeys((*own_folders(top, tuple(plugins.GROUPS.values())), *locations(top))))
 
 
 def _neighbour(root: Path | None, name: str) -> _Module | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class HHTSolver:
     name: str
     options: Mapping[str, Any]
     integrator: type[HHT] = HHT
+    judges_itself: ClassVar[bool] = True  #: its steps hold the constraints, and its rows are those that were asked for
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Declines requests without steps and without tolerances."""

@@ -26,6 +26,7 @@ SOLVER = """\
     '''Gives the exact fall with an error of rtol, or does what its option says.'''
     import ctypes
     import os
+    import resource
     import signal
     import time
     import numpy as np
@@ -34,8 +35,8 @@ SOLVER = """\
     class Told:
         name = "told"
 
-        def __init__(self, does="good", seconds=0.0, log=None):
-            self.does, self.seconds, self.log = does, seconds, log
+        def __init__(self, does="good", seconds=0.0, log=None, mark=None):
+            self.does, self.seconds, self.log, self.mark = does, seconds, log, mark
 
         def accepts(self, problem, request):
             return "it never takes anything" if self.does == "decline" else None
@@ -61,9 +62,26 @@ SOLVER = """\
                 t, q, v = t[:-1], q[:-1], v[:-1]
             none = np.zeros((t.size, 0))
             return Solution(t=t, q=q, v=v, lam=none, mu=none, status=Status.success, message="there",
-                            counters=Counters(steps_accepted=4))
+                            counters=Counters(steps_accepted=4, residual_evaluations=8))
 
         def misbehave(self):
+            if self.does == "killed once" and not os.path.exists(self.mark):
+                open(self.mark, "w").close()
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.does == "killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.does == "abort unless marked" and not os.path.exists(self.mark):
+                os.abort()
+            if self.does == "spoil":  # what it leaves behind hurts later tasks of the process
+                os.environ["SPOILT"] = "1"
+            if self.does == "fragile" and "SPOILT" in os.environ:
+                os.abort()
+            if self.does == "leak" and not hasattr(self, "open"):
+                most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+                self.open = [os.open(os.devnull, os.O_RDONLY) for _ in range(most - 30)]
+            if self.does == "files":
+                for file in [open(os.devnull) for _ in range(40)]:
+                    file.close()
             if self.does == "segv":
                 ctypes.string_at(0)
             if self.does == "exit":

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.campaign.command import split_specs
+from hhtbench.campaign import Campaign, Grid, plan_cells
+from hhtbench.campaign.command import _fails, _failures, split_specs
 from hhtbench.cli import main
-from hhtbench.store import load_rows
+from hhtbench.store import RunRow, Store, load_rows
 
 
 def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, tmp_path: Path):
@@ -61,3 +62,49 @@ def test_a_solver_whose_module_is_broken_costs_its_own_cells_only(outside: Path,
 
 def test_specs_are_split_at_commas_outside_of_brackets_and_quotes():
     assert split_specs(("a, b(k=1, name=')x,(', r=[1, 2])", " c ")) == ["a", "b(k=1, name=')x,(', r=[1, 2])", "c"]
+
+
+@pytest.mark.parametrize(
+    ("fail_on", "code"),
+    [([], 0), (["declined"], 0), (["user_exception"], 1), (["any"], 1), (["crashed", "user_exception"], 1), (["nosuch"], 2)],
+)
+def test_cells_that_fail_make_the_exit_code_1_only_where_that_is_asked(
+    outside: Path, tmp_path: Path, fail_on: list[str], code: int
+):
+    store = tmp_path / "runs.db"
+    with Store(store) as kept:
+        for cell in plan_cells(Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3, 1e-4)),))):
+            row = RunRow(
+                key=cell.key, problem="fall", solver="told", request=cell.request, status="user_exception", message="no"
+            )
+            kept.put(row, cell.identity)
+    options = ["--problems", "fall", "--solvers", "told", "--rtol", "1e-3, 1e-4", "--store", str(store), "--no-timing"]
+    for status in fail_on:
+        options += ["--fail-on", status]
+    result = CliRunner().invoke(main, ["run", *options])
+    assert result.exit_code == code, result.output
+
+
+def test_any_failure_means_neither_a_success_nor_declined():
+    ends = ["success", "event", "declined", "crashed", "deadline"]
+    rows = [RunRow(key="k", problem="fall", solver="told", request={}, status=status, message="") for status in ends]
+    assert [_fails(row, ("any",)) for row in rows] == [False, False, False, True, True]
+
+
+def test_equal_failures_are_one_line_with_a_count():
+    asked = {"rtol": None, "step": None, "steps": None}
+
+    def row(problem: str, rtol: float, status: str, message: str) -> RunRow:
+        return RunRow(
+            key="k", problem=problem, solver="told", request={**asked, "rtol": rtol}, status=status, message=message
+        )
+
+    rows = [row("fall", 10.0**-power, "crashed", "it died") for power in range(1, 10)]
+    rows += [row(problem, 1e-3, "declined", "it takes nothing") for problem in ("fall", "rise", "swing")]
+    rows += [row("fall", 1e-3, "deadline", "too long")]
+    lines = [" ".join(line.split()) for line in _failures(rows)]
+    assert lines == [
+        "crashed fall told 9 cells: it died",
+        "deadline fall told rtol=0.001: too long",
+        "declined fall and 2 more told 3 cells: it takes nothing",
+    ]

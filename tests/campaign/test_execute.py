@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
+import resource
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hhtbench.campaign import Campaign, Grid, Limits, execute, plan_cells, run_campaign
+from hhtbench.campaign import Campaign, Grid, Limits, execute, machine, plan_cells, process, run_campaign
+from hhtbench.campaign import campaign as loop
 from hhtbench.errors import ProblemError
 from hhtbench.store import Store, load_rows
 
@@ -124,6 +128,95 @@ def test_a_worker_that_cannot_start_ends_the_campaign(
     monkeypatch.setattr("hhtbench.campaign.process.START", "raise SystemExit('no such thing')")
     with Store(tmp_path / "runs.db") as store, pytest.raises(ProblemError, match=r"cannot start.*no such thing"):
         run_campaign(campaign("good"), store, limits=limits, timing=False)
+
+
+def ends(tmp_path: Path, *solvers: str, **options: Any) -> dict[str, tuple[str, str]]:
+    """Status and message at the tighter tolerance, of a campaign by one worker."""
+    asked = Campaign(grids=(Grid(problems=("fall",), solvers=solvers, rtol=TOLERANCES),), max_seconds=9.0)
+    with Store(tmp_path / "runs.db") as store:
+        run_campaign(asked, store, limits=Limits(jobs=1), timing=False, **options)
+    rows = [row for row in load_rows(tmp_path / "runs.db") if row.request["rtol"] == 1e-6]
+    return {row.solver: (row.status, row.message) for row in rows}
+
+
+def test_a_cell_whose_worker_somebody_has_killed_runs_again(outside: Path, tmp_path: Path):
+    once, always = f"told(does='killed once', mark='{tmp_path / 'mark'}')", "told(does='killed')"
+    found = ends(tmp_path, once, always)
+    assert found[once] == ("success", "there")
+    status, message = found[always]
+    assert status == "crashed"
+    assert "SIGKILL" in message and f"{execute.MOST_KILLS} times" in message
+
+
+def test_a_crash_counts_only_in_a_worker_that_nothing_was_done_in_before(outside: Path, tmp_path: Path):
+    spoils, fragile = "told(does='spoil')", "told(does='fragile')"
+    assert ends(tmp_path, spoils, fragile) == {spoils: ("success", "there"), fragile: ("success", "there")}
+
+
+def test_a_solver_that_leaves_files_open_does_not_harm_the_next(outside: Path, tmp_path: Path):
+    leaks, innocent = "told(does='leak')", "told(does='files')"
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (512, hard))
+    try:
+        found = ends(tmp_path, leaks, innocent)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert found == {leaks: ("success", "there"), innocent: ("success", "there")}
+
+
+def test_cells_that_ended_with_a_status_run_again_where_that_is_asked(outside: Path, tmp_path: Path):
+    mark = tmp_path / "mark"
+    solver = f"told(does='abort unless marked', mark='{mark}')"
+    assert ends(tmp_path, solver)[solver][0] == "crashed"
+    mark.touch()
+    assert ends(tmp_path, solver)[solver][0] == "crashed"
+    assert ends(tmp_path, solver, retry=("out_of_memory",))[solver][0] == "crashed"
+    assert ends(tmp_path, solver, retry=("crashed",))[solver] == ("success", "there")
+
+
+def test_a_worker_that_dies_while_it_starts_is_started_again(outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    mark = tmp_path / "mark"
+    dies = f"import os\nif not os.path.exists({str(mark)!r}):\n open({str(mark)!r}, 'w'); os.kill(os.getpid(), 9)\n"
+    monkeypatch.setattr("hhtbench.campaign.process.START", dies + process.START)
+    assert ends(tmp_path, "told") == {"told": ("success", "there")}
+
+
+def test_a_system_that_gives_no_process_for_a_moment_costs_nothing(
+    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    failures = [OSError("no more processes"), OSError("no more processes")]
+
+    def start() -> process.WorkerProcess:
+        if failures:
+            raise failures.pop()
+        return process.WorkerProcess()
+
+    monkeypatch.setattr(execute, "WorkerProcess", start)
+    assert ends(tmp_path, "told") == {"told": ("success", "there")}
+
+
+def test_rows_tell_the_commit_and_times_of_another_machine_are_taken_anew(
+    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
+):
+    asked = campaign("good")
+    with Store(tmp_path / "runs.db") as store:
+        assert run_campaign(asked, store, limits=limits).timed == 2
+        assert run_campaign(asked, store, limits=limits).timed == 0
+        there = {**machine.machine_facts(), "processor": "another", "cores": 99}
+        for module in (loop, execute):
+            monkeypatch.setattr(module, "machine_facts", lambda: there)
+        assert run_campaign(asked, store, limits=limits).timed == 2
+    for row in load_rows(tmp_path / "runs.db"):
+        assert row.timing["machine"]["processor"] == "another"
+        assert row.environment["processor"] != "another"
+        assert re.fullmatch(r"[0-9a-f]{40}(-dirty)?|unknown", row.environment["commit"])
+
+
+def test_rows_of_other_versions_are_refused(outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(execute, "machine_facts", lambda: {**machine.machine_facts(), "numpy": "1.0"})
+    with Store(tmp_path / "runs.db") as store, pytest.raises(ProblemError, match=r"has numpy 1\.0, here it is"):
+        run_campaign(campaign("good"), store, limits=limits)
+    assert load_rows(tmp_path / "runs.db") == []
 
 
 def alive(pid: int) -> bool:

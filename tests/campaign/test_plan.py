@@ -188,3 +188,16 @@ def test_a_pair_that_is_refined_has_the_campaigns_rules_in_every_request(outside
 def test_what_is_not_in_a_campaign_is_told_with_the_closest_that_is(problems: list[str], solvers: list[str], said: str):
     with pytest.raises(NotFoundError, match=said):
         restrict(named_campaign("quick"), problems, solvers)
+
+
+def test_a_users_folder_of_a_distributions_name_changes_no_key(
+    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3,)),))
+    (before,) = plan_cells(asked)
+    folder = tmp_path / "own" / "outside"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").write_text("VALUE = 1\n")
+    monkeypatch.syspath_prepend(str(folder.parent))
+    (after,) = plan_cells(asked)
+    assert after.key == before.key

@@ -125,7 +125,7 @@ def test_a_solve_that_fails_without_output_is_not_reported_as_a_success(monkeypa
     monkeypatch.setattr(Line, "solve", fails_alone)
     row = run(Line())
     assert (row["status"], row["metrics"]["rows"]) == ("newton_failed", 5)
-    assert row["message"] == "without output on the way: no way"
+    assert row["message"] == "no way (without output on the way)"
 
 
 def test_time_that_was_up_is_not_spent_again(monkeypatch: pytest.MonkeyPatch):
@@ -190,8 +190,8 @@ def test_what_a_solver_raises_becomes_a_status(monkeypatch: pytest.MonkeyPatch, 
         (None, "returned NoneType"),
         (line(np.array([0.0, 0.9])), "the last time is 0.9"),
         (line(np.zeros(0)), "there are no rows"),
-        (line(np.array([0.0, 1.0]), v=np.ones((1, 1))), "v (1, 1) for 2 times"),
-        (line(np.array([0.0, 1.0]), lam=np.full((2, 1), np.inf)), "lam hold values that are not finite"),
+        (line(np.array([0.0, 1.0]), v=np.ones((1, 1))), "shapes: v must be (2, 1)"),
+        (line(np.array([0.0, 1.0]), lam=np.full((2, 1), np.inf)), "finiteness: lam is not finite in row 0 of 2"),
     ],
 )
 def test_a_success_that_cannot_be_one_is_unreliable(monkeypatch: pytest.MonkeyPatch, returned: Any, said: str):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import importlib
+import json
 import sys
 
 import pytest
@@ -99,7 +101,7 @@ def test_two_plugins_of_one_name_are_an_error_that_names_both(acme, tmp_path, mo
     assert list_problems().count("acme_fall") == 1
 
 
-@pytest.mark.parametrize("shadow", ["acme_plugin.py", "acme_plugin/__init__.py", "acme_plugin/fall.py"])
+@pytest.mark.parametrize("shadow", ["acme_plugin.py", "acme_plugin/fall.py"])
 def test_users_file_that_hides_a_plugin_is_named_and_not_executed(shadow, acme, tmp_path, monkeypatch):
     own = tmp_path / "own" / shadow
     own.parent.mkdir(parents=True)
@@ -110,6 +112,29 @@ def test_users_file_that_hides_a_plugin_is_named_and_not_executed(shadow, acme, 
     with pytest.raises(ProblemError, match=r"acme 1.0 means its own acme_plugin.fall, but Python finds") as caught:
         load_problem("acme_fall")
     assert str(tmp_path / "own" / "acme_plugin") in str(caught.value)
+
+
+@pytest.mark.parametrize("first", ["ours", "theirs"])
+@pytest.mark.parametrize("installed", ["copied", "editable"])
+def test_a_users_folder_of_a_plugins_name_is_no_obstacle_to_either(first, installed, acme, tmp_path, monkeypatch):
+    own = tmp_path / "own" / "acme_plugin"
+    own.mkdir(parents=True)
+    (own / "mine.py").write_text("VALUE = 7\n", encoding="utf-8")
+    if installed == "editable":  # Python finds even a folder without __init__.py before such a distribution
+        project = tmp_path / "project"
+        project.mkdir()
+        (acme / "acme_plugin").rename(project / "acme_plugin")
+        origin = {"url": project.as_uri(), "dir_info": {"editable": True}}
+        (acme / "acme-1.0.dist-info" / "direct_url.json").write_text(json.dumps(origin))
+    else:
+        (own / "__init__.py").write_text("", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path / "own"))
+    if first == "theirs":
+        assert importlib.import_module("acme_plugin.mine").VALUE == 7
+    for _ in range(2):
+        assert load_problem("acme_fall").q0.size == 1
+        assert importlib.import_module("acme_plugin.mine").VALUE == 7
+    assert "acme_fall" in list_problems()
 
 
 def test_shadow_that_is_imported_already_is_found_too(acme, tmp_path, monkeypatch):

@@ -1,0 +1,102 @@
+"""The motion from a state on, by a method of the bench's own: accelerations from the acceleration level, steps by DOP853.
+
+Independent of every solver that is judged: no code of ``solvers`` is used, and over the short windows in which it is needed
+the drift off the constraints is below its tolerance.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.linalg import lapack
+
+from hhtbench.arguments import Vector, all_finite
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive, reduce_redundant
+from hhtbench.protocol import Problem
+
+FINEST, COARSEST = 1e-12, 1e-6  # relative tolerances of the steps
+
+
+class NotJudged(Exception):
+    """The motion cannot be followed; the text says why, to end a sentence."""
+
+
+class Equations:
+    """y' of y = [q, v] (2n,), counted."""
+
+    def __init__(self, problem: Problem) -> None:
+        t, q, v = problem.t_span[0], problem.q0, problem.v0
+        dynamics: Any = derive(problem.system, t, q, v)
+        if dynamics.structure.constrained:
+            rank = ConstraintLevels(dynamics, full=True).at(t, q, v).rank
+            reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else dynamics
+            if reduced is None:
+                raise NotJudged("its constraints are redundant, and a declared reaction may depend on every multiplier")
+            dynamics = reduced
+        self._level, self._n = AccelerationLevel(dynamics), q.size
+        self._sizes = dynamics.structure.m, dynamics.structure.p
+        self.linear = dynamics.structure.linear_reaction
+        self._multipliers: Any = (None, None)
+        self._left = self._most = 0
+
+    def begin(self, most: int, multipliers: Any = None) -> None:
+        """Allow ``most`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
+        self._left = self._most = most
+        if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
+            self._multipliers = tuple(multipliers)
+
+    def __call__(self, t: float, y: Vector) -> Vector:
+        """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""
+        self._left -= 1
+        if self._left < 0:
+            raise NotJudged(f"the motion in it takes more than {self._most} evaluations")
+        n = self._n
+        q, v = y[:n].copy(), y[n:].copy()
+        try:
+            vdot = self._of_linear(float(t), q, v) if self.linear else None
+            if vdot is None:
+                found = self._level.solve(float(t), q, v, *self._multipliers)
+                vdot = found.vdot if found.converged else np.full(n, np.nan)
+                self._multipliers = (found.lam, found.mu) if found.converged else self._multipliers
+        except NonFiniteValue:
+            vdot = np.full(n, np.nan)
+        return np.concatenate([v, vdot])
+
+    def _of_linear(self, t: float, q: Vector, v: Vector) -> Vector | None:
+        """vdot (n,) by a plain LU, ten times faster than the expert driver; None where the matrix is sparse or singular."""
+        size = self._n + sum(self._sizes)
+        residual, matrix = self._level.terms(t, q, v, np.zeros(size))
+        if not isinstance(matrix, np.ndarray):
+            return None
+        *_, x, info = lapack.dgesv(matrix, residual)
+        return -x[: self._n] if info == 0 and all_finite(x) else None
+
+
+class Flow:
+    """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for."""
+
+    def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
+        """``rtol``, of the ``size`` (2n,) of y."""
+        rtol = min(max(rtol, FINEST), COARSEST)
+        self._t, self._y, self._forward = t, y, end > t
+        with np.errstate(all="ignore"):
+            self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
+        if not np.isfinite(self._steps.f).all():
+            raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
+        self._pieces: list[Any] = []
+
+    def at(self, t: float) -> Vector:
+        """y (2n,) at ``t``, or as far as the interval goes."""
+        while self._steps.status == "running" and (self._steps.t < t) == self._forward and self._steps.t != t:
+            with np.errstate(all="ignore"):
+                self._steps.step()
+            if self._steps.status == "failed":
+                raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
+            self._pieces.append(self._steps.dense_output())
+        for piece in reversed(self._pieces):
+            if (piece.t_old <= t) == self._forward or piece.t_old == t:
+                return np.asarray(piece(t), dtype=np.float64)
+        return self._y

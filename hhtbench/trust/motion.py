@@ -1,0 +1,166 @@
+"""Do the rows obey the equations of motion between them?  Short windows are integrated again, from a row's own state.
+
+How far a later row lies from where the motion leads from the window's first row is the error that the solver has made in the
+window.  It may be ``BOUND`` times what the tolerance, or the length of the steps, allows of one step, together with what
+becomes of a disturbance of that size in the window: two disturbed motions are integrated beside.  So vibrations and unstable
+motions set their own measure.
+
+The same measure tells what a window can show: the distance of the motion from a straight line, which knows of no force.  A
+window goes on until that is ``SEEN`` times what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol import Problem
+from hhtbench.request import Request
+from hhtbench.trust.allowed import by_steps
+from hhtbench.trust.flow import Equations, Flow, NotJudged
+
+BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
+LEAST = 10.0  # of BOUND, where BELIEVABLE lowers it
+BELIEVABLE = 0.02  # of the typical size: where tolerances allow that much, many steps of such errors are no motion any more
+LEFT = 0.4  # of the typical size: that far from a straight line the motion can be told from it at any tolerance
+AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off know nothing of forces
+SEEN = 20.0  # times the bound: how far the motion has left a straight line where a window ends
+MOST_EVALUATIONS = 800  # of the equations, for one motion in one window
+ACCURACY = 1e-2  # of the allowed error: that of the integration here
+DISTURBED = 8  # most motions beside one that the rows do not follow
+
+
+class Rows(NamedTuple):
+    """States in the order of their times."""
+
+    t: Vector  #: (k,) [s]
+    q: Matrix  #: (k, n)
+    v: Matrix  #: (k, n)
+
+
+class Multipliers(NamedTuple):
+    """Those of a window's first row, which pick the root where the reaction is nonlinear."""
+
+    lam: Vector  #: (m,)
+    mu: Vector  #: (p,)
+
+
+@dataclass(frozen=True)
+class Window:
+    """What one window has shown; errors are over what is allowed of a step."""
+
+    start: float  #: [s]
+    at: float  #: where the largest error is [s]
+    off: float  #: the largest error
+    bound: float  #: what it may be
+    seen: float  #: the largest error of a straight line from the first row
+    blind: float | None  #: error over that of the straight line, where the motion has left that by ``LEFT``; None: nowhere
+    unfinished: str = ""  #: why it ends where it does, if not because enough is seen or there are no more rows
+
+    @property
+    def failed(self) -> bool:
+        """Whether its rows show another motion."""
+        return not self.off <= self.bound or (self.blind is not None and not self.blind <= AS_FAR)
+
+    @property
+    def judged(self) -> bool:
+        """Whether a straight line would have failed."""
+        return self.failed or self.seen > self.bound or self.blind is not None
+
+
+@dataclass(frozen=True)
+class Follower:
+    """Integrates the windows of one solution."""
+
+    problem: Problem
+    request: Request
+    equations: Equations
+    size: Vector  #: (2n,) typical sizes of y = [q, v]
+    allowed: Vector  #: (2n,) the errors allowed of a step, of prescribed steps: of the first ones
+
+    def follow(self, rows: Rows, multipliers: Multipliers | None = None) -> Window:
+        """The motion from the first of ``rows`` beside the others; disturbed ones too where these do not follow it."""
+        t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
+        self.equations.begin(MOST_EVALUATIONS, multipliers)
+        try:
+            motion, allowed = self._begin(float(t[0]), y[0])
+        except NotJudged as reason:
+            return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=str(reason))
+        bound = float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
+        line = y[0] + (t - t[0])[:, None] * np.concatenate([rows.v[0], 0.0 * rows.v[0]])
+        states, why = _along(motion, t, lambda i, y: self._over(y - line[i], allowed) > SEEN * bound)
+        window = self._window(t, y, states, line, bound, allowed, why)
+        if not window.failed:
+            return window
+        carried = np.zeros_like(states)
+        for sign in _signs(y.shape[1]):
+            if not window.failed:
+                break
+            self.equations.begin(MOST_EVALUATIONS, multipliers)
+            beside, _ = _along(self._flow(float(t[0]), y[0] + sign * allowed, allowed), t[: len(states)])
+            states, carried = states[: len(beside)], carried[: len(beside)]
+            carried = np.maximum(carried, np.abs(beside - states))
+            window = self._window(t, y, states, line, bound, allowed + np.maximum.accumulate(carried), why)
+        return window
+
+    def _begin(self, t: float, y: Vector) -> tuple[Flow, Vector]:
+        """The motion from (t, y), and the errors allowed of a step (2n,)."""
+        motion = self._flow(t, y, self.allowed)
+        if not self.request.fixed:
+            return motion, self.allowed
+        return motion, np.maximum(self.allowed, by_steps(motion, t, self.problem, self.request, self.size))
+
+    def _flow(self, t: float, y: Vector, allowed: Vector) -> Flow:
+        rtol = ACCURACY * float(np.min(allowed / self.size))
+        return Flow(self.equations, t, y, self.problem.t_span[1], rtol, self.size)
+
+    def _window(
+        self, t: Vector, y: Matrix, states: Matrix, line: Matrix, bound: float, allowed: Matrix | Vector, why: str
+    ) -> Window:
+        """Rows ``y``, and the straight ``line``, beside the ``states`` of the motion, as far as these go (k, 2n)."""
+        k, limits = len(states), np.broadcast_to(allowed, states.shape)
+        off, seen, blind = 0.0, 0.0, None
+        worst = 0
+        for i in range(k):
+            error, left = y[i] - states[i], line[i] - states[i]
+            of_row, seen = self._over(error, limits[i]), max(seen, self._over(left, limits[i]))
+            if not of_row <= off:
+                off, worst = of_row, i
+            if blind is None and np.max(limits[i] / self.size) <= LEFT / 2:
+                blind = self._blind(error, left)
+        return Window(float(t[0]), float(t[worst]), off=off, bound=bound, seen=seen, blind=blind, unfinished=why)
+
+    def _blind(self, error: Vector, left: Vector) -> float | None:
+        """The error of q or v over the distance ``left`` of the straight line, where that is ``LEFT``; None elsewhere."""
+        errors, distances = np.split(np.abs(error) / self.size, 2), np.split(np.abs(left) / self.size, 2)
+        found = [float(np.max(e) / np.max(d)) for e, d in zip(errors, distances, strict=True) if np.max(d) >= LEFT]
+        return max(found, default=None)
+
+    def _over(self, error: Vector, allowed: Vector) -> float:
+        """The larger of the errors of q and of v (2n,), each over what is allowed, in typical sizes."""
+        parts = np.split(np.abs(error) / self.size, 2), np.split(allowed / self.size, 2)
+        return max(float(np.max(e) / np.max(a)) for e, a in zip(*parts, strict=True))
+
+
+def _along(motion: Flow, times: Vector, enough: Callable[[int, Vector], bool] = lambda i, y: False) -> tuple[Matrix, str]:
+    """The states of ``motion`` at ``times`` (k, 2n) until one is ``enough``; fewer where it cannot be followed, and why."""
+    states: list[Vector] = []
+    try:
+        for i, t in enumerate(times.tolist()):
+            states.append(motion.at(t))
+            if enough(i, states[i]):
+                break
+    except NotJudged as reason:
+        return np.array(states), str(reason)
+    return np.array(states), ""
+
+
+def _signs(size: int) -> Iterator[Vector]:
+    """Directions of disturbances, (size,) each: signs without an order."""
+    index = np.arange(1.0, size + 1)
+    for k in range(DISTURBED):
+        yield np.where(np.cos((k + 1.0) * index**2) >= 0.0, 1.0, -1.0)

@@ -1,0 +1,160 @@
+"""What a solution's rows and counters show without any physics: types, shapes, times, finiteness, the start, the work.
+
+Each check gives the empty text or what speaks against a success, beginning with the name of the check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol import Problem
+from hhtbench.request import Request
+from hhtbench.result import Counters, Solution, Status
+
+SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
+SAME_START = 1e-6  # of the size, or the relative tolerance: how far the first row may lie from the start
+ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
+FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
+
+Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
+
+
+def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
+    """Why what a solver returned as a success cannot be one; "" where nothing says so, or where it is no success."""
+    if not isinstance(solution, Solution) or not isinstance(solution.status, Status):
+        return f"type: a Solution with a Status was expected; the solver returned {type(solution).__name__}."
+    if not solution.success:
+        return ""
+    motion = solution.t, solution.q, solution.v
+    complete = solution.status is Status.success
+    return (
+        _shapes(problem, solution)
+        or _finite({"lam": solution.lam, "mu": solution.mu})
+        or doubt_about_motion(problem, request, motion, complete=complete)
+        or _counters(solution.counters, complete)
+    )
+
+
+def doubt_about_motion(problem: Problem, request: Request, motion: Motion, *, complete: bool = True) -> str:
+    """The same of the rows t (k,), q and v (k, n); ``complete``: they reach the end, and no event has ended them before."""
+    t, q, v = motion
+    found = _finite({"t": t, "q": q, "v": v}) or _order(problem, t)
+    if complete:
+        found = found or _end(problem, request, t)
+    return found or _output_times(problem, request, t, complete) or _start(problem, request, motion)
+
+
+def impossible_work(counters: Counters, seconds: float) -> str:
+    """Which counter is more than could be done in so many ``seconds`` of wall time, in words."""
+    for field in fields(Counters):
+        value = getattr(counters, field.name)
+        if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
+            return f"counters: {value:.3g} {field.name} within {seconds:.2g} s are more than a computer can do."
+    return ""
+
+
+def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
+    """How far apart two solves end that were asked for the same, in words; "" where that can be believed."""
+    if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
+        return ""
+    rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
+    allowed = min(ANOTHER, GLOBAL * rtol) if rtol > 0.0 else ANOTHER
+    for name in ("q", "v"):
+        one, other = getattr(first, name), getattr(again, name)[-1]
+        size = max(float(np.max(np.abs(one))), float(np.max(getattr(problem.scales, name))))
+        off = float(np.max(np.abs(one[-1] - other)))
+        if off > allowed * size:
+            return (
+                f"repetition: solved again with its last row only, it ends with {name} off by {off / size:.2g} of its size."
+            )
+    return ""
+
+
+def _shapes(problem: Problem, solution: Solution) -> str:
+    parts = {name: getattr(solution, name) for name in ("t", "q", "v", "lam", "mu")}
+    for name, value in parts.items():
+        if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+            kind = f"{type(value).__name__} of {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+            return f"shapes: {name} must be an array of float64; it is {kind}."
+    if solution.t.ndim != 1:
+        return f"shapes: t must be (rows,); it is {solution.t.shape}."
+    rows, n = solution.t.size, problem.q0.size
+    for name, wanted in (("q", (rows, n)), ("v", (rows, n))):
+        if parts[name].shape != wanted:
+            return f"shapes: {name} must be {wanted}, rows and coordinates; it is {parts[name].shape}."
+    for name in ("lam", "mu"):
+        if parts[name].ndim != 2 or len(parts[name]) != rows:
+            return f"shapes: {name} must have {rows} rows, one for each time; it is {parts[name].shape}."
+    return ""
+
+
+def _finite(parts: Mapping[str, Matrix]) -> str:
+    for name, value in parts.items():
+        if not all_finite(value):
+            row = int(np.argmin(np.isfinite(value).reshape(len(value), -1).all(axis=1)))
+            return f"finiteness: {name} is not finite in row {row} of {len(value)}."
+    return ""
+
+
+def _order(problem: Problem, t: Vector) -> str:
+    back = np.flatnonzero(np.diff(t) * np.sign(problem.t_span[1] - problem.t_span[0]) < 0)
+    return f"order of times: after t = {t[back[0]]:.17g} comes t = {t[back[0] + 1]:.17g}." if back.size else ""
+
+
+def _end(problem: Problem, request: Request, t: Vector) -> str:
+    if not t.size:
+        return "end: success was reported, but there are no rows."
+    end = problem.t_span[1]
+    last = end if request.t_eval is None else float(request.t_eval[-1])
+    if abs(t[-1] - last) <= SAME_TIME * _span(problem):
+        return ""
+    what = "the interval ends" if last == end else "the last row was asked for"
+    return f"end: success was reported, but the last time is {t[-1]:.17g} and {what} at {last:.17g}."
+
+
+def _output_times(problem: Problem, request: Request, t: Vector, complete: bool) -> str:
+    asked = request.t_eval
+    if asked is None:
+        return ""
+    if complete and t.size != asked.size:
+        return f"output times: {t.size} of {asked.size} rows were given."
+    count = min(t.size if complete else t.size - 1, asked.size)  # the last row may be that of an event
+    off = np.abs(t[:count] - asked[:count]) > SAME_TIME * _span(problem)
+    if not off.any():
+        return ""
+    i = int(np.argmax(off))
+    return f"output times: row {i} was asked for at {asked[i]:.17g} and given at {t[i]:.17g}."
+
+
+def _start(problem: Problem, request: Request, motion: Motion) -> str:
+    if not motion[0].size or motion[0][0] != problem.t_span[0]:
+        return ""
+    allowed = SAME_START if request.rtol is None else max(SAME_START, float(np.max(request.rtol)))
+    for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
+        off = np.abs(rows[0] - first)
+        if float(off.max()) > allowed * max(1.0, float(np.abs(first).max())):
+            i = int(np.argmax(off))
+            return f"start: {name}[{i}] is {rows[0, i]:.6g} in the first row and {first[i]:.6g} in the problem."
+    return ""
+
+
+def _counters(counters: Counters, complete: bool) -> str:
+    values = [(field.name, getattr(counters, field.name)) for field in fields(Counters) if field.name != "provenance"]
+    for name, value in values:
+        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if value is not None and not (whole and value >= 0):
+            return f"counters: {name} is {value!r}; a whole number from 0 on was expected, or None: not reported."
+    least, evaluations = max(counters.steps_accepted or 0, 1), counters.residual_evaluations
+    if complete and evaluations is not None and evaluations < least:
+        told = f"{evaluations} evaluations of the forces are too few for {least} steps"
+        return f"counters: {told}; None stands for what is not reported."
+    return ""
+
+
+def _span(problem: Problem) -> float:
+    return abs(problem.t_span[1] - problem.t_span[0])
