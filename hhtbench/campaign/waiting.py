@@ -61,15 +61,6 @@ class WaitingTasks:
             del self._owners[pair][worker]
             self._note(pair)
 
-    def clear(self) -> list[Any]:
-        """All that wait, in no order; none waits then."""
-        tasks = [task for waiting in self._tasks.values() for task in waiting]
-        for pair in list(self._tasks):
-            self._tasks[pair].clear()
-            self._note(pair)
-        self._count = 0
-        return tasks
-
     def _best(self, worker: Hashable) -> tuple[str, str] | None:
         for pair in self._own[worker]:
             return pair

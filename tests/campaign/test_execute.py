@@ -181,6 +181,16 @@ def test_a_worker_that_dies_while_it_starts_is_started_again(outside: Path, tmp_
     assert ends(tmp_path, "told") == {"told": ("success", "there")}
 
 
+def test_workers_that_cannot_start_any_more_end_the_campaign_while_a_cell_waits_for_a_second_try(
+    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    mark = tmp_path / "mark"
+    dies = f"import os\nif os.path.exists({str(mark)!r}): raise SystemExit('no more')\n"
+    monkeypatch.setattr("hhtbench.campaign.process.START", dies + process.START)
+    with pytest.raises(ProblemError, match=r"cannot start.*no more"):
+        ends(tmp_path, f"told(does='killed once', mark='{mark}')", "told")
+
+
 def test_a_system_that_gives_no_process_for_a_moment_costs_nothing(
     outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
