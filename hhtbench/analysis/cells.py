@@ -146,7 +146,7 @@ def point(row: RunRow) -> Point:
         doubted=state_error(row) if row.status == DOUBTED else None,
         compared=None if compared is None else int(compared),
         limit=0.0 if digits is None else 10.0**-digits,
-        time=number(row.timing, "solve_s") if alone is None else alone,
+        time=_beside(row) if alone is None else alone,
         repeats=_repeats(row),
         spent=_spent(row),
         rules=rules_of(row),
@@ -174,10 +174,15 @@ def _repeats(row: RunRow) -> tuple[float, ...]:
     return tuple(float(value) for value in found if value)
 
 
+def _beside(row: RunRow) -> float | None:
+    """Time of the solve of the accuracy pass, beside other work: of the processor where it is known."""
+    seconds = number(row.timing, "solve_cpu_s")
+    return number(row.timing, "solve_s") if seconds is None else seconds
+
+
 def _spent(row: RunRow) -> float | None:
     """Processor time where it is known; a solve that was killed has spent what it was allowed."""
-    seconds = number(row.timing, "solve_cpu_s")
-    seconds = number(row.timing, "solve_s") if seconds is None else seconds
+    seconds = _beside(row)
     return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
 
 

@@ -196,23 +196,39 @@ def level_of(found: Iterable[Point]) -> float:
     return sorted(ratios)[math.ceil(SAME * len(ratios)) - 1] if ratios else 1.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """What only all rows together tell."""
+
+    level: float  #: :func:`level_of` their times
+    targets: tuple[float, ...]  #: :func:`targets_of` them
+
+
+def campaign_of(rows: Iterable[RunRow]) -> Campaign:
+    """Of all rows of a report."""
+    found = points(rows)
+    return Campaign(level=level_of(found), targets=targets_of(found))
+
+
 def compare(
     rows: Sequence[RunRow],
     subject: str = SUBJECT,
     targets: Sequence[float] = (),
     held: float | None = None,
     problem: str | None = None,
+    campaign: Campaign | None = None,
 ) -> tuple[Comparison, ...]:
     """For each problem, or one, measure and target: the best of the family ``subject`` against the best of all others.
 
     With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.  What is
-    level, and the errors that were asked for, follow from all ``rows``.
+    level, and the errors that were asked for, are those of the ``campaign``, which follows from ``rows`` if it is not given.
     """
     result = []
-    found = points(rows)
-    targets = targets or targets_of(found)
-    level = {"time": level_of(found), "evaluations": 1.0}
+    whole = campaign or campaign_of(rows)
+    targets = targets or whole.targets
+    level = {"time": whole.level, "evaluations": 1.0}
     own_rows = [row for row in rows if problem in (None, row.problem)]
+    found = points(own_rows)
     for measure in MEASURES:
         for front in fronts(own_rows, measure, targets, held):
             if held is not None and not constrained_levels(run for run in found if run.problem == front.problem):

@@ -11,6 +11,7 @@ import os
 import statistics
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from hhtbench.campaign.run import WARM_UP, Phase, attempt, request_of, succeeded, warm_up, without_output
@@ -25,7 +26,7 @@ DISTURBED = 1.2  # wall time over processor time above which something else ran 
 
 def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: bool, phase: Phase) -> dict[str, Any]:
     """One reading; ``note`` where a solve failed."""
-    request = without_output(problem, request_of(problem, asked))
+    request = replace(without_output(problem, request_of(problem, asked)), max_seconds=None)  # it has kept its budget before
     if not warm:
         phase(WARM_UP)
         warm_up(problem, solver, request)

@@ -13,6 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.campaign.energy import (
+    Balance,
+    Fed,
+    balance,
+    fed_by,
+    power_needs_multipliers,
+    power_of_level,
+    power_of_state,
+    with_middles,
+)
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.protocol import Problem, declared
 from hhtbench.result import Solution
@@ -43,7 +53,8 @@ class Drift:
     position: Vector | None  #: (k,)
     velocity: Vector | None  #: (k,)
     absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, as they are
-    energy: Vector | None  #: (k,)
+    energy: Vector | None  #: (k,) change of the energy that the declared power does not account for
+    energy_note: str | None  #: why there is none although an energy is declared
     invariants: dict[str, Vector]  #: name -> (k,)
     own_t: Vector  #: (r,) times at which the solver holds multipliers of its own [s]
     acceleration: Vector | None  #: (r,)
@@ -61,6 +72,7 @@ class Drift:
             "sampled": self.sampled,
             "points": int(self.t.size),
             "acceleration_note": self.acceleration_note,
+            "energy_note": self.energy_note,
         }
 
 
@@ -83,6 +95,9 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
     levels, bare, energies, kept = np.split(values, [2, 4, 6], axis=1)
     own = own_multipliers(solution, at_steps)
     acceleration, note = _acceleration(dynamics, own) if s.constrained else (None, None)
+    energy = Balance(None, None)
+    if energetic:
+        energy = _energy(dynamics, (t, q, v), energies)
     return Drift(
         sampled=sampled,
         t=t,
@@ -93,7 +108,8 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
             "position_absolute": float(np.max(bare[:, 0])) if s.m else None,
             "velocity_absolute": float(np.max(bare[:, 1])) if s.constrained else None,
         },
-        energy=_energy_drift(energies) if energetic else None,
+        energy=energy.drift,
+        energy_note=energy.note,
         invariants={name: _change(kept[:, i]) for i, name in enumerate(names)},
         own_t=np.zeros(0) if own is None else own.t,
         acceleration=acceleration,
@@ -217,10 +233,25 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Vector | None, s
     return np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1), None
 
 
-def _energy_drift(energies: Matrix) -> Vector:
-    """Change of column 0 since the start over the larger of its first value and the largest kinetic energy."""
-    scale = max(abs(energies[0, 0]), np.max(energies[:, 1]))
-    return np.abs(energies[:, 0] - energies[0, 0]) / (scale if scale > 0 else 1.0)
+def _energy(dynamics: Dynamics, states: tuple[Vector, Matrix, Matrix], energies: Matrix) -> Balance:
+    """The balance of the energy, column 0 of ``energies`` (k, 2), beside the kinetic energy, at the ``states``."""
+    t, q, v = states
+    nothing = Fed(np.zeros(t.size), np.zeros(t.size))
+    if declared(dynamics.system, "power") is None or t.size == 1:
+        return balance(energies[:, 0], energies[:, 1], nothing)
+    terms: Any = power_of_state
+    if power_needs_multipliers(dynamics, float(t[0]), q[0], v[0]):
+        if not dynamics.structure.linear_reaction:
+            return Balance(None, "the power needs multipliers, and the reaction is nonlinear in them")
+        terms = power_of_level
+    between = with_middles(states)
+    try:
+        power = _in_chunks(terms, dynamics, (), between)[:, 0]
+    except np.linalg.LinAlgError:
+        power = np.full(between[0].size, np.nan)
+    if not np.isfinite(power).all():
+        return Balance(None, "the power is not finite, or the multipliers in it are not determined")
+    return balance(energies[:, 0], energies[:, 1], fed_by(t, between[0], power))
 
 
 def _change(values: Vector) -> Vector:

@@ -113,9 +113,8 @@ def run_cell(
     if asked["counting"] and succeeded(work):
         counters = _counted(problem, solver, request, counters, phase)
     at_steps = _at_steps(problem, solver, request, outcome, phase)
-    phase("the judgement")
-    judgement = _judged(problem, request, outcome, work, at_steps)
     phase(MEASURING)
+    judgement = _judged(problem, request, outcome, work, at_steps)
     measured = measure(problem, outcome.solution, None if at_steps is None else at_steps.solution)
     return {
         **row,

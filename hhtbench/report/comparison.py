@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 from tabulate import tabulate
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS
+from hhtbench.analysis import BOUNDS, Campaign
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
 from hhtbench.report import colours, contest, runs, tables
@@ -84,7 +84,7 @@ def comparison_page(
     others: Mapping[str, str] | None = None,
 ) -> str:
     """The text of ``index.html``; ``others`` names the pages beside it."""
-    styles = colours.solver_styles(analysis.entries(rows))
+    styles, whole = colours.solver_styles(analysis.entries(rows)), analysis.campaign_of(rows)
     names = analysis.problems(rows)
     links = [f'<a href="#{anchor(name)}">{escape(name)}</a>' for name in names]
     links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
@@ -101,7 +101,7 @@ def comparison_page(
         against=html_table(contest.against(rows)),
         drift=html_table(runs.equal_drift(rows)),
         legend=legend(styles),
-        sections="\n".join(_problem_section(rows, name, styles) for name in names),
+        sections="\n".join(_problem_section(rows, name, styles, whole) for name in names),
         failures=html_table(runs.failure_table(rows)),
         machine=_machine(rows),
         command=escape(command),
@@ -112,9 +112,11 @@ def comparison_page(
 
 
 PARTS = ("html", "css", "js")
-TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
+RANKED: dict[str, Callable[[Sequence[RunRow], str, Campaign], Table]] = {
     **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
     "Cheapest solvers at a given error": contest.cheapest,
+}
+TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
     "One run of every solver, side by side": runs.side_by_side,
     "Counters of these runs": runs.counter_table,
 }
@@ -127,10 +129,11 @@ def comparison_markdown(rows: Sequence[RunRow], paragraphs: Sequence[str], comma
     parts += ["## The rules", "\n".join(f"- {escape_text(rule)}" for rule in rules(rows))]
     parts += ["## HHT against the cheapest other solver", *_markdown_table(contest.against(rows))]
     parts += ["## Drift at equal accuracy", *_markdown_table(runs.equal_drift(rows))]
+    whole = analysis.campaign_of(rows)
     for name in analysis.problems(rows):
-        parts += [f"## {escape_text(name)}", *map(escape_text, problem_summary(rows, name))]
-        for caption, build in TABLES.items():
-            parts += [f"### {caption}", *_markdown_table(build(rows, name))]
+        parts += [f"## {escape_text(name)}", *map(escape_text, problem_summary(rows, name, whole))]
+        for caption, table in _tables(rows, name, whole):
+            parts += [f"### {caption}", *_markdown_table(table)]
     parts += ["## Runs that failed or are not believed", *_markdown_table(runs.failure_table(rows))]
     parts += ["## How it was made", f"```\n{command}\n```", f"Rows of {_created(rows)}."]
     parts += [environment_table(environment) for environment in tables.environments(rows)]
@@ -144,15 +147,21 @@ def _prose(text: str) -> str:
     return re.sub(r"\d+e-\d+", r'<span class="number">\g<0></span>', escape(text))
 
 
-def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, SolverStyle]) -> str:
+def _tables(rows: Sequence[RunRow], problem: str, whole: Campaign) -> list[tuple[str, Table]]:
+    """Caption and table, of all that a problem has."""
+    found = [(caption, rank(rows, problem, whole)) for caption, rank in RANKED.items()]
+    return found + [(caption, build(rows, problem)) for caption, build in TABLES.items()]
+
+
+def _problem_section(rows: Sequence[RunRow], problem: str, styles: dict[str, SolverStyle], whole: Campaign) -> str:
     charts = problem_charts(rows, problem)
     drawn = "\n".join(_figure(problem, chart, styles) for chart in charts) or "<p>No run left anything to draw.</p>"
     everything = runs.all_runs(rows, problem)
-    built = "\n".join(html_table(build(rows, problem), caption) for caption, build in TABLES.items())
+    built = "\n".join(html_table(table, caption) for caption, table in _tables(rows, problem, whole))
     return f"""\
 <section>
 <h2 id="{anchor(problem)}">{escape(problem)}</h2>
-<p class="lead">{"<br>".join(_prose(text) for text in problem_summary(rows, problem))}</p>
+<p class="lead">{"<br>".join(_prose(text) for text in problem_summary(rows, problem, whole))}</p>
 <div class="charts">
 {drawn}
 </div>

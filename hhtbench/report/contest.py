@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Comparison, Cost
+from hhtbench.analysis import BOUNDS, Campaign, Comparison, Cost
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.words import (
     AT_MOST,
@@ -40,9 +40,10 @@ MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "un
 def balance(rows: Sequence[RunRow]) -> Table:
     """On how many problems HHT wins and loses: one line for each bound of the drift and measure, one column an error."""
     body: list[list[str | Cell]] = []
-    targets = analysis.targets_of(analysis.points(rows))
+    whole = analysis.campaign_of(rows)
+    targets = whole.targets
     for bound in BOUNDS:
-        lines = analysis.compare(rows, held=bound)
+        lines = analysis.compare(rows, held=bound, campaign=whole)
         for measure in MEASURES:
             own = [line for line in lines if line.measure == measure]
             cells = [_counted([line for line in own if line.target == target]) for target in targets]
@@ -51,7 +52,7 @@ def balance(rows: Sequence[RunRow]) -> Table:
         f"Numbers of problems: {', '.join(MARKS.values())}. The best HHT entry against the cheapest of all other solvers at "
         "the same achieved error and with drift of position and velocity within the bound on both sides; with a bound, "
         "problems with constraints only. Level: within the factor by which repeats of one solve differ, "
-        f"{times(analysis.level_of(analysis.points(rows)))} for processor time. Alone: no other solver gets there, whatever "
+        f"{times(whole.level)} for processor time. Alone: no other solver gets there, whatever "
         "it was given; not there: HHT does not, another does."
     )
     return make_table(["drift", "by", "all", *(f"error {target:.0e}" for target in targets)], body, note)
@@ -69,21 +70,23 @@ def _bound(bound: float | None) -> str:
     return ANY if bound is None else f"{AT_MOST} {bound:.0e}"
 
 
-def against(rows: Sequence[RunRow]) -> Table:
+def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     """HHT against the cheapest other solver: lines for each problem, bound of the drift and measure; a column an error.
 
     Bounds that change nothing share a line.
     """
     body: list[list[str | Cell]] = []
+    whole = campaign or analysis.campaign_of(rows)
+    compared = {bound: analysis.compare(rows, held=bound, campaign=whole) for bound in BOUNDS}
     for problem in analysis.problems(rows):
         for measure in MEASURES:
             lines: dict[tuple[Cell, ...], list[str]] = {}
             for bound in BOUNDS if measure == "time" else BOUNDS[:1]:
-                own = [line for line in analysis.compare(rows, held=bound, problem=problem) if line.measure == measure]
+                own = [line for line in compared[bound] if (line.problem, line.measure) == (problem, measure)]
                 if own:
                     lines.setdefault(tuple(map(_rival, own)), []).append(_bound(bound))
             body += [[problem, SHORT[measure], ", ".join(bounds), *cells] for cells, bounds in lines.items()]
-    headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in analysis.targets_of(analysis.points(rows)))]
+    headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in whole.targets)]
     note = (
         "The best HHT entry against the cheapest of all other solvers at the same achieved error, at three bounds of the "
         f"drift; evaluations whatever the drift. {uncounted(analysis.silent(rows))}"
@@ -100,10 +103,10 @@ def _verdict(line: Comparison) -> Cell:
     return Cell(outcome(line), TONES.get(line.outcome, ""), detail)
 
 
-def both_sides(rows: Sequence[RunRow], problem: str, held: float | None = None) -> Table:
+def both_sides(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None, held: float | None = None) -> Table:
     """Both sides of every comparison on one problem at one bound of the drift, with their costs and drifts."""
     body: list[list[Any]] = []
-    for line in analysis.compare(rows, held=held, problem=problem):
+    for line in analysis.compare(rows, held=held, problem=problem, campaign=campaign):
         if line.subject or line.rival:
             drifting = sum(reason.kind == "drifts" for reason in line.missing.values())
             more = [plural(drifting, "solver") if drifting else NOTHING] if held is not None else []
@@ -133,12 +136,13 @@ def _cost(cost: Cost, measure: str) -> str:
     return f"{AT_MOST} " * cost.bound + work(cost.value, measure) + star
 
 
-def cheapest(rows: Sequence[RunRow], problem: str) -> Table:
+def cheapest(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None) -> Table:
     """Who reaches each error most cheaply."""
     own = [row for row in rows if row.problem == problem]
+    targets = (campaign or analysis.campaign_of(rows)).targets
     body = []
     for measure in MEASURES:
-        for front in analysis.fronts(own, measure, analysis.targets_of(analysis.points(rows))):
+        for front in analysis.fronts(own, measure, targets):
             best = [f"{cost.entry} {_cost(cost, measure)}" for cost in front.costs[:CHEAPEST]]
             missing = _grouped(list(front.missing.values()))
             body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
@@ -151,7 +155,7 @@ def cheapest(rows: Sequence[RunRow], problem: str) -> Table:
 
 
 def _stars(rows: Sequence[RunRow], problem: str) -> str:
-    disturbed = any(run.disturbed for run in analysis.points(rows) if run.problem == problem)
+    disturbed = any(run.disturbed for run in analysis.points(row for row in rows if row.problem == problem))
     return f" *: {STAR}." if disturbed else ""
 
 

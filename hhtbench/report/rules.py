@@ -89,7 +89,7 @@ def _clock(rows: Sequence[RunRow], runs: Sequence[Point]) -> list[str]:
     if not timed:
         return ["Times were taken beside other work."]
     rounds = max(len(row.timing["rounds_s"]) for row in timed)
-    least = min(row.timing["wall_s"] * row.timing["solves"] for row in timed)
+    least = min(max(row.timing["wall_s"], row.timing["median_s"]) * row.timing["solves"] for row in timed)
     level = analysis.level_of(runs)
     return [
         "Time is processor time of a solve without output on the way, alone on a core; starts and compilation apart. The "

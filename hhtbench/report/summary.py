@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, NEAR, STEADY, SUBJECT, TYPICAL_ERROR, Comparison, Newest, Point, family
+from hhtbench.analysis import BOUNDS, NEAR, STEADY, SUBJECT, TYPICAL_ERROR, Campaign, Comparison, Newest, Point, family
 from hhtbench.report.words import KINDS, MEASURES, STAR, bounded, dearer, factor, listed, plural, shown, uncounted
 from hhtbench.store.rows import RunRow
 
@@ -26,9 +26,9 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
 
 
-def problem_summary(rows: Sequence[RunRow], problem: str) -> list[str]:
+def problem_summary(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None) -> list[str]:
     """Sentences for one problem: wins and losses by both measures."""
-    lines = analysis.compare(rows, problem=problem)
+    lines = analysis.compare(rows, problem=problem, campaign=campaign)
     return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
 
 

@@ -30,12 +30,13 @@ class Equations:
     def __init__(self, problem: Problem) -> None:
         t, q, v = problem.t_span[0], problem.q0, problem.v0
         dynamics: Any = derive(problem.system, t, q, v)
+        self._levels: ConstraintLevels | None = None
         if dynamics.structure.constrained:
             rank = ConstraintLevels(dynamics, full=True).at(t, q, v).rank
             reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else dynamics
             if reduced is None:
                 raise NotJudged("its constraints are redundant, and a declared reaction may depend on every multiplier")
-            dynamics = reduced
+            dynamics, self._levels = reduced, ConstraintLevels(reduced, full=True)
         self._level, self._n = AccelerationLevel(dynamics), q.size
         self._sizes = dynamics.structure.m, dynamics.structure.p
         self.linear = dynamics.structure.linear_reaction
@@ -47,6 +48,15 @@ class Equations:
         self._left = self._most = most
         if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
+
+    def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
+        """The part of a small ``change`` of y (2n,) that stays on the constraints; (2n,), in units of ``size``."""
+        if self._levels is None:
+            return change
+        n, m = self._n, self._sizes[0]
+        rows = self._levels.at(t, y[:n].copy(), y[n:].copy()).rows
+        parts = (rows[:m], change[:n], size[:n]), (rows, change[n:], size[n:])
+        return np.concatenate([x - s * np.linalg.lstsq(c * s, c @ x)[0] if len(c) else x for c, x, s in parts])
 
     def __call__(self, t: float, y: Vector) -> Vector:
         """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""

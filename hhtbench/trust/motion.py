@@ -30,7 +30,8 @@ LEFT = 0.4  # of the typical size: that far from a straight line the motion can 
 AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off know nothing of forces
 SEEN = 20.0  # times the bound: how far the motion has left a straight line where a window ends
 MOST_EVALUATIONS = 800  # of the equations, for one motion in one window
-ACCURACY = 1e-2  # of the allowed error: that of the integration here
+ACCURACY = 1e-3  # of the allowed error: that of the integration here
+SMALL = 0.1  # of the allowed error: disturbances, so that what becomes of them is in proportion
 DISTURBED = 8  # most motions beside one that the rows do not follow
 
 
@@ -96,14 +97,19 @@ class Follower:
         window = self._window(t, y, states, line, bound, allowed, why)
         if not window.failed:
             return window
+        self.equations.begin(MOST_EVALUATIONS, multipliers)
+        k = len(states)
+        more, why = _along(motion, t[k:], lambda i, y: self._distance(y - line[k + i]) >= LEFT)
+        states = np.concatenate([states, more.reshape(-1, y.shape[1])])
         carried = np.zeros_like(states)
         for sign in _signs(y.shape[1]):
             if not window.failed:
                 break
             self.equations.begin(MOST_EVALUATIONS, multipliers)
-            beside, _ = _along(self._flow(float(t[0]), y[0] + sign * allowed, allowed), t[: len(states)])
+            change = self.equations.along_constraints(float(t[0]), y[0], sign * allowed, self.size)
+            beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed), t[: len(states)])
             states, carried = states[: len(beside)], carried[: len(beside)]
-            carried = np.maximum(carried, np.abs(beside - states))
+            carried = np.maximum(carried, np.abs(beside - states) / SMALL)
             window = self._window(t, y, states, line, bound, allowed + np.maximum.accumulate(carried), why)
         return window
 
@@ -123,6 +129,7 @@ class Follower:
     ) -> Window:
         """Rows ``y``, and the straight ``line``, beside the ``states`` of the motion, as far as these go (k, 2n)."""
         k, limits = len(states), np.broadcast_to(allowed, states.shape)
+        resolved = self._distance(limits[0]) <= LEFT / 2  # else the steps are too long, or the tolerance too loose, to tell
         off, seen, blind = 0.0, 0.0, None
         worst = 0
         for i in range(k):
@@ -130,7 +137,7 @@ class Follower:
             of_row, seen = self._over(error, limits[i]), max(seen, self._over(left, limits[i]))
             if not of_row <= off:
                 off, worst = of_row, i
-            if blind is None and np.max(limits[i] / self.size) <= LEFT / 2:
+            if blind is None and resolved:
                 blind = self._blind(error, left)
         return Window(float(t[0]), float(t[worst]), off=off, bound=bound, seen=seen, blind=blind, unfinished=why)
 
@@ -139,6 +146,10 @@ class Follower:
         errors, distances = np.split(np.abs(error) / self.size, 2), np.split(np.abs(left) / self.size, 2)
         found = [float(np.max(e) / np.max(d)) for e, d in zip(errors, distances, strict=True) if np.max(d) >= LEFT]
         return max(found, default=None)
+
+    def _distance(self, error: Vector) -> float:
+        """The largest error of y (2n,), in typical sizes."""
+        return float(np.max(np.abs(error) / self.size))
 
     def _over(self, error: Vector, allowed: Vector) -> float:
         """The larger of the errors of q and of v (2n,), each over what is allowed, in typical sizes."""

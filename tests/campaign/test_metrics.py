@@ -291,3 +291,50 @@ def test_thinning_keeps_the_largest_and_the_last():
     assert curve["x"].max() == 7.0
     assert curve["t"][-1] == 999
     assert plain({"a": np.array([np.inf, 1.0])}) == {"a": [None, 1.0]}
+
+
+def damped(c: float = 0.3, taken: float = 0.3) -> Problem:
+    """A mass on a spring with a damper: its energy falls by what the damper takes."""
+    system = NumpySystem(
+        force=lambda t, q, v: -q - c * v,
+        energy=lambda t, q, v: v @ v / 2 + q @ q / 2,
+        power=lambda t, q, v, lam, mu: -taken * v @ v,
+    )
+    return Problem(name="damped", system=system, t_span=(0.0, 10.0), q0=[1.0], v0=[0.0])
+
+
+def test_the_energy_that_a_damper_takes_is_no_drift():
+    """Nine tenths of the energy go into the damper; Radau keeps the balance to its tolerance."""
+    solved = load_solver("scipy(method=Radau)").solve(damped(), Request(rtol=1e-8))
+    assert solved.v[-1] @ solved.v[-1] + solved.q[-1] @ solved.q[-1] < 0.1
+    drift = measure(damped(), solved).metrics["drift"]
+    assert drift["energy"] < 1e-6
+    wrong = measure(damped(taken=0.33), solved).metrics["drift"]
+    assert wrong["energy"] == pytest.approx(0.1, rel=0.1), "a tenth of what the damper takes is not accounted for"
+
+
+def test_a_balance_that_the_steps_do_not_resolve_is_not_reported():
+    """Six states for ten seconds: the integral of the power between them is anybody's guess."""
+    solved = load_solver("scipy(method=Radau)").solve(damped(), Request(rtol=1e-8, t_eval=np.linspace(0, 10, 6)))
+    drift = measure(damped(), solved).metrics["drift"]
+    assert drift["energy"] is None
+    assert drift["energy_note"].startswith("the integral of the power over the steps is known to ")
+
+
+@pytest.mark.parametrize("kind", ["jax", "numpy"])
+def test_the_power_of_a_moving_constraint_comes_from_its_multiplier(kind: str):
+    """A point held at x = t^2: the drive's power is m x'' x' = 2 * 2 t, the kinetic energy 2 t^2."""
+    parts: dict[str, Any] = {
+        "force": lambda t, q, v: 0 * q,
+        "constraint": lambda t, q: q - t**2,
+        "energy": lambda t, q, v: v @ v / 2,
+        "power": lambda t, q, v, lam, mu: -lam[0] * 2 * t,
+    }
+    held = type("Held", (System,), {name: (lambda self, *a, f=f: f(*a)) for name, f in parts.items()})()
+    system = held if kind == "jax" else NumpySystem(**parts)
+    problem = Problem(name="held", system=system, t_span=(0.0, 1.0), q0=[0.0], v0=[0.0])
+    t = np.linspace(0.0, 1.0, 41)
+    lam = np.full((41, 1), 7.0)  # those of the rows are not asked
+    made = solution(t=t, q=t[:, None] ** 2, v=2 * t[:, None], lam=0.0, carried=None)
+    drift = measure(problem, replace(made, lam=lam)).metrics["drift"]
+    assert drift["energy"] < 1e-6

@@ -207,3 +207,61 @@ def test_output_times_are_even_and_hold_those_of_the_reference():
     assert request_of(forward, ASKED).t_eval.tolist() == [0.0, 0.25, 0.3, 0.5, 0.75, 1.0]
     backward = Problem(**{**vars(PROBLEM), "t_span": (1.0, 0.0), "reference": reference})
     assert request_of(backward, ASKED).t_eval.tolist() == [1.0, 0.75, 0.5, 0.3, 0.25, 0.0]
+
+
+@pytest.mark.parametrize("origin", [0.0, 1e9])
+def test_times_of_outputs_and_references_one_rounding_error_apart_are_one(origin: float):
+    """0.1 * 3 and 0.3 are one ulp apart: no solver can step from one to the other."""
+    start, end = origin, origin + 1.0
+    third = float(np.linspace(start, end, 11)[3])
+    reference = {"t": [np.nextafter(third, np.inf), np.nextafter(end, start)]}
+    problem = Problem(**{**vars(PROBLEM), "t_span": (start, end), "reference": reference})
+    times = request_of(problem, {**ASKED, "outputs": 11}).t_eval
+    assert times.size == 11
+    assert reference["t"][0] in times
+    assert times[-1] == end
+    assert np.diff(times).min() > 0.05
+
+
+def test_collocation_solves_a_problem_whose_reference_lies_beside_its_outputs():
+    scene = scenes.problem()
+    reference = {"t": [np.nextafter(float(np.linspace(*scene.t_span, 5)[3]), 0.0)]}
+    beside = Problem(**{**vars(scene), "reference": reference})
+    request = request_of(beside, {**ASKED, "rtol": 1e-8})
+    assert load_solver("collocation").solve(beside, request).success
+
+
+class Straight:
+    """Goes on as it has started, whatever pulls."""
+
+    name = "straight"
+
+    def accepts(self, problem: Any, request: Any) -> str | None:
+        return None
+
+    def solve(self, problem: Any, request: Any) -> Solution:
+        t = np.linspace(*problem.t_span, 31) if request.t_eval is None else request.t_eval
+        q = problem.q0 + (t - problem.t_span[0])[:, None] * problem.v0
+        return line(t, q=q, v=np.repeat(problem.v0[None], t.size, axis=0))
+
+
+def test_a_plugin_that_returns_a_straight_line_is_not_believed():
+    """The falling weight of unit acceleration, and the same without weight, which does go straight on."""
+    fall = Problem(**{**vars(PROBLEM), "system": NumpySystem(force=lambda t, q, v: 0 * q - 1.0), "exact": None})
+    row = run_cell(fall, Straight(), ASKED, {}, lambda _: None)
+    assert row["status"] == "unreliable"
+    assert row["message"].startswith("equations of motion: from the row at t = ")
+    assert row["metrics"]["trust"]["motion"] > 1.0
+    free = run(Straight())
+    assert free["status"] == "success"
+    assert "Equations of motion not judged: " in free["message"]
+
+
+def test_a_plugin_may_not_do_less_where_nobody_looks(monkeypatch: pytest.MonkeyPatch):
+    def idle_alone(self: Any, problem: Any, request: Any) -> Solution:
+        t = np.linspace(0, 1, 31) if request.t_eval is None else request.t_eval
+        return line(t) if t.size > 1 else line(t, q=np.zeros((1, 1)))
+
+    monkeypatch.setattr(Line, "solve", idle_alone)
+    row = run(Line())
+    assert (row["status"], row["message"].partition(":")[0]) == ("unreliable", "repetition")

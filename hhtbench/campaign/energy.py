@@ -1,0 +1,100 @@
+"""The energy as a balance: its change since the start, less what the declared power has fed into it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering import Dynamics
+from hhtbench.protocol import declared
+
+States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
+KNOWN = 0.5  # of the imbalance: the power's integral must be known better,
+FINE = 1e-6  # or to that part of the scale
+
+
+class Balance(NamedTuple):
+    """Imbalance of the energy at every state over its scale, or None and why."""
+
+    drift: Vector | None  #: (k,)
+    note: str | None
+
+
+class Fed(NamedTuple):
+    """What the power has fed into the energy since the start, at every state, (k,) [J]."""
+
+    energy: Vector
+    error: Vector  #: by how much two rules differ
+
+
+def power_needs_multipliers(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> bool:
+    """Whether the declared power depends on lam or mu: it is not a number where these are none."""
+    s, xp = dynamics.structure, dynamics.xp
+    found = declared(dynamics.system, "power")(t, xp.asarray(q), xp.asarray(v), *(xp.full(k, np.nan) for k in (s.m, s.p)))
+    return not np.isfinite(float(found))
+
+
+def power_of_state(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """The declared power [W] where it does not depend on the multipliers, (1,)."""
+    s, xp = dynamics.structure, dynamics.xp
+    return xp.reshape(dynamics.system.power(t, q, v, xp.zeros(s.m), xp.zeros(s.p)), (1,))
+
+
+def power_of_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """The same with the multipliers of the acceleration level, which must be linear in them."""
+    return dynamics.xp.reshape(dynamics.system.power(t, q, v, *_recovered(dynamics, t, q, v)), (1,))
+
+
+def with_middles(states: States) -> States:
+    """The states of different times and those half-way between them, by the cubic through q and v, (2k - 1, ...)."""
+    t, first = np.unique(states[0], return_index=True)
+    q, v = (part[first] for part in states[1:])
+    h = np.diff(t)[:, None]
+    middle_q = (q[1:] + q[:-1]) / 2 - h / 8 * np.diff(v, axis=0)
+    middle_v = 1.5 * np.diff(q, axis=0) / h - (v[1:] + v[:-1]) / 4
+    found = (t, q, v), (t[:-1] + h[:, 0] / 2, middle_q, middle_v)
+    times, *parts = (np.zeros((2 * t.size - 1, *part.shape[1:])) for part in found[0])
+    for whole, ends, middles in zip((times, *parts), *found, strict=True):
+        whole[::2], whole[1::2] = ends, middles
+    return times, parts[0], parts[1]
+
+
+def fed_by(t: Vector, times: Vector, power: Vector) -> Fed:
+    """The integral of ``power`` (2k - 1,) [W] at ``times`` with their middles, at every ``t``: Simpson's rule, a spline."""
+    h, ends, middles = np.diff(times[::2]), power[::2], power[1::2]
+    simpson = np.append(0.0, np.cumsum(h / 6 * (ends[:-1] + 4 * middles + ends[1:])))
+    spline = CubicSpline(times[::2], ends).antiderivative()(times[::2]) if h.size > 1 else h.sum() * np.append(0.0, ends[1:])
+    places = np.searchsorted(times[::2], t)
+    error = np.abs(simpson - spline)
+    return Fed((simpson - simpson[places[0]])[places], error[places] + error[places[0]])
+
+
+def balance(energy: Vector, kinetic: Vector, fed: Fed) -> Balance:
+    """Change of ``energy`` (k,) [J] less what was fed, over the largest of energy, kinetic energy and what was fed.
+
+    At most: what two rules for the integral of the power differ by is added.
+    """
+    off = np.abs(energy - energy[0] - fed.energy)
+    scale = max(abs(energy[0]), float(np.max(kinetic)), float(np.max(np.abs(fed.energy)))) or 1.0
+    if np.max(fed.error) > max(KNOWN * np.max(off), FINE * scale):
+        return Balance(None, f"the integral of the power over the steps is known to {np.max(fed.error) / scale:.1g} only")
+    return Balance((off + fed.error) / scale, None)
+
+
+def _recovered(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    """lam (m,) and mu (p,) of the acceleration level; not finite, or an exception, where they are not determined."""
+    s, xp = dynamics.structure, dynamics.xp
+    lam, mu = xp.zeros(s.m), xp.zeros(s.p)
+    rows, rest = dynamics.acceleration_level(t, q, v)
+    columns = [dynamics.mass(t, q)]
+    if s.m:
+        columns.append(-dynamics.reaction_jacobians(t, q, lam)[1])
+    if s.p:
+        columns.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
+    below = xp.concatenate([rows, xp.zeros((s.m + s.p, s.m + s.p))], axis=1)
+    matrix = xp.concatenate([xp.concatenate(columns, axis=1), below])
+    x = xp.linalg.solve(matrix, -xp.concatenate([dynamics.residual(t, q, v, 0.0, lam, mu), rest]))
+    return x[s.n : s.n + s.m], x[s.n + s.m :]

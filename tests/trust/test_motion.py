@@ -1,0 +1,128 @@
+"""The equations of motion between rows: honest solves are believed, motions of nothing are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhtbench import NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
+from hhtbench.trust.judge import Judgement, Steps, judge
+from tests.trust.liars import MOTIONS, Liar
+
+PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")
+HONEST = {  # solvers that take the problem
+    "simple_pendulum": ("hht", "ida(form=ggl)", "projected(method=RK23)"),
+    "andrews": ("hht", "ida(form=ggl)", "projected(method=RK23)"),
+    "knife_edge": ("hht", "cvode(form=ode, method=adams)"),
+    "jay_negrut_test1": ("hht", "ida(form=index1)"),
+    "redundant_pendulum": ("hht", "ida(form=ggl)"),
+    "stiff_spring_pendulum": ("hht", "scipy(method=Radau)"),
+}
+
+
+def judged(problem: Problem, solver: Any, **asked: Any) -> Judgement:
+    """The solve with 51 rows, and its own steps."""
+    request = Request(t_eval=np.linspace(*problem.t_span, 51), **asked)
+    rows = solver.solve(problem, request)
+    every = solver.solve(problem, replace(request, t_eval=None))
+    assert rows.success and every.success
+    return judge(problem, request, rows, Steps(every.t, lambda some: (every.q[some], every.v[some])))
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-8])
+@pytest.mark.parametrize(("name", "solver"), [(name, solver) for name in HONEST for solver in HONEST[name]])
+def test_honest_solves_are_believed_and_tight_ones_judged(name: str, solver: str, rtol: float):
+    found = judged(load_problem(name), load_solver(solver), rtol=rtol)
+    assert found.doubt == ""
+    if rtol <= 1e-4:
+        assert found.not_judged == ""
+        assert found.metrics()["windows"] > 0
+        assert found.metrics()["motion"] < 1.0
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_motion_of_something_else_is_found(name: str, motion: str):
+    problem = load_problem(name)
+    found = judged(problem, Liar(motion), rtol=1e-6)
+    assert found.doubt.partition(":")[0] in ("equations of motion", "constraints", "start")
+
+
+@pytest.mark.parametrize("motion", ["straight line", "frozen", "without reaction", "stopped half-way"])
+def test_what_knows_of_no_force_is_found_at_any_tolerance(motion: str):
+    found = judged(load_problem("simple_pendulum"), Liar(motion), rtol=1e-2)
+    assert found.doubt
+
+
+@pytest.mark.parametrize("steps", [200, 2000])
+@pytest.mark.parametrize("name", ["simple_pendulum", "andrews"])
+def test_constant_steps_set_the_measure_themselves(name: str, steps: int):
+    problem = load_problem(name)
+    for solver in ("hht", "generalised_alpha", "hht_i3"):
+        found = judged(problem, load_solver(solver), steps=steps)
+        assert (found.doubt, found.not_judged) == ("", "")
+    assert judged(problem, Liar("other force"), steps=2000).doubt
+
+
+FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+
+
+def fall(t: np.ndarray, g: float = 9.81, **changes: Any) -> Solution:
+    none = np.zeros((t.size, 0))
+    true: dict[str, Any] = {"t": t, "q": 1 - g * t[:, None] ** 2 / 2, "v": -g * t[:, None], "lam": none, "mu": none}
+    return Solution(**{**true, "status": Status.success, "message": "there", **changes})
+
+
+def test_rows_or_steps_alone_may_not_lie():
+    """Steps of another gravity beside true rows, and the other way round; a plugin without forces of its own at all."""
+    t, ends = np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 40)
+    request, true, other = Request(rtol=1e-6, t_eval=t), fall(t), fall(t, g=9.7)
+    true_steps, other_steps = (
+        Steps(ends, lambda some, one=one: (one.q[some], one.v[some])) for one in (fall(ends), fall(ends, 9.7))
+    )
+    assert judge(FALL, request, true, true_steps).doubt == ""
+    assert judge(FALL, request, true, other_steps).doubt.startswith("equations of motion: ")
+    assert judge(FALL, request, other, true_steps).doubt.startswith("equations of motion: ")
+
+
+def test_only_the_last_row_lies():
+    t = np.linspace(0.0, 1.0, 11)
+    q = fall(t).q.copy()
+    q[-1] = q[-2]
+    request = Request(rtol=1e-6, t_eval=t)
+    assert "to the row at t = 1:" in judge(FALL, request, fall(t, q=q)).doubt
+
+
+def test_events_may_change_the_state_between_windows():
+    """A ball that bounces at 0.4 s: rows before and after are judged, the jump is not."""
+    t = np.linspace(0.0, 1.0, 21)
+    before, after, at = t < 0.4, t >= 0.4, 0.4
+    q, v = fall(t).q.copy(), fall(t).v.copy()
+    v[after, 0] = 9.81 * 0.4 - 9.81 * (t[after] - at)
+    q[after, 0] = 1 - 9.81 * at**2 / 2 + 9.81 * 0.4 * (t[after] - at) - 9.81 * (t[after] - at) ** 2 / 2
+    request, bounced = Request(rtol=1e-6, t_eval=t), fall(t, q=q, v=v)
+    assert before.any()
+    assert judge(FALL, request, bounced).doubt
+    assert judge(FALL, request, replace(bounced, t_events=(np.array([at]),))).doubt == ""
+
+
+def test_what_cannot_be_judged_is_said_with_the_reason():
+    free = Problem(name="free", system=NumpySystem(force=lambda t, q, v: 0 * q), t_span=(0.0, 1.0), q0=[0.0], v0=[1.0])
+    t = np.linspace(0.0, 1.0, 11)
+    line = fall(t, q=t[:, None], v=np.ones((11, 1)))
+    assert "too close to a straight line" in judge(free, Request(rtol=1e-4, t_eval=t), line).not_judged
+    assert "steps are too few" in judge(FALL, Request(steps=4, t_eval=t), fall(t)).not_judged
+    assert "neither tolerances nor steps" in judge(FALL, Request(t_eval=t), fall(t)).not_judged
+    broken = replace(FALL, system=NumpySystem(force=lambda t, q, v: 0 * q / (t - 0.5)))
+    found = judge(broken, Request(rtol=1e-4, t_eval=t), line)
+    assert found.doubt or found.not_judged
+
+
+def test_multipliers_need_a_column_for_each_constraint():
+    pendulum = load_problem("simple_pendulum")
+    made = load_solver("hht").solve(pendulum, Request(rtol=1e-3))
+    wrong = replace(made, lam=np.zeros((made.t.size, 3)))
+    assert judge(pendulum, Request(rtol=1e-3), wrong).doubt.startswith("shapes: lam has 3 columns")
