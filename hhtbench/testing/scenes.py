@@ -436,11 +436,14 @@ class Oscillator(System):
 def oscillator(
     name: str = "unconstrained", stiffness: float = STIFFNESS, damping: float = DAMPING, free: float = 1.0
 ) -> Scene:
-    """Every coordinate for itself: x'' + d x' + k x = A cos(w t), from x = 1 at rest; without ``free`` the forced motion."""
+    """Every coordinate for itself: x'' + d x' + k x = A cos(w t), from x = 1 at rest; without ``free`` the forced motion.
+
+    Overdamped without ``free`` only.
+    """
     amplitude = DRIVE * stiffness / STIFFNESS  # so that what is stiff moves as far
     gain = amplitude * SHARES / ((stiffness - FREQUENCY**2) ** 2 + (damping * FREQUENCY) ** 2)
     in_phase, behind = gain * (stiffness - FREQUENCY**2), gain * damping * FREQUENCY
-    decay, own = damping / 2, np.sqrt(stiffness - damping**2 / 4)
+    decay, own = damping / 2, np.sqrt(abs(stiffness - damping**2 / 4))
     cosine = free * (1.0 - in_phase)
     sine = free * (decay * cosine - behind * FREQUENCY) / own
 

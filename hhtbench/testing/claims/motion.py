@@ -19,7 +19,9 @@ ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
 FALLS = 0.8  # least order of a method that claims none
 TOLD = 0.2  # by how much a measured order may miss the claimed one
 RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
-STIFF, SLUGGISH = 1e10, 1e4  # stiffness [1/s^2] and damping [1/s] of the stiff scene, whose motion is slow
+UNEVEN = np.array([1.0, 2.0, 1.5, 3.0, 1.0])  # lengths of steps, as parts of one another
+TILES = (40, 80)  # of them
+STIFF = {"stiff": (1e10, 1e4), "viscous": (1e8, 1e8)}  # stiffness [1/s^2] and damping [1/s], of slow motions
 FEW = 4000  # evaluations that an implicit method may take there; an explicit one takes a hundred times as many
 BETWEEN = 61  # rows of output between steps; odd, for Simpson's rule
 
@@ -45,17 +47,28 @@ def error_falls_with_the_step(subject: Subject, name: str) -> None:
     reason = subject.takes(scene.problem, steps=STEPS[0])
     if reason is not None:
         raise Declined(reason)
+    _expect_orders(subject, scene, *(errors(scene, subject.solved(scene, steps=steps)) for steps in STEPS[-2:]))
+
+
+@claim("order_of_changing_steps", "position", "velocity")
+def error_falls_with_changing_steps(subject: Subject, name: str) -> None:
+    """The same with steps that are prescribed one by one and change from each to the next."""
+    scene = subject.scene(name)
+    t0, t1 = scene.problem.t_span
+    asked = [np.tile(UNEVEN, count) * (t1 - t0) / (count * UNEVEN.sum()) for count in TILES]
+    reason = subject.takes(scene.problem, steps=asked[0])
+    if reason is not None:
+        raise Declined(reason)
+    _expect_orders(subject, scene, *(errors(scene, subject.solved(scene, steps=lengths)) for lengths in asked))
+
+
+def _expect_orders(subject: Subject, scene: Scene, coarse: dict[str, float], fine: dict[str, float]) -> None:
+    """The errors fall as claimed where steps are halved."""
     wanted = FALLS if subject.claims.order is None else subject.claims.order - TOLD
-    for component, order, error in observed_orders(subject, scene):
-        text = f"the error of {component} falls to the power {order:.2f} of the step to {error:.1e}; expected {wanted:.2f}"
+    for which, error in fine.items():
+        order = math.log2(max(coarse[which], 1e-300) / max(error, 1e-300))
+        text = f"the error of {which} falls to the power {order:.2f} of the step to {error:.1e}; expected {wanted:.2f}"
         expect(order >= wanted or error < ROUNDOFF, text)
-
-
-def observed_orders(subject: Subject, scene: Scene) -> list[tuple[str, float, float]]:
-    """(component, order between the two finest of ``STEPS``, error with the finest)."""
-    coarse, fine = (errors(scene, subject.solved(scene, steps=steps)) for steps in STEPS[-2:])
-    ratio = math.log(STEPS[-1] / STEPS[-2])
-    return [(which, math.log(max(coarse[which], 1e-300) / max(fine[which], 1e-300)) / ratio, fine[which]) for which in fine]
 
 
 @claim("tolerance", *EVERY)
@@ -143,10 +156,10 @@ def energy_is_balanced(subject: Subject, name: str) -> None:
     expect(lost <= bound, f"energy is off its balance by {lost:.1e} of its size; expected {bound:.1e} at most")
 
 
-@claim("stiff/implicit")
-def implicit_methods_take_long_steps(subject: Subject) -> None:
+@claim("implicit", *STIFF)
+def implicit_methods_take_long_steps(subject: Subject, name: str) -> None:
     """A method that asks for Jacobians crosses a stiff but smooth motion with few evaluations."""
-    scene = oscillator("stiff", STIFF, SLUGGISH, free=0.0)
+    scene = oscillator(name, *STIFF[name], free=0.0)
     request = subject.ladder(scene.problem)[0]
     plain = subject.solved(subject.scene("unconstrained"), **request)
     if not plain.counters.jacobian_evaluations:
