@@ -60,7 +60,7 @@ class Request:
 
 def make_request(**keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
-    unknown = sorted(keywords.keys() - KNOWN)
+    unknown = sorted(name for name in keywords if name not in KNOWN)
     if unknown:
         raise TypeError(f"unknown request option {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
     return Request(**keywords)

@@ -50,11 +50,11 @@ class OnConstraints:
     """
 
     def __init__(self, dynamics: Dynamics, put: Put, steps: Steps, *, held: bool) -> None:
-        self._constrained, self._put, self._steps, self._held = dynamics.structure.constrained, put, steps, held
+        self._dynamics, self._put, self._steps, self._held = dynamics, put, steps, held
 
     def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:
         """``found`` at ``t``, scalar or (k,), on the constraints; warns where no state near it is."""
-        if not self._constrained:
+        if not self._dynamics.structure.constrained:
             return found
         times, steps = np.ravel(np.asarray(t, dtype=np.float64)), self._steps
         q, v = (np.array(x, dtype=np.float64).reshape(times.size, np.shape(x)[-1]) for x in found)

@@ -62,7 +62,7 @@ class HHT:
     kind: ClassVar[Any] = HHTOptions  #: of its options
 
     def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
-        if not isinstance(system, (System, NumpySystem)):
+        if not issubclass(type(system), (System, NumpySystem)):  # of an object equinox would be asked for its class
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
         self.options = make_options(self.kind, self.name, **options)

@@ -67,7 +67,7 @@ def parameters_of(value: Any) -> Hashable:
         return ById(value)
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, (eqx.Module, NumpySystem)):
+    if issubclass(kind, (eqx.Module, NumpySystem)):  # of an object equinox would be asked for its class
         value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
     if isinstance(value, dict):
         return tuple(value), tuple(map(parameters_of, value.values()))

@@ -182,11 +182,10 @@ class Loops:
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""
-        tally = self.work.tally
-        for name, amount in zip(mem.COUNTS, self._counts.tolist(), strict=True):
-            if amount:
-                tally[name] = tally.get(name, 0) + amount
-        self._counts[:] = 0
+        tally, counts = self.work.tally, self._counts
+        for i in counts.nonzero()[0].tolist():
+            tally[mem.COUNTS[i]] += int(counts[i])
+        counts[:] = 0
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:
         """Say how the next steps are made, with as many evaluations as they take."""

@@ -163,7 +163,8 @@ def own_multipliers(rows: OutputRows) -> OwnMultipliers:
 
 def end_times(tspan: Any) -> tuple[float, float]:
     """The two times [s] of ``tspan``."""
-    tspan = real_vector("tspan", tspan) if isinstance(tspan, jax.Array) else tspan
+    if not isinstance(tspan, (tuple, list, np.ndarray)) and isinstance(tspan, jax.Array):
+        tspan = real_vector("tspan", tspan)
     if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
         raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
     t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
