@@ -256,8 +256,8 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
         text = f"{kind} of the KKT matrix, {size} x {size} = n + m + p"
         rows.append(Statement("linear algebra", "acceleration level", text, "gives accelerations and multipliers at a time"))
     if large(dynamics) is not None and s.constrained:
-        reason = "a pivoted QR would be dense; dependent rows make the KKT matrix singular, which ends in a status"
-        rows.append(Statement("not computed", "redundant rows", "not looked for", reason))
+        reason = "where pivots of the KKT matrix at the start are of roundoff"
+        rows.append(Statement("linear algebra", "redundant rows", "by the null space of C^T, sparse LU (SuperLU)", reason))
     kind, reason = "dense LU (LAPACK)", _step_reason(s)
     if route_of(dynamics) != "numpy":
         kind = "the inverse or band LU where HHT's steps are machine code, else dense LU (LAPACK)"

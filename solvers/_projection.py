@@ -173,7 +173,7 @@ def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
     right = -np.concatenate([pull, value])
     if isinstance(rows, sp.csr_array):
         blocks: Any = [[mass, rows.transpose()], [rows, None]]
-        solved = solve_scaled_sparse(sp.block_array(blocks, format="csr"), right)
+        solved, _ = solve_scaled_sparse(sp.block_array(blocks, format="csr"), right)
         return np.full(pull.size, np.nan) if solved is None else solved[: pull.size]
     matrix = np.block([[mass, rows.T], [rows, np.zeros((value.size, value.size))]])
     largest = np.max(np.abs(matrix), axis=1)

@@ -39,7 +39,7 @@ from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
-RANKED = 4_000_000  # entries of [g_q; k_v] of a large system up to which dependent rows are named: some seconds
+INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dyna
     """
     dynamics = derive(system, place.t, place.q, place.v)
     if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
-        return dynamics
+        return _independent(dynamics, place)
     check_sparsity(dynamics, place.t, place.q, place.v)
     wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
     if wrong:
@@ -164,8 +164,11 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
     if not dynamics.structure.constrained:
         return dynamics
-    at = of_dynamics(dynamics).levels.at(place.t, place.q, place.v)
-    if not (at.finite or np.isfinite(at.rows).all()) or not at.rows.any(axis=1).all():
+    known = of_dynamics(dynamics)
+    if known.large and known.acceleration.solve(place.t, place.q, place.v).weakest > INDEPENDENT:
+        return dynamics
+    at = known.levels.at(place.t, place.q, place.v)
+    if not at.ranked:
         return dynamics  # the start's own check says what is wrong
     rank = at.rank
     reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
@@ -260,7 +263,7 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
         at = ConstraintLevels(run.dynamics).at(t, q, v)
-        if issparse(at.position_jacobian) and np.prod(at.rows.shape) <= RANKED and at.rank.redundant:
+        if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
             return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact
+from hhtbench.lowering.dynamics.regular import ReducedDynamics
 from hhtbench.protocol import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
@@ -54,7 +55,7 @@ class JaxDynamics(eqx.Module, Dynamics):
 class MatrixFree(Wrapper):
     """The functions of ``inner`` as products; masses are diagonal or sparse."""
 
-    inner: JaxDynamics
+    inner: JaxDynamics | ReducedDynamics
     constant_mass: Diagonal | Sparse | None  #: None: the identity
     inverse_mass: Diagonal | BandInverse | None
 
@@ -91,27 +92,28 @@ class MatrixFree(Wrapper):
         return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (x,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        if self.inner.gives("reaction"):
+        if declared(self.system, "reaction") is not None:
             return self.inner.reaction(t, q, lam)
         return -self.position_column(t, q, lam)
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        if self.inner.gives("velocity_reaction"):
+        if declared(self.system, "velocity_reaction") is not None:
             return self.inner.velocity_reaction(t, q, v, mu)
         return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: no JAX system, rows left out, a mass that varies, fills or is singular."""
-    if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
+    """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
+    origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
+    if not isinstance(origin, JaxDynamics) or dynamics.structure.mass == "variable":
         return None
-    mass, inverse = dynamics.constant_mass, dynamics.inverse_mass
+    mass, inverse, reduced = dynamics.constant_mass, dynamics.inverse_mass, cast("JaxDynamics | ReducedDynamics", dynamics)
     if mass is None:
-        return MatrixFree(dynamics, None, None)
+        return MatrixFree(reduced, None, None)
     if not isinstance(mass, Diagonal | Sparse):
         mass = compact(mass, jnp)
         inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
-    return None if inverse is None else MatrixFree(dynamics, mass, inverse)
+    return None if inverse is None else MatrixFree(reduced, mass, inverse)
 
 
 def large(dynamics: Dynamics) -> MatrixFree | None:
