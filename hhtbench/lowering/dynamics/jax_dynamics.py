@@ -99,7 +99,21 @@ class MatrixFree(Wrapper):
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
         if declared(self.system, "velocity_reaction") is not None:
             return self.inner.velocity_reaction(t, q, v, mu)
-        return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
+        return -self.velocity_column(t, q, v, mu)
+
+    def velocity_column(self, t: Any, q: Any, v: Any, x: Any) -> Any:
+        """k_v^T x (n,)."""
+        return jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](x)[0]
+
+
+class Conjugate(MatrixFree):
+    """The same with the reactions -g_q^T lam and -k_v^T mu, whatever is declared: its KKT matrix is that of projections."""
+
+    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+        return -self.position_column(t, q, lam)
+
+    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
+        return -self.velocity_column(t, q, v, mu)
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:

@@ -15,7 +15,7 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, native
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
 from hhtbench.protocol import declared
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
@@ -26,7 +26,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, allocate, copied, integer_view
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode, level_functions
-from solvers.hht.run.recover import row_memory
+from solvers.hht.run.recover import kkt_code, row_memory
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -106,10 +106,10 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
     try:
         if not isinstance(dynamics, MatrixFree) and too_large(dynamics) is None:
             (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
-        elif declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
-            return None
         else:
-            (kkt, analysis), look = functions.kkt, native(levels, dynamics, shapes=((), (s.n,), (s.n,)))
+            across = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
+            kkt, analysis = kkt_code(conjugate(dynamics)) if across else functions.kkt
+            look = native(levels, dynamics, shapes=((), (s.n,), (s.n,)))
             if analysis.kind == "sparse":  # Python would factorise
                 return None
             z, codes, mass = row_memory(kkt, analysis, s), (kkt, look), np.zeros(0)
@@ -118,6 +118,20 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
         return None
     z.i[mem.CALLS_PYTHON] = functions.callbacks is not None
     return z, mass, codes
+
+
+def conjugate(dynamics: Dynamics) -> Conjugate:
+    """``dynamics`` with reactions normal to the constraints: along declared ones no change is the smallest.
+
+    Raises
+    ------
+    NotNative
+        Its functions are full matrices.
+    """
+    products = dynamics if isinstance(dynamics, MatrixFree) else matrix_free(dynamics)
+    if products is None:
+        raise NotNative("full matrices")
+    return Conjugate(products.inner, products.constant_mass, products.inverse_mass)
 
 
 def level_memory(dynamics: Dynamics) -> tuple[Memory, Any]:
