@@ -29,10 +29,10 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics, ReducedDynamics, with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
@@ -136,9 +136,9 @@ def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dyna
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.
     """
-    dynamics = derive(system, place.t, place.q, place.v)
+    dynamics = _with_mass_by_entries(derive(system, place.t, place.q, place.v), place)
     if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
-        return _independent(dynamics, place)
+        return usable(dynamics, place, work)
     check_sparsity(dynamics, place.t, place.q, place.v)
     wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
     if wrong:
@@ -155,9 +155,22 @@ def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dyna
 def usable(dynamics: Dynamics, place: Place, work: Work) -> Dynamics:
     """``dynamics`` without dependent rows and with a regular mass; a NumPy system tells ``work`` of every callback."""
     dynamics = _independent(dynamics, place)
-    if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
+    if dynamics.structure.constrained and _singular(dynamics, place):
         dynamics = augment(dynamics, place.t, place.q)
     return counted(dynamics, work)
+
+
+def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
+    """``dynamics``, whose variable mass, if it is known by its entries, has an inverse by them; else by full matrices."""
+    products = matrix_free(dynamics)
+    if not isinstance(products, VariableMass) or products.mass_at(place.t, place.q).inverse() is not None:
+        return dynamics
+    return with_full_matrices(dynamics)
+
+
+def _singular(dynamics: Dynamics, place: Place) -> bool:
+    """Whether the mass is; one that is known by its entries has been looked at."""
+    return not isinstance(matrix_free(dynamics), VariableMass) and singular_at(dynamics, place.t, place.q)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
@@ -197,7 +210,7 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
         failure = inconsistency(levels, place, reduced=unreduced(dynamics) is not dynamics)
         if failure is not None:
             return failure
-    elif singular_at(dynamics, place.t, place.q):
+    elif _singular(dynamics, place):
         message = "the mass matrix is singular at the start and no constraint determines the accelerations"
         return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
     for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):

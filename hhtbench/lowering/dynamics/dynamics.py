@@ -31,7 +31,9 @@ class Structure:
     n: int  #: coordinates
     m: int  #: position constraints
     p: int  #: velocity constraints
-    mass: str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": constant, and M^-1 fills
+    mass: (
+        str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": its entries are few, M^-1 fills
+    )
     force_uses_q: bool = True  #: False: F_q is zero and not computed
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
@@ -100,6 +102,10 @@ class Dynamics:
     def mass_product(self, t: Array, q: Array, x: Array) -> Array:
         """M x (n,), x itself where M is the identity."""
         return x if self.structure.mass == "identity" else self.mass(t, q) @ x
+
+    def over_mass(self, t: Array, q: Array, x: Array) -> Array:
+        """M^-1 x (n,) of a mass that does not vary, x itself where M is the identity."""
+        return x if self.inverse_mass is None else self.inverse_mass @ x
 
     @unless_given
     def mass_product_jacobian(self, t: Array, q: Array, x: Array) -> Array:

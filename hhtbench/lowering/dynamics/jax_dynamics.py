@@ -14,14 +14,20 @@ from typing import Any, cast
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
+from hhtbench.lowering.scalar_compiler import NotNative, places_of
 from hhtbench.protocol import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
+
+_entries = Cache(16)  # of masses: tracing takes a second
 
 
 class JaxDynamics(eqx.Module, Dynamics):
@@ -106,6 +112,33 @@ class MatrixFree(Wrapper):
         return jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](x)[0]
 
 
+class VariableMass(MatrixFree):
+    """The same for a mass of few entries that varies."""
+
+    entries: Entries = eqx.field(kw_only=True)
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # likewise
+        return replace(self.inner.structure, mass="sparse")
+
+    def mass(self, t: Any, q: Any) -> Any:
+        return self.entries.of(self.inner.mass(t, q), jnp)
+
+    def mass_at(self, t: float, q: Any) -> Sparse:
+        """M at a place, compiled."""
+        values = compile_function(entries_of_mass, self)(t, q)
+        return Sparse(np.reshape(values, self.entries.columns.shape), self.entries.columns)
+
+    def over_mass(self, t: Any, q: Any, x: Any) -> Any:
+        """M^-1 x (n,), NaN where M is not positive definite."""
+        return self.entries.inverse(self.mass(t, q), jnp) @ x
+
+
+def entries_of_mass(dynamics: VariableMass, t: Any, q: Any) -> Any:
+    """Those of M, row by row, (n k,)."""
+    return dynamics.mass(t, q).values.ravel()
+
+
 class Conjugate(MatrixFree):
     """The same with the reactions -g_q^T lam and -k_v^T mu, whatever is declared: its KKT matrix is that of projections."""
 
@@ -119,8 +152,18 @@ class Conjugate(MatrixFree):
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
-    if not isinstance(origin, JaxDynamics) or dynamics.structure.mass == "variable":
+    if not isinstance(origin, JaxDynamics):
         return None
+    if dynamics.structure.mass == "variable":
+        s = origin.structure
+        if s.n + s.m + s.p < SMALL:
+            return None
+        entries = _entries.find(ById(origin), lambda: _entries_of(origin))
+        return (
+            None
+            if entries is None
+            else VariableMass(cast("JaxDynamics | ReducedDynamics", dynamics), None, None, entries=entries)
+        )
     mass, inverse, reduced = dynamics.constant_mass, dynamics.inverse_mass, cast("JaxDynamics | ReducedDynamics", dynamics)
     if mass is None:
         return MatrixFree(reduced, None, None)
@@ -128,6 +171,15 @@ def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
         mass = compact(mass, jnp)
         inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
     return None if inverse is None else MatrixFree(reduced, mass, inverse)
+
+
+def _entries_of(dynamics: JaxDynamics) -> Entries | None:
+    """Where M can differ from zero, read off its computation."""
+    n = dynamics.structure.n
+    try:
+        return entries_at(n, places_of(mass_at, dynamics, shapes=((), (n,))))
+    except NotNative:
+        return None
 
 
 def large(dynamics: Dynamics) -> MatrixFree | None:

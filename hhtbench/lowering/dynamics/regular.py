@@ -57,6 +57,16 @@ class ReducedDynamics(Wrapper):
         return value[kept] if "constraint" in name else value
 
 
+class FullMatrices(Wrapper):
+    """The functions of ``inner``, of which none is to be replaced by products without full matrices."""
+
+
+def with_full_matrices(dynamics: Dynamics) -> FullMatrices:
+    """``dynamics``, remembered."""
+    found: FullMatrices = _remembered(dynamics, "full", lambda: FullMatrices(inner=dynamics))
+    return found
+
+
 def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
     """``dynamics`` without the rows ``redundant`` of [g; k]; None where a declared reaction may need their multipliers."""
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):

@@ -13,7 +13,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics, compile_function, derive
-from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, VariableMass
 from hhtbench.lowering.dynamics.mass import asymmetry
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, Place, of_dynamics, points_of, usable
@@ -43,10 +43,11 @@ class Engine:
         """``place``: where the run begins; ``controlled``: whether by error control."""
         self.dynamics, self.place, self.work = dynamics, place, work
         self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
-        self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
-        self.layout = functions.layout
-        self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
+        self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
+        self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
+        source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
+        self.bare_force = compile_function(force_and_inverse_mass, source)  #: not counted
         self._force = work.counted(self.bare_force, residuals=self.points)
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
