@@ -186,7 +186,8 @@ def _derivatives(dynamics: Dynamics) -> list[Statement]:
     if missing and route_of(dynamics) == "xla":
         rows.append(Statement("computed", ", ".join(missing), "by automatic differentiation", "they are not declared"))
         if declared(dynamics.system, "sparsity"):
-            rows.append(Statement("not computed", "sparsity", "not used", "automatic differentiation takes no pattern"))
+            text = "used for the matrices of large systems; full ones take no pattern"
+            rows.append(Statement("computed", "sparsity", text, "it is declared, and compared at the start"))
     elif missing:
         coloured = "coloured " if declared(dynamics.system, "sparsity") else ""
         text = f"by {coloured}differences; constraints then hold to about 1e-9, not to roundoff"

@@ -136,10 +136,11 @@ def dynamics_for(system: System | NumpySystem, place: Place, work: Work) -> Dyna
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.
     """
-    dynamics = _with_mass_by_entries(derive(system, place.t, place.q, place.v), place)
+    dynamics: Dynamics = derive(system, place.t, place.q, place.v)
+    check_sparsity(dynamics, place.t, place.q, place.v)
+    dynamics = _with_mass_by_entries(dynamics, place)
     if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
         return usable(dynamics, place, work)
-    check_sparsity(dynamics, place.t, place.q, place.v)
     wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
     if wrong:
         warnings.warn(

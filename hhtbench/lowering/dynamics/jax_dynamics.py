@@ -20,6 +20,7 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
+from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
 from hhtbench.lowering.scalar_compiler import NotNative, places_of
 from hhtbench.protocol import SIGNATURES, System, declared
@@ -77,6 +78,11 @@ class MatrixFree(Wrapper):
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
 
+    @property
+    def dependencies(self) -> Dynamics:
+        patterns = patterns_of(self.inner)
+        return Dependencies(self, patterns) if patterns else self
+
     def position_row(self, t: Any, q: Any, x: Any) -> Any:
         return jax.jvp(lambda y: self.constraint(t, y), (q,), (x,))[1]
 
@@ -123,6 +129,10 @@ class VariableMass(MatrixFree):
 
     def mass(self, t: Any, q: Any) -> Any:
         return self.entries.of(self.inner.mass(t, q), jnp)
+
+    @property
+    def dependencies(self) -> Dynamics:
+        return Dependencies(self, patterns_of(self.inner) | {"mass_matrix": self.entries.pattern}, self.entries.columns)
 
     def mass_at(self, t: float, q: Any) -> Sparse:
         """M at a place, compiled."""
@@ -174,8 +184,11 @@ def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
 
 
 def _entries_of(dynamics: JaxDynamics) -> Entries | None:
-    """Where M can differ from zero, read off its computation."""
-    n = dynamics.structure.n
+    """Where M can differ from zero, as declared or read off its computation."""
+    n, patterns = dynamics.structure.n, patterns_of(dynamics)
+    if "mass_matrix" in patterns:
+        rows, columns = patterns["mass_matrix"]
+        return entries_at(n, rows * n + columns)
     try:
         return entries_at(n, places_of(mass_at, dynamics, shapes=((), (n,))))
     except NotNative:

@@ -20,7 +20,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.coloured import Coloured, Pattern, by_pattern
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, large
+from hhtbench.lowering.dynamics.jax_dynamics import large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -56,7 +56,7 @@ def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     return xp.concatenate([*residual, matrix.ravel()])
 
 
-def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
+def kkt_residual(dynamics: Dynamics, x: Any, t: Any, q: Any, v: Any) -> Any:
     """Residual (N,) of the KKT system at ``x = [vdot, lam, mu]``, N = n + m + p."""
     s = dynamics.structure
     vdot, lam, mu = x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :]
@@ -68,7 +68,7 @@ def kkt_residual(dynamics: MatrixFree, x: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate(rows)
 
 
-def kkt_entries(dynamics: MatrixFree, pattern: Pattern, t: Any, q: Any, v: Any, x: Any) -> Any:
+def kkt_entries(dynamics: Dynamics, pattern: Pattern, t: Any, q: Any, v: Any, x: Any) -> Any:
     """The residual, then the entries of the matrix in ``pattern``, (N + entries,)."""
     return by_pattern(dynamics, pattern, kkt_residual, (), x, t, q, v)
 

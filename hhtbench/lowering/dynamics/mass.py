@@ -136,6 +136,12 @@ class Entries(eqx.Module):
         Any  #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
     )
 
+    @property
+    def pattern(self) -> Any:
+        """Rows and columns (2, entries), row by row."""
+        rows = np.broadcast_to(np.arange(len(self.columns))[:, None], self.columns.shape)
+        return np.stack([rows[self.filled], self.columns[self.filled]]).astype(np.int32)
+
     def of(self, matrix: Any, xp: Any) -> Sparse:
         """The entries of ``matrix`` (n, n)."""
         rows = np.arange(len(self.columns))[:, None]

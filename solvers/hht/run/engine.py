@@ -22,7 +22,7 @@ from solvers.hht.control.plan import Plan
 from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.options import HHTOptions
-from solvers.hht.run.functions import MachineCode, force_and_inverse_mass, functions_for
+from solvers.hht.run.functions import MachineCode, force_and_inverse_mass, force_over_mass, functions_for
 from solvers.hht.run.history import columns
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
@@ -47,13 +47,14 @@ class Engine:
         self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
         self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
         source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
-        self.bare_force = compile_function(force_and_inverse_mass, source)  #: not counted
+        force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
+        self.bare_force = compile_function(force, source)  #: not counted
         self._force = work.counted(self.bare_force, residuals=self.points)
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
         self.declared = known.declared  #: derivatives
         #: whether a failure of Newton's iteration may be that of declared derivatives
-        self.fallible = bool(known.declared) and not functions.newton.matrix_cost
+        self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up

@@ -16,6 +16,7 @@ from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
+from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
 from hhtbench.lowering.dynamics.kkt import kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
@@ -43,7 +44,7 @@ from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 SPARSE = NewtonOptions(max_iterations=25)
-FULL = "its functions give full matrices (not a JAX system, or a mass that fills or is singular)"
+FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -276,7 +277,7 @@ class PythonFunctions(Functions):
         if linsolver == "dense" or (linsolver == "auto" and layout.size < SMALL):
             return f"below {SMALL} unknowns"
         products = products_of(dynamics, method)
-        if products is None:
+        if not isinstance(products, MatrixFree):
             return FULL
         layout = layout_of(products, method)
         example = np.zeros(layout.size), np.zeros(Sizes(**sizes_of(layout.structure), size=0).given)
@@ -289,9 +290,9 @@ class PythonFunctions(Functions):
         return analysis.reason if analysis.kind == "dense" else (products, layout, coloured)
 
 
-def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | None:
+def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
     """``dynamics`` without dense matrices; None: there are some, or ``method`` needs M^-1, and that is full."""
-    products = matrix_free(dynamics)
+    products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
     fills = products is not None and products.structure.mass == "sparse" and method.equations != "hht"
     return None if fills else products
 
@@ -304,9 +305,10 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
-    code = MachineCode if layout.size <= LARGEST else SparseCode
     try:
-        return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
+        if layout.size > LARGEST:
+            return SparseCode(dynamics, method, layout, linsolver)
+        return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)
 
@@ -334,12 +336,16 @@ def level_functions(dynamics: Dynamics) -> dict[str, Native]:
     return codes
 
 
+def force_over_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2)."""
+    return dynamics.over_mass(t, q, dynamics.force(t, q, v))
+
+
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
-    force = dynamics.force(t, q, v)
     if dynamics.structure.mass != "variable":
-        return dynamics.over_mass(t, q, force)
-    inverse = inverse_mass_at(dynamics, t, q)
+        return force_over_mass(dynamics, t, q, v)
+    force, inverse = dynamics.force(t, q, v), inverse_mass_at(dynamics, t, q)
     return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 

@@ -104,7 +104,7 @@ def _memory(functions: Functions) -> tuple[Memory, Vector, Any] | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        if not isinstance(dynamics, MatrixFree) and too_large(dynamics) is None:
+        if dynamics.matrices and too_large(dynamics) is None:
             (z, codes), mass = level_memory(dynamics), constant_mass(dynamics)
         else:
             across = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))

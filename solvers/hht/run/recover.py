@@ -7,7 +7,6 @@ import numpy as np
 from hhtbench.lowering import Dynamics, Native, NotNative, Structure, native
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
 from solvers.hht.linear.analysis import Analysis, chosen, of_pattern
 from solvers.hht.linear.matrix import step_back
@@ -63,10 +62,10 @@ def kkt_code(dynamics: Dynamics) -> tuple[Native, Analysis]:
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
-    if size > LARGEST and not isinstance(dynamics, MatrixFree):
+    if size > LARGEST and dynamics.matrices:
         raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
-    if isinstance(dynamics, MatrixFree):
+    if not dynamics.matrices:
         pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
         return native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto")
     code = native(kkt_terms, dynamics, shapes=shapes)
