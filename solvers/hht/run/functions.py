@@ -43,6 +43,7 @@ from solvers.hht.run.recover import kkt_code
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
+LONGEST = 50_000  # unknowns of a step beyond which no function of it is machine code: its graph has a million nodes
 SPARSE = NewtonOptions(max_iterations=25)
 FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
 
@@ -267,7 +268,8 @@ class PythonFunctions(Functions):
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
         """A function in Python."""
-        return compile_function(function, self.dynamics, *static), size, shapes
+        route = "xla" if self.layout.size > LONGEST else None
+        return compile_function(function, self.dynamics, *static, route=route), size, shapes
 
     @staticmethod
     def _sparse(
