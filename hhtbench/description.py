@@ -186,7 +186,8 @@ def _derivatives(dynamics: Dynamics) -> list[Statement]:
     if missing and route_of(dynamics) == "xla":
         rows.append(Statement("computed", ", ".join(missing), "by automatic differentiation", "they are not declared"))
         if declared(dynamics.system, "sparsity"):
-            rows.append(Statement("not computed", "sparsity", "not used", "automatic differentiation takes no pattern"))
+            text = "used for the matrices of large systems; full ones take no pattern"
+            rows.append(Statement("computed", "sparsity", text, "it is declared, and compared at the start"))
     elif missing:
         coloured = "coloured " if declared(dynamics.system, "sparsity") else ""
         text = f"by {coloured}differences; constraints then hold to about 1e-9, not to roundoff"
@@ -256,8 +257,8 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
         text = f"{kind} of the KKT matrix, {size} x {size} = n + m + p"
         rows.append(Statement("linear algebra", "acceleration level", text, "gives accelerations and multipliers at a time"))
     if large(dynamics) is not None and s.constrained:
-        reason = "a pivoted QR would be dense; dependent rows make the KKT matrix singular, which ends in a status"
-        rows.append(Statement("not computed", "redundant rows", "not looked for", reason))
+        reason = "where pivots of the KKT matrix at the start are of roundoff"
+        rows.append(Statement("linear algebra", "redundant rows", "by the null space of C^T, sparse LU (SuperLU)", reason))
     kind, reason = "dense LU (LAPACK)", _step_reason(s)
     if route_of(dynamics) != "numpy":
         kind = "the inverse or band LU where HHT's steps are machine code, else dense LU (LAPACK)"

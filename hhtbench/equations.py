@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.sparse import issparse
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock, Work
@@ -15,7 +14,6 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError, Stop
 from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
-    Dynamics,
     derive,
     minimum_norm,
     padded,
@@ -51,18 +49,17 @@ class Equations:
         place = problem.t_span[0], problem.q0, problem.v0
         self._whole = derive(problem.system, *place)
         self._levels = ConstraintLevels(self._whole)
-        self._dynamics = self._independent() or self._whole
+        self._redundant = self._dependent_rows()
+        self._dynamics = (reduce_redundant(self._whole, self._redundant) if self._redundant else None) or self._whole
         self._kkt = AccelerationLevel(self._dynamics)
         self._guess = problem.lam_guess, problem.mu_guess  # they pick the root of a nonlinear reaction
 
-    def _independent(self) -> Dynamics | None:
-        """The equations without rows that depend on others at the start; None where there are none."""
+    def _dependent_rows(self) -> tuple[int, ...]:
+        """Rows of [g; k] that depend on others at the start."""
         if not self._whole.structure.constrained:
-            return None
+            return ()
         at = self._levels.at(self.problem.t_span[0], self.problem.q0, self.problem.v0)
-        if issparse(at.position_jacobian) or not at.rank.redundant:  # in large systems the KKT matrix tells
-            return None
-        return reduce_redundant(self._whole, at.rank.redundant)
+        return at.rank.redundant if at.ranked else ()
 
     @property
     def n(self) -> int:
@@ -200,9 +197,7 @@ class Equations:
         if self._dynamics is self._whole:
             return found.vdot, found.lam, found.mu
         lam, mu = padded(self._dynamics, found.lam[None], found.mu[None])
-        at, kept = self._levels.at(t, q, v), self._dynamics.structure
-        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        least = minimum_norm(rows, np.concatenate([lam[0], mu[0]]), kept.m + kept.p)
+        least = minimum_norm(self._levels.at(t, q, v).rows, np.concatenate([lam[0], mu[0]]), self._redundant)
         return found.vdot, least[: self.m], least[self.m :]
 
 

@@ -103,13 +103,14 @@ TAGS = (  # kinds of problems, for choosing among them
     "damped",
     "large",
 )
-PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of derivatives of F, g, k, Q and M x
+PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of derivatives of F, g, k, Q and M x
     "force_q": "nn",
     "force_v": "nn",
     "constraint_jacobian": "mn",
     "velocity_constraint_jacobian": "pn",
     "velocity_constraint_q": "pn",
     "reaction_q": "nn",
+    "mass_matrix": "nn",
     "mass_product_jacobian": "nn",
 }
 
@@ -145,7 +146,9 @@ class System(eqx.Module):
         What feeds ``energy`` (dampers, forces without a potential, moving constraints), so that along every motion
         ``d energy/dt = power`` [W].  Undeclared: the energy is conserved.
 
-    The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.
+    The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.  So may
+    ``sparsity``, a mapping from names in ``PATTERNS`` to booleans: matrices of large systems have these patterns then, and
+    of the other functions those that their computation shows.
     """
 
     def __init_subclass__(cls, **keywords: Any) -> None:
@@ -178,7 +181,8 @@ class NumpySystem:
 
     Takes the names in ``DECLARABLE`` as keywords.  Derivatives that are missing come
     from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
-    the difference scheme (about 1e-9), not to roundoff.  Arguments are read-only copies.
+    the difference scheme (about 1e-9), not to roundoff.  Where it gives those of F by q and v, of the constraints and of
+    a mass that varies, a large system has no full matrices in its steps.  Arguments are read-only copies.
 
     Its sizes and a constant mass serve later solves; its functions are asked for all else again, since they may be any
     Python and refer to what changes.

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import minimum_norm, padded, unreduced
+from hhtbench.lowering import minimum_norm, padded, redundant_rows, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
@@ -130,17 +130,15 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> M
     whole = unreduced(run.dynamics)
     if whole is run.dynamics:
         return multipliers
-    reduced = run.dynamics.structure
     lam, mu = padded(run.dynamics, *multipliers)
-    levels, m, rank = of_dynamics(whole).levels, whole.structure.m, reduced.m + reduced.p
+    levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
         try:
             run.work.check_time()
             at = levels.at(float(t), q, v)
         except BudgetSpent:
             break
-        jacobian = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        lam[i], mu[i] = np.split(minimum_norm(jacobian, np.concatenate([lam[i], mu[i]]), rank), [m])
+        lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
     return lam, mu
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.inverse import inverse
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
 from solvers._trust import as_arguments
 
 
@@ -43,6 +43,8 @@ def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the
     s = d.structure
     t, q, v = as_arguments(d, t, q, v)
     suspects = {"force": lambda: d.force(t, q, v)}
+    if isinstance(d, VariableMass):
+        suspects["mass_matrix"] = lambda: d.inner.mass(t, q)
     if s.mass != "identity" and full:
         suspects["mass_matrix"] = lambda: d.mass(t, q)
         suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)

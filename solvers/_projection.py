@@ -17,7 +17,7 @@ from scipy import linalg
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, mass_at
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
 from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
 from solvers._finite import expect_finite
 from solvers._start import finite_levels
@@ -67,7 +67,7 @@ class Projection:
         """M (n, n), sparse for large systems."""
         if self._mass is None:
             products: Any = self._products
-            return products.mass(t, q).entries()
+            return (products.mass_at(t, q) if isinstance(products, VariableMass) else products.mass(t, q)).entries()
         mass = np.asarray(self._mass(t, q))
         expect_finite("mass_matrix", mass, t)
         return mass
@@ -173,7 +173,7 @@ def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
     right = -np.concatenate([pull, value])
     if isinstance(rows, sp.csr_array):
         blocks: Any = [[mass, rows.transpose()], [rows, None]]
-        solved = solve_scaled_sparse(sp.block_array(blocks, format="csr"), right)
+        solved, _ = solve_scaled_sparse(sp.block_array(blocks, format="csr"), right)
         return np.full(pull.size, np.nan) if solved is None else solved[: pull.size]
     matrix = np.block([[mass, rows.T], [rows, np.zeros((value.size, value.size))]])
     largest = np.max(np.abs(matrix), axis=1)

@@ -28,15 +28,16 @@ from hhtbench.lowering import (
     unreduced,
 )
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
-RANKED = 4_000_000  # entries of [g_q; k_v] of a large system up to which dependent rows are named: some seconds
+INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
 
 @dataclass(frozen=True)
@@ -131,10 +132,11 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
     replaced, with a warning.  What is called for this is no evaluation of the motion.
     """
     with uncounted():
-        dynamics = derive(system, place.t, place.q, place.v)
-        if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
-            return dynamics
+        dynamics: Dynamics = derive(system, place.t, place.q, place.v)
         check_sparsity(dynamics, place.t, place.q, place.v)
+        dynamics = _with_mass_by_entries(dynamics, place)
+        if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
+            return usable(dynamics, place)
         wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
         if wrong:
             warnings.warn(
@@ -151,17 +153,33 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` without dependent rows and with a regular mass."""
     with uncounted():
         dynamics = _independent(dynamics, place)
-        if dynamics.structure.constrained and singular_at(dynamics, place.t, place.q):
+        if dynamics.structure.constrained and _singular(dynamics, place):
             dynamics = augment(dynamics, place.t, place.q)
         return dynamics
+
+
+def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
+    """``dynamics``, whose variable mass, if it is known by its entries, has an inverse by them; else by full matrices."""
+    products = matrix_free(dynamics)
+    if not isinstance(products, VariableMass) or products.mass_at(place.t, place.q).inverse() is not None:
+        return dynamics
+    return with_full_matrices(dynamics)
+
+
+def _singular(dynamics: Dynamics, place: Place) -> bool:
+    """Whether the mass is; one that is known by its entries has been looked at."""
+    return not isinstance(matrix_free(dynamics), VariableMass) and singular_at(dynamics, place.t, place.q)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
     if not dynamics.structure.constrained:
         return dynamics
-    at = of_dynamics(dynamics).levels.at(place.t, place.q, place.v)
-    if not (at.finite or np.isfinite(at.rows).all()) or not at.rows.any(axis=1).all():
+    known = of_dynamics(dynamics)
+    if known.large and known.acceleration.solve(place.t, place.q, place.v).weakest > INDEPENDENT:
+        return dynamics
+    at = known.levels.at(place.t, place.q, place.v)
+    if not at.ranked:
         return dynamics  # the start's own check says what is wrong
     rank = at.rank
     reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
@@ -190,7 +208,7 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
         failure = inconsistency(levels, place, reduced=unreduced(dynamics) is not dynamics)
         if failure is not None:
             return failure
-    elif singular_at(dynamics, place.t, place.q):
+    elif _singular(dynamics, place):
         message = "the mass matrix is singular at the start and no constraint determines the accelerations"
         return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
     for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
@@ -256,7 +274,7 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
         at = ConstraintLevels(run.dynamics).at(t, q, v)
-        if issparse(at.position_jacobian) and np.prod(at.rows.shape) <= RANKED and at.rank.redundant:
+        if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
             return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
         return Failure(Status.singular_iteration_matrix, message)

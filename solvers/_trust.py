@@ -7,20 +7,48 @@ motion: they are compared at the start and at two points near it, so that one fr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive, route_of
-from hhtbench.lowering.dynamics.differences import derivative_along
-from hhtbench.protocol import DERIVATIVES, SIGNATURES, declared
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.dynamics.differences import derivative, derivative_along
+from hhtbench.protocol import DERIVATIVES, PATTERNS, SIGNATURES, declared
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
 MISSED = 1e-4  # relative difference along a direction from which an entry is missing in a pattern
 EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
+_compared = Cache(64)  # of JAX systems, whose functions do not change
+
+
+def force_of(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """F (n,)."""
+    return dynamics.force(t, q, v)
+
+
+def mass_product_of(dynamics: Dynamics, t: Any, q: Any, x: Any) -> Any:
+    """M x (n,)."""
+    return dynamics.mass_product(t, q, x)
+
+
+def constraint_of(dynamics: Dynamics, t: Any, q: Any) -> Any:
+    """g (m,)."""
+    return dynamics.constraint(t, q)
+
+
+def reaction_of(dynamics: Dynamics, t: Any, q: Any, lam: Any) -> Any:
+    """Q (n,)."""
+    return dynamics.reaction(t, q, lam)
+
+
+def velocity_constraint_of(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """k (p,)."""
+    return dynamics.velocity_constraint(t, q, v)
 
 
 def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
@@ -94,44 +122,58 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     Raises
     ------
     ProblemError
-        A pattern has the wrong shape or lacks an entry; the text names pattern and rows.
+        A pattern is not known by that name, has the wrong shape or lacks an entry; the text names pattern and rows.
     """
-    if route_of(dynamics) != "numpy" or not declared(dynamics.system, "sparsity"):
+    if not declared(dynamics.system, "sparsity"):
         return
+    if route_of(dynamics) == "numpy":
+        _compare_patterns(dynamics, t, q, v)
+    else:
+        _compared.find(ById(dynamics), lambda: _compare_patterns(dynamics, t, q, v))
+
+
+def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     direction = np.cos(np.arange(1.0, q.size + 1))
-    compared = _patterned(dynamics, t, q, v)
+    compared, s = _patterned(dynamics, t, q, v), dynamics.structure
     for name, pattern in declared(dynamics.system, "sparsity").items():
+        if name not in PATTERNS:
+            raise ProblemError(f"sparsity does not know {name}; known: {', '.join(PATTERNS)}.")
+        rows, columns = (getattr(s, letter) for letter in PATTERNS[name])
+        if np.shape(pattern) != (rows, columns):
+            raise ProblemError(f"sparsity[{name!r}] must have shape {(rows, columns)}; got {np.shape(pattern)}.")
         if name not in compared:
             continue
-        function, at, matrix = compared[name]
-        wanted = (np.size(function(at)), q.size)
-        if np.shape(pattern) != wanted:
-            raise ProblemError(f"sparsity[{name!r}] must have shape {wanted}; got {np.shape(pattern)}.")
+        function, at = compared[name]
         seen = derivative_along(lambda e, f=function, x=at: f(x + e * direction), 0.0, at, direction)  # type: ignore[misc]
-        off = np.abs(matrix() @ direction - seen) > MISSED * max(1.0, float(np.max(np.abs(seen), initial=0.0)))
+        found = derivative(function, at, 4, pattern) @ direction
+        off = np.abs(found - seen) > MISSED * max(1.0, float(np.max(np.abs(seen), initial=0.0)))
         if off.any():
             raise ProblemError(
                 f"sparsity[{name!r}] lacks entries that are not zero, in rows {np.flatnonzero(off).tolist()}."
             )
 
 
-Patterned = tuple[Callable[[Vector], Any], Vector, Callable[[], Matrix]]
+def _patterned(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> dict[str, tuple[Callable[[Vector], Any], Vector]]:
+    """For each pattern's name a function of one vector, and the point of its derivative.
 
-
-def _patterned(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> dict[str, Patterned]:
-    """For each pattern's name: a function, the point of its derivative, and that derivative made with the pattern."""
-    d, s = dynamics, dynamics.structure
-    found: dict[str, Patterned] = {
-        "force_q": (lambda x: d.force(t, x, v), q, lambda: d.force_jacobians(t, q, v)[0]),
-        "force_v": (lambda x: d.force(t, q, x), v, lambda: d.force_jacobians(t, q, v)[1]),
+    Multipliers and what a mass is multiplied by are arbitrary.
+    """
+    s, numbers = dynamics.structure, np.arange(1.0, q.size + 1)
+    x, lam = np.sin(numbers), np.cos(np.arange(1.0, s.m + 1))
+    call = partial(compile_function, dynamics=dynamics, route="xla")
+    force, k, mass = call(force_of), call(velocity_constraint_of), call(mass_product_of)
+    found: dict[str, tuple[Callable[[Vector], Any], Vector]] = {
+        "force_q": (lambda y: force(t, y, v), q),
+        "force_v": (lambda y: force(t, q, y), v),
     }
-    if declared(d.system, "force_jacobians") is not None:
-        found.clear()  # the patterns of the force are not used
+    if s.mass == "variable":
+        found["mass_matrix"] = (lambda y: mass(t, q, y), x)
+        found["mass_product_jacobian"] = (lambda y: mass(t, y, x), q)
     if s.m:
-        found["constraint_jacobian"] = (lambda x: d.constraint(t, x), q, lambda: d.constraint_jacobian(t, q))
+        g, reaction = call(constraint_of), call(reaction_of)
+        found["constraint_jacobian"] = (lambda y: g(t, y), q)
+        found["reaction_q"] = (lambda y: reaction(t, y, lam), q)
     if s.p:
-        k, k_v = d.velocity_constraint, d.velocity_constraint_jacobian
-        found["velocity_constraint_jacobian"] = (lambda x: k(t, q, x), v, lambda: k_v(t, q, v))
-        by_q = d.velocity_constraint_position_jacobian
-        found["velocity_constraint_q"] = (lambda x: k(t, x, v), q, lambda: by_q(t, q, v))
+        found["velocity_constraint_jacobian"] = (lambda y: k(t, q, y), v)
+        found["velocity_constraint_q"] = (lambda y: k(t, y, v), q)
     return found

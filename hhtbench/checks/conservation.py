@@ -24,7 +24,6 @@ from hhtbench.lowering import (
     ConstraintLevels,
     Dynamics,
     compile_function,
-    constraint_rank,
     reduce_redundant,
 )
 from hhtbench.lowering.dynamics.differences import derivative_along
@@ -178,8 +177,7 @@ def _independent(dynamics: Dynamics, place: Point) -> Any:
     if not dynamics.structure.constrained:
         return dynamics
     at = ConstraintLevels(dynamics, full=True).at(*place)
-    rank = constraint_rank(at.position_jacobian, at.velocity_jacobian)
-    reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else None
+    reduced = reduce_redundant(dynamics, at.rank.redundant) if at.rank.redundant else None
     return dynamics if reduced is None else reduced
 
 

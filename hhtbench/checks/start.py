@@ -22,7 +22,6 @@ from hhtbench.lowering import (
     Levels,
     Misfit,
     asymmetry,
-    constraint_rank,
     mass_is_singular,
 )
 from hhtbench.lowering.dynamics.kkt import Acceleration
@@ -53,7 +52,7 @@ def examine(dynamics: Dynamics, problem: Problem, sizes: Sizes) -> Start:
     s = dynamics.structure
     t, q, v = problem.t_span[0], problem.q0, problem.v0
     levels = attempt(lambda: ConstraintLevels(dynamics, full=True).at(t, q, v))
-    rank = attempt(lambda: constraint_rank(levels.value.position_jacobian, levels.value.velocity_jacobian))
+    rank = attempt(lambda: levels.value.rank)
     guesses = [
         guess if guess is not None and guess.size == size else None
         for guess, size in ((problem.lam_guess, s.m), (problem.mu_guess, s.p))

@@ -8,10 +8,11 @@ from Python.  Beside it HHT's loops take machine code by its address from ``nati
 from hhtbench.lowering.compile.compiling import compile_function, route_of, routes, too_large
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
-from hhtbench.lowering.dynamics.kkt import AccelerationLevel, ConstraintRank, constraint_rank
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.dynamics.regular import augment, minimum_norm, padded, reduce_redundant, unreduced
+from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
+from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "native",
     "padded",
     "reduce_redundant",
+    "redundant_rows",
     "route_of",
     "routes",
     "singular_at",

@@ -23,7 +23,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.compile.coloured import OftenCalled, Pattern
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, VariableMass
 from solvers.forms.eliminated import Differentiated, Eliminated
 from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
 from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_function
@@ -58,6 +58,8 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
     products = products_of(dynamics)
+    if isinstance(products, VariableMass) and not dynamics.structure.constrained:  # y' is divided by it, and differentiated
+        products = None
     route = "xla" if larger(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
     jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
     if larger(dynamics) and dynamics.structure.constrained:

@@ -8,7 +8,6 @@ from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
     compile_function,
-    constraint_rank,
     derive,
     reduce_redundant,
 )
@@ -83,7 +82,7 @@ def moment_of(problem, seed=1):
     dynamics = derive(problem.system, *place)
     if "redundant" in problem.tags:  # as solvers do
         at = ConstraintLevels(dynamics).at(*place)
-        dynamics = reduce_redundant(dynamics, constraint_rank(at.position_jacobian, at.velocity_jacobian).redundant)
+        dynamics = reduce_redundant(dynamics, at.rank.redundant)
     t = problem.t_span[0] + 0.3 * (problem.t_span[1] - problem.t_span[0])
     guesses = problem.lam_guess, problem.mu_guess
     return Moment(dynamics, t, problem.q0, problem.v0, *guesses, seed=seed, s_q=problem.scales.q, s_v=problem.scales.v)

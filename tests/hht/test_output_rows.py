@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
+from problems.planar_chain import PlanarChain
 from solvers._projection import OneByOne, sizes_from
 from solvers.hht import HHT, Event
 from solvers.hht.run import projecting, solve
@@ -69,6 +71,29 @@ def test_what_the_interpolant_leaves_would_be_seen():
     assert abs(found.growth) <= GROWTH
 
 
+class Doubled(PlanarChain):
+    """A chain whose last joint is there twice."""
+
+    def constraint(self, t, q):
+        rows = super().constraint(t, q)
+        return jnp.concatenate([rows, rows[-2:]])
+
+
+class Across(PlanarChain):
+    """A chain whose joints drag their rods along beside holding them: reactions are not normal to the constraints."""
+
+    def reaction(self, t, q, lam):
+        turned = jnp.pad(lam.reshape(-1, 2)[:, ::-1], ((0, 0), (0, 1))).ravel()
+        return -jax.vjp(lambda x: self.constraint(t, x), q)[1](lam)[0] - 0.02 * turned
+
+
+CHAIN = replace(hb.load_problem("planar_chain(n_links=60)"), t_span=(0.0, 0.05))
+
+
+def chain_of(kind):
+    return replace(CHAIN, system=kind(m=CHAIN.system.m, l=CHAIN.system.l))
+
+
 SCENES = {
     "numpy": (of(SYSTEMS["numpy"]), TIMES, {}),
     "numpy, one by one": (of(SYSTEMS["numpy"]), FEW, {}),
@@ -76,7 +101,9 @@ SCENES = {
     "singular mass": (massless(), TIMES, {}),
     "singular mass, one by one": (massless(), FEW, {}),
     "middle size": (replace(hb.load_problem("planar_chain(n_links=20)"), t_span=(0.0, 0.05)), np.linspace(0, 0.05, 38), {}),
-    "large": (replace(hb.load_problem("planar_chain(n_links=60)"), t_span=(0.0, 0.05)), np.linspace(0, 0.05, 38), {}),
+    "large": (CHAIN, np.linspace(0, 0.05, 38), {}),
+    "large, redundant rows": (chain_of(Doubled), np.linspace(0, 0.05, 38), {}),
+    "large, reaction across the rows": (chain_of(Across), np.linspace(0, 0.05, 38), {}),
     "backward": (of(SYSTEMS["jax"], t_span=(0.8, 0.0)), TIMES[::-1], {}),
 }
 
@@ -91,7 +118,9 @@ def test_rows_hold_both_levels_by_every_route(scene):
     assert off(problem, solution) < 1e-13
 
 
-@pytest.mark.parametrize("scene", ["middle size", "large", "numpy", "singular mass"])
+@pytest.mark.parametrize(
+    "scene", ["middle size", *(name for name in SCENES if name.startswith("large")), "numpy", "singular mass"]
+)
 def test_rows_of_many_are_moved_in_the_loops_and_as_one_by_one(scene, monkeypatch):
     """Not in Python, where a row of a large system costs a hundred times as much; to the square of what is moved."""
     problem, times, options = SCENES[scene]

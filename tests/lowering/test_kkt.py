@@ -6,9 +6,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, augment, constraint_rank, derive, mass_is_singular
+from hhtbench.lowering import (
+    AccelerationLevel,
+    ConstraintLevels,
+    augment,
+    constraint_rank,
+    derive,
+    mass_is_singular,
+    minimum_norm,
+)
 from hhtbench.protocol import NumpySystem, System
 from tests.lowering.systems import (
     MASSLESS_NUMPY,
@@ -152,8 +161,9 @@ def test_the_whole_acceleration_level_holds_at_the_solution(route):
     ],
     ids=["independent", "a row times 3.7e-8", "a velocity row made of two", "a row of zeros", "units apart by 1e18"],
 )
-def test_redundant_rows_are_counted_and_named(position, velocity, rank, redundant):
-    found = constraint_rank(np.array(position, dtype=float), np.array(velocity, dtype=float))
+@pytest.mark.parametrize("made", [np.array, sp.csr_array], ids=["full", "sparse"])
+def test_redundant_rows_are_counted_and_named(position, velocity, rank, redundant, made):
+    found = constraint_rank(made(np.concatenate([position, velocity]).astype(float)))
     assert found.rank == rank
     assert len(found.redundant) == found.rows - rank
     if redundant:
@@ -163,9 +173,44 @@ def test_redundant_rows_are_counted_and_named(position, velocity, rank, redundan
         assert all(str(i) in found.text for i in found.redundant)
 
 
+def dependent_rows(seed, rows=240, n=300, weak=1e-5, sparse=0.03):
+    """Rows of random entries of which one row in ten is made of others, and one differs from another by ``weak``."""
+    draw = np.random.default_rng(seed)
+    matrix = np.where(draw.random((rows, n)) < sparse, draw.normal(size=(rows, n)), 0.0) + np.eye(rows, n)
+    matrix[0] = matrix[1] + weak * matrix[0]
+    dependent = draw.choice(np.arange(3, rows), rows // 10, replace=False)
+    for i in dependent:
+        others = draw.choice(np.setdiff1d(np.arange(3, rows), dependent), 3, replace=False)
+        matrix[i] = draw.normal(size=3) @ matrix[others]
+    return matrix * np.exp(3.0 * draw.normal(size=rows))[:, None], dependent.size
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sparse_rows_have_the_rank_of_full_ones(seed):
+    matrix, dependent = dependent_rows(seed)
+    full, sparse = (constraint_rank(rows) for rows in (matrix, sp.csr_array(matrix)))
+    assert full.rank == sparse.rank == len(matrix) - dependent
+    kept = np.setdiff1d(np.arange(len(matrix)), sparse.redundant)
+    assert np.linalg.matrix_rank(matrix[kept] / np.linalg.norm(matrix[kept], axis=1)[:, None]) == sparse.rank
+
+
+@pytest.mark.parametrize("made", [np.array, sp.csr_array], ids=["full", "sparse"])
+def test_the_smallest_multipliers_are_those_of_the_pseudo_inverse(made):
+    matrix, _ = dependent_rows(0, weak=1.0)
+    multipliers = np.random.default_rng(1).normal(size=len(matrix)) / np.linalg.norm(matrix, axis=1)
+    rows = made(matrix)
+    found = minimum_norm(rows, multipliers, constraint_rank(rows).redundant)
+    wanted = np.linalg.lstsq(matrix.T, matrix.T @ multipliers, rcond=1e-13)[0]
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_of_equal_sparse_rows_the_last_is_named():
+    assert constraint_rank(sp.csr_array(np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, 0.0]]))).redundant == (2,)
+
+
 def test_no_constraints_have_rank_zero_of_zero():
     assert (
-        constraint_rank(np.zeros((0, 2)), np.zeros((0, 2))).rows,
+        constraint_rank(np.zeros((0, 2))).rows,
         derive(Springs(), 0.0, Q3[:2], V3[:2]).structure.m,
     ) == (0, 0)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hhtbench.api import solve
-from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, unreduced
+from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.result import Status
 
@@ -117,10 +117,11 @@ def test_reduced_functions_are_rows_of_the_whole():
     np.testing.assert_array_equal(reduced.constraint_jacobian(0.0, Q0), whole.constraint_jacobian(0.0, Q0))
     lam, mu = padded(reduced, np.array([[2.0]]), np.zeros((1, 0)))
     np.testing.assert_array_equal(np.concatenate([lam, mu], axis=1), [[2.0, 0.0]])
-    np.testing.assert_allclose(minimum_norm(np.array([[1.0, 0.0], [2.0, 0.0]]), np.array([5.0, 0.0]), 1), [1.0, 2.0])
+    assert redundant_rows(reduced) == (1,)
+    np.testing.assert_allclose(minimum_norm(np.array([[1.0, 0.0], [2.0, 0.0]]), np.array([5.0, 0.0]), (1,)), [1.0, 2.0])
 
 
 def test_the_smallest_multipliers_do_not_jump_where_a_state_is_off_the_constraints():
     """Rows that are independent by 1e-8 only, as they are in a state with that error."""
     rows, x = np.array([[1.0, 0.0], [1.0, 1e-8]]), np.array([2.0, 0.0])
-    np.testing.assert_allclose(minimum_norm(rows, x, 1), [1.0, 1.0], atol=1e-7)
+    np.testing.assert_allclose(minimum_norm(rows, x, (1,)), [1.0, 1.0], atol=1e-7)

@@ -1,5 +1,7 @@
 """Large systems: sparse derivatives by pattern and colour, products instead of Jacobians, nothing of size n x n."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,8 @@ from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, full
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
+from hhtbench.lowering.scalar_compiler import native, native_call
 from problems import planar_chain
 from solvers._start import Place, inconsistency
 from solvers.hht.run.start import project
@@ -178,6 +181,20 @@ def test_a_mass_of_few_entries_multiplies_and_divides_like_the_full_one():
     size = np.sqrt(np.diag(matrix))  # the condition of the scaled matrix counts
     expected = np.linalg.solve(matrix / np.outer(size, size), x)
     np.testing.assert_allclose(size * (mass.inverse() @ (size * x)), expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("route", ["machine code", "xla"])
+def test_factors_of_a_band_that_varies_divide_like_the_full_matrix(route):
+    matrix, x = banded(120), np.random.default_rng(1).normal(size=120)
+    entries = entries_at(120, np.flatnonzero(matrix))
+    divide = lambda dynamics, values: entries.inverse(entries.of(values.reshape(120, 120), jnp), jnp) @ x  # noqa: E731
+    if route == "xla":
+        found = jax.jit(partial(divide, None))(matrix.ravel())
+    else:
+        found = native_call(native(divide, FREE, shapes=((14400,),)), ((14400,),))(matrix.ravel())
+    size = np.sqrt(np.diag(matrix))
+    expected = np.linalg.solve(matrix / np.outer(size, size), x / size)
+    np.testing.assert_allclose(size * found, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
 
 
 def asymmetric(matrix):

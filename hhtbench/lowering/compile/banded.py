@@ -1,4 +1,4 @@
-"""``solve_banded``: a solve with the Cholesky factors of a band as one operation that machine code and XLA carry out."""
+"""Cholesky factors of a band and a solve with them, each one operation that machine code and XLA carry out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ import jax.numpy as jnp
 
 from hhtbench.lowering.jax_internals import Primitive, ad, batching, mlir
 
-banded_p = Primitive("hhtbench_banded")
+banded_p, factor_p = Primitive("hhtbench_banded"), Primitive("hhtbench_factor")
+
+
+def factor_banded(band: Any) -> Any:
+    """The factors of a symmetric positive definite band, as :func:`solve_banded` takes them; NaN where it is none.
+
+    ``band`` (n, w + 1): row i holds A[i, i - w], ..., A[i, i], zero where there is no such column.
+    """
+    return factor_p.bind(jnp.asarray(band))
 
 
 def solve_banded(factors: Any, right: Any) -> Any:
@@ -18,6 +26,21 @@ def solve_banded(factors: Any, right: Any) -> Any:
     ``factors`` (n, w + 1): row i holds L[i, i - w], ..., L[i, i - 1], zero where there is no such column, and 1 / L[i, i].
     """
     return banded_p.bind(jnp.asarray(factors), jnp.asarray(right))
+
+
+def _factored(band: Any) -> Any:
+    width = band.shape[1] - 1
+
+    def row(known: Any, entries: Any) -> tuple[Any, Any]:
+        """Row i from the ``known`` rows i - w, ..., i - 1."""
+        found = entries
+        for j in range(width):
+            rest = found[j] - found[:j] @ known[j, width - j : width]
+            found = found.at[j].set(rest * known[j, width])
+        found = found.at[width].set(1.0 / jnp.sqrt(found[width] - found[:width] @ found[:width]))
+        return jnp.concatenate([known[1:], found[None]]) if width else known, found
+
+    return jax.lax.scan(row, jnp.zeros((width, width + 1)), band)[1]
 
 
 def _solved(factors: Any, right: Any) -> Any:
@@ -48,6 +71,9 @@ def _batched(arguments: Any, axes: Any) -> Any:
     return jax.vmap(_solved, axes)(*arguments), 0
 
 
+factor_p.def_impl(jax.jit(_factored))
+factor_p.def_abstract_eval(lambda band: band)
+mlir.register_lowering(factor_p, mlir.lower_fun(_factored, multiple_results=False))
 banded_p.def_impl(jax.jit(_solved))
 banded_p.def_abstract_eval(lambda factors, right: right)
 mlir.register_lowering(banded_p, mlir.lower_fun(_solved, multiple_results=False))

@@ -87,7 +87,7 @@ def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: An
     NotImplementedError
         A primitive whose sparsity asdex does not know.
     """
-    flat = flat_function(function, dynamics, *static)
+    flat = flat_function(function, dynamics.dependencies, *static)
     found: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))
     return found
 

@@ -68,6 +68,10 @@ class Compilable(Protocol):
     def matrices(self) -> bool:
         """Whether its functions hold full matrices."""
 
+    @property
+    def dependencies(self) -> Any:
+        """The same, of which patterns of derivatives are found."""
+
 
 def route_of(dynamics: Compilable) -> str:
     """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""

@@ -31,7 +31,9 @@ class Structure:
     n: int  #: coordinates
     m: int  #: position constraints
     p: int  #: velocity constraints
-    mass: str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": constant, and M^-1 fills
+    mass: (
+        str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": its entries are few, M^-1 fills
+    )
     force_uses_q: bool = True  #: False: F_q is zero and not computed
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
@@ -75,6 +77,11 @@ class Dynamics:
     jacobian: Callable[..., Array]  #: (function, x, pattern, order): derivative (rows, k) of a function (rows,) at x (k,)
     rate: Callable[..., Array]  #: (function, t, q, v): d/de of function(t + e, q + e v) at e = 0
 
+    @property
+    def dependencies(self) -> Dynamics:
+        """Functions that depend on what these do, of which patterns of derivatives are found."""
+        return self
+
     def _order(self, *names: str) -> int:
         """Order of differences of a function that comes from the first of ``names`` given, else from differences."""
         return 1 if any(self.gives(name) for name in names) else NESTED
@@ -100,6 +107,12 @@ class Dynamics:
     def mass_product(self, t: Array, q: Array, x: Array) -> Array:
         """M x (n,), x itself where M is the identity."""
         return x if self.structure.mass == "identity" else self.mass(t, q) @ x
+
+    def over_mass(self, t: Array, q: Array, x: Array) -> Array:
+        """M^-1 x (n,), x itself where M is the identity."""
+        if self.structure.mass == "variable":
+            return self.xp.linalg.solve(self.mass(t, q), x)
+        return x if self.inverse_mass is None else self.inverse_mass @ x
 
     @unless_given
     def mass_product_jacobian(self, t: Array, q: Array, x: Array) -> Array:
@@ -193,7 +206,7 @@ class Dynamics:
         by_v = None
         if self.structure.velocity_reaction_uses_v:
             order = self._order("velocity_reaction", "velocity_constraint_jacobian")
-            by_v = self.jacobian(lambda x: self.velocity_reaction(t, q, x, mu), v, order=order)
+            by_v = self.jacobian(lambda x: self.velocity_reaction(t, q, x, mu), v, "velocity_reaction_v", order)
         if not self.gives("velocity_reaction"):
             return by_v, -self.velocity_constraint_jacobian(t, q, v).T
         return by_v, self.jacobian(lambda x: self.velocity_reaction(t, q, v, x), mu, order=1)

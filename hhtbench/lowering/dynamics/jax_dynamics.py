@@ -9,18 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
+from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
+from hhtbench.lowering.dynamics.regular import ReducedDynamics
+from hhtbench.lowering.scalar_compiler import NotNative, places_of
 from hhtbench.protocol import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
+
+_entries = Cache(16)  # of masses: tracing takes a second
 
 
 class JaxDynamics(eqx.Module, Dynamics):
@@ -54,7 +62,7 @@ class JaxDynamics(eqx.Module, Dynamics):
 class MatrixFree(Wrapper):
     """The functions of ``inner`` as products; masses are diagonal or sparse."""
 
-    inner: JaxDynamics
+    inner: JaxDynamics | ReducedDynamics
     constant_mass: Diagonal | Sparse | None  #: None: the identity
     inverse_mass: Diagonal | BandInverse | None
 
@@ -69,6 +77,11 @@ class MatrixFree(Wrapper):
 
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
+
+    @property
+    def dependencies(self) -> Dynamics:
+        patterns = patterns_of(self.inner)
+        return Dependencies(self, patterns) if patterns else self
 
     def position_row(self, t: Any, q: Any, x: Any) -> Any:
         return jax.jvp(lambda y: self.constraint(t, y), (q,), (x,))[1]
@@ -91,27 +104,95 @@ class MatrixFree(Wrapper):
         return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (x,))[1]
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        if self.inner.gives("reaction"):
+        if declared(self.system, "reaction") is not None:
             return self.inner.reaction(t, q, lam)
         return -self.position_column(t, q, lam)
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
-        if self.inner.gives("velocity_reaction"):
+        if declared(self.system, "velocity_reaction") is not None:
             return self.inner.velocity_reaction(t, q, v, mu)
-        return -jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](mu)[0]
+        return -self.velocity_column(t, q, v, mu)
+
+    def velocity_column(self, t: Any, q: Any, v: Any, x: Any) -> Any:
+        """k_v^T x (n,)."""
+        return jax.vjp(lambda w: self.velocity_constraint(t, q, w), v)[1](x)[0]
+
+
+class VariableMass(MatrixFree):
+    """The same for a mass of few entries that varies."""
+
+    entries: Entries = eqx.field(kw_only=True)
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # likewise
+        return replace(self.inner.structure, mass="sparse")
+
+    def mass(self, t: Any, q: Any) -> Any:
+        return self.entries.of(self.inner.mass(t, q), jnp)
+
+    @property
+    def dependencies(self) -> Dynamics:
+        return Dependencies(self, patterns_of(self.inner) | {"mass_matrix": self.entries.pattern}, self.entries.columns)
+
+    def mass_at(self, t: float, q: Any) -> Sparse:
+        """M at a place, compiled."""
+        values = compile_function(entries_of_mass, self)(t, q)
+        return Sparse(np.reshape(values, self.entries.columns.shape), self.entries.columns)
+
+    def over_mass(self, t: Any, q: Any, x: Any) -> Any:
+        """M^-1 x (n,), NaN where M is not positive definite."""
+        return self.entries.inverse(self.mass(t, q), jnp) @ x
+
+
+def entries_of_mass(dynamics: VariableMass, t: Any, q: Any) -> Any:
+    """Those of M, row by row, (n k,)."""
+    return dynamics.mass(t, q).values.ravel()
+
+
+class Conjugate(MatrixFree):
+    """The same with the reactions -g_q^T lam and -k_v^T mu, whatever is declared: its KKT matrix is that of projections."""
+
+    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+        return -self.position_column(t, q, lam)
+
+    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
+        return -self.velocity_column(t, q, v, mu)
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: no JAX system, rows left out, a mass that varies, fills or is singular."""
-    if not isinstance(dynamics, JaxDynamics) or dynamics.structure.mass == "variable":
+    """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
+    origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
+    if not isinstance(origin, JaxDynamics):
         return None
-    mass, inverse = dynamics.constant_mass, dynamics.inverse_mass
+    if dynamics.structure.mass == "variable":
+        s = origin.structure
+        if s.n + s.m + s.p < SMALL:
+            return None
+        entries = _entries.find(ById(origin), lambda: _entries_of(origin))
+        return (
+            None
+            if entries is None
+            else VariableMass(cast("JaxDynamics | ReducedDynamics", dynamics), None, None, entries=entries)
+        )
+    mass, inverse, reduced = dynamics.constant_mass, dynamics.inverse_mass, cast("JaxDynamics | ReducedDynamics", dynamics)
     if mass is None:
-        return MatrixFree(dynamics, None, None)
+        return MatrixFree(reduced, None, None)
     if not isinstance(mass, Diagonal | Sparse):
         mass = compact(mass, jnp)
         inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
-    return None if inverse is None else MatrixFree(dynamics, mass, inverse)
+    return None if inverse is None else MatrixFree(reduced, mass, inverse)
+
+
+def _entries_of(dynamics: JaxDynamics) -> Entries | None:
+    """Where M can differ from zero, as declared or read off its computation."""
+    n, patterns = dynamics.structure.n, patterns_of(dynamics)
+    if "mass_matrix" in patterns:
+        rows, columns = patterns["mass_matrix"]
+        return entries_at(n, rows * n + columns)
+    try:
+        return entries_at(n, places_of(mass_at, dynamics, shapes=((), (n,))))
+    except NotNative:
+        return None
 
 
 def large(dynamics: Dynamics) -> MatrixFree | None:

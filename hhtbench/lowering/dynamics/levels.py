@@ -14,7 +14,7 @@ from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.compile.compiling import compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.jax_dynamics import large
-from hhtbench.lowering.dynamics.kkt import ConstraintRank, constraint_rank
+from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 
@@ -39,11 +39,16 @@ class Levels:
     velocity_drift: Vector  #: (m + p,) g_t + g_q v, then k
     finite: bool = False  #: True: all of it is known to be
 
+    @property
+    def ranked(self) -> bool:
+        """Whether there is a rank: every entry is finite, and no row is zero."""
+        sizes = np.asarray(np.abs(self.rows).sum(axis=1))
+        return bool((np.isfinite(sizes) & (sizes > 0.0)).all())
+
     @cached_property
     def rank(self) -> ConstraintRank:
-        """Of [g_q; k_v], as full matrices."""
-        blocks = (self.position_jacobian, self.velocity_jacobian)
-        return constraint_rank(*(block.toarray() if isinstance(block, sp.csr_array) else block for block in blocks))
+        """Of [g_q; k_v]."""
+        return constraint_rank(self.rows)
 
     @cached_property
     def rows(self) -> Any:

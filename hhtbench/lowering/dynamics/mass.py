@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.compile.banded import solve_banded
+from hhtbench.lowering.compile.banded import factor_banded, solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
 
 if TYPE_CHECKING:
@@ -124,6 +124,53 @@ class BandInverse(eqx.Module):
     def __matmul__(self, x: Any) -> Any:
         """The product with a vector (n,)."""
         return solve_banded(self.factors, x[self.order])[np.argsort(self.order)]
+
+
+class Entries(eqx.Module):
+    """Where entries of a symmetric matrix (n, n) can differ from zero, and where they stand in a band."""
+
+    columns: Any  #: (n, k) of every row, as in :class:`Sparse`
+    filled: Any  #: (n, k) False for the entries that repeat the last
+    order: Any  #: (n,) the coordinate in each place of the band
+    places: (
+        Any  #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
+    )
+
+    @property
+    def pattern(self) -> Any:
+        """Rows and columns (2, entries), row by row."""
+        rows = np.broadcast_to(np.arange(len(self.columns))[:, None], self.columns.shape)
+        return np.stack([rows[self.filled], self.columns[self.filled]]).astype(np.int32)
+
+    def of(self, matrix: Any, xp: Any) -> Sparse:
+        """The entries of ``matrix`` (n, n)."""
+        rows = np.arange(len(self.columns))[:, None]
+        return Sparse(xp.where(self.filled, matrix[rows, self.columns], 0.0), self.columns)
+
+    def inverse(self, matrix: Sparse, xp: Any) -> BandInverse:
+        """Of a ``matrix`` with these entries, NaN where it is not positive definite; pure array code."""
+        band = xp.append(matrix.values.ravel(), 0.0)[self.places]
+        return BandInverse(factor_banded(band), self.order)
+
+
+def entries_at(n: int, flat: Any) -> Entries | None:
+    """For the flat places ``flat`` in (n, n); None where these are no narrow band, or lack a place on the diagonal."""
+    pattern: Any = sp.coo_array((np.ones(flat.size), (flat // n, flat % n)), shape=(n, n)).tocsr()
+    pattern = (pattern + pattern.T).tocsr()
+    counts = np.diff(pattern.indptr)
+    if not (pattern.diagonal() > 0.0).all() or counts.max() > BROAD * n:
+        return None
+    place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
+    columns, filled = pattern.indices[pattern.indptr[:-1, None] + place], place == np.arange(counts.max())
+    order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
+    at = np.argsort(order)
+    row, column = np.broadcast_to(at[:, None], columns.shape)[filled], at[columns][filled]
+    width = int((row - column).max())
+    if width > BROAD * n:
+        return None
+    places, below = np.full((n, width + 1), columns.size), row >= column
+    places[row[below], (column - row + width)[below]] = np.flatnonzero(filled)[below]
+    return Entries(columns, filled, order, places)
 
 
 def compact(mass: Any, xp: Any) -> Any:

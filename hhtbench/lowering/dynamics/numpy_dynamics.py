@@ -74,7 +74,17 @@ class NumpyDynamics(Dynamics):
         return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
-        return derivative(function, x, order, (declared(self.system, "sparsity") or {}).get(pattern))
+        return derivative(function, x, order, self.patterns.get(pattern))
+
+    @cached_property
+    def patterns(self) -> dict[str, Any]:
+        """The patterns that are declared, and those of default reactions, which follow."""
+        found = dict(declared(self.system, "sparsity") or {})
+        for name, of_rows in (("reaction", "constraint_jacobian"), ("velocity_reaction", "velocity_constraint_jacobian")):
+            if of_rows in found and not self.gives(name):
+                rows = np.asarray(found[of_rows], dtype=np.float64)
+                found.setdefault("reaction_q" if name == "reaction" else "velocity_reaction_v", rows.T @ rows > 0.0)
+        return found
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v)

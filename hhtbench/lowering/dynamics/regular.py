@@ -57,6 +57,16 @@ class ReducedDynamics(Wrapper):
         return value[kept] if "constraint" in name else value
 
 
+class FullMatrices(Wrapper):
+    """The functions of ``inner``, of which none is to be replaced by products without full matrices."""
+
+
+def with_full_matrices(dynamics: Dynamics) -> FullMatrices:
+    """``dynamics``, remembered."""
+    found: FullMatrices = _remembered(dynamics, "full", lambda: FullMatrices(inner=dynamics))
+    return found
+
+
 def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
     """``dynamics`` without the rows ``redundant`` of [g; k]; None where a declared reaction may need their multipliers."""
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
@@ -78,6 +88,16 @@ def unreduced(dynamics: Dynamics) -> Dynamics:
     return dynamics if kept is None else kept.inner
 
 
+def redundant_rows(dynamics: Dynamics) -> tuple[int, ...]:
+    """Rows of [g; k] that ``dynamics`` leaves out."""
+    kept = _reduction(dynamics)
+    if kept is None:
+        return ()
+    s = kept.inner.structure
+    left = (*kept.position, *(s.m + i for i in kept.velocity))
+    return tuple(i for i in range(s.m + s.p) if i not in set(left))
+
+
 def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
     """Multipliers (k, kept) with a zero for every redundant row: (k, m) and (k, p), the same reaction."""
     whole, kept = unreduced(dynamics), _reduction(dynamics)
@@ -87,16 +107,6 @@ def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]
     full[0][:, list(kept.position)] = lam
     full[1][:, list(kept.velocity)] = mu
     return full
-
-
-def minimum_norm(rows: Matrix, multipliers: Vector, rank: int) -> Vector:
-    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
-
-    ``rank`` is that of the consistent configuration: off the constraints by an error, the rows are independent by as little,
-    and a rank found by a tolerance would jump there.
-    """
-    left, size, right = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(left[:, :rank] @ ((right[:rank] @ (rows.T @ multipliers)) / size[:rank]), dtype=np.float64)
 
 
 def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:

@@ -1,6 +1,6 @@
 """The native route: small functions as straight-line machine code.  LOWERING.md, beside this package, explains it."""
 
-from hhtbench.lowering.scalar_compiler.compiler import Native, native, native_call
+from hhtbench.lowering.scalar_compiler.compiler import Native, native, native_call, places_of
 from hhtbench.lowering.scalar_compiler.graph import NotNative
 
-__all__ = ["Native", "NotNative", "native", "native_call"]
+__all__ = ["Native", "NotNative", "native", "native_call", "places_of"]

@@ -16,7 +16,7 @@ from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Tree, flat_function, jitted
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit, needed
 from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
-from hhtbench.lowering.scalar_compiler.graph import NotNative, TooLarge
+from hhtbench.lowering.scalar_compiler.graph import ZERO, NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 
@@ -95,6 +95,20 @@ def native(
     if isinstance(found, NotNative):
         raise found
     return replace(found, parameters=parameters)
+
+
+def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> Any:
+    """Flat places of the entries that can differ from zero in what :func:`native` would compute.
+
+    Raises
+    ------
+    NotNative
+        The same.
+    """
+    flat = flat_function(function, tree, *static)
+    with _uncollected():
+        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
+    return np.flatnonzero(np.array(lowered.outputs) != ZERO)
 
 
 @contextmanager

@@ -119,6 +119,24 @@ def _banded(graph: Graph, equation: Any, factors: Ids, right: Ids) -> Ids:
     return graph.each(partial(graph.node, "entry", call), factors.size + np.arange(n))
 
 
+@rule_of_nodes("hhtbench_factor", numbers=True)
+def _band_factor(graph: Graph, equation: Any, band: Ids) -> Ids:
+    """Written out: bodies that do not meet are the turns of a loop then."""
+    width, factor = band.shape[1] - 1, band.copy()
+    for i in range(len(band)):
+        row: list[int] = factor[i].tolist()
+        for j in range(max(width - i, 0), width):
+            before: list[int] = factor[i - width + j].tolist()  # row j's own entries end where this row's column j is
+            for k in range(j):
+                row[j] = graph.sub(row[j], graph.mul(row[k], before[k - j + width]))
+            row[j] = graph.mul(row[j], before[width])
+        for k in range(width):
+            row[width] = graph.sub(row[width], graph.mul(row[k], row[k]))
+        row[width] = graph.div(ONE, graph.apply("sqrt", row[width]))
+        factor[i] = row
+    return factor
+
+
 @rule_of_nodes("triangular_solve", numbers=True)
 def _triangular(graph: Graph, equation: Any, matrices: Ids, rights: Ids) -> Ids:
     p = equation.params

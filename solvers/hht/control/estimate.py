@@ -18,7 +18,7 @@ def begin(z: Any, at: Any, scale: Any) -> None:
     """A right-hand side of the accelerations (n,) in the memory from ``at`` over ``scale`` in the force rows, else zero."""
     right, n = part(z, mem.RIGHT), z.i[mem.N]
     if z.i[mem.C_INERTIA]:
-        call(z, mem.C_INERTIA, mem.WORK, (z.i[mem.BASE] + 8 * at,))
+        call(z, mem.C_INERTIA, mem.WORK, (z.i[mem.BASE] + 8 * at, address(z, mem.STEP)))
         at = z.i[2 * mem.WORK]
     source = view(z.w, at, n)
     for i in range(right.size):

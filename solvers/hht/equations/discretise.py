@@ -245,7 +245,7 @@ def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass
 
 def scaled_rows(dynamics: Dynamics, known: Any, x: Any) -> Any:
     """Rows ``x`` (n,) [N] as accelerations, (H13): M^-1 x, or where M^-1 is full x over the diagonal of M."""
-    return x / dynamics.constant_mass.diagonal if dynamics.structure.mass == "sparse" else accelerate(dynamics, known, x)
+    return x / known["mass_diagonal"] if dynamics.structure.mass == "sparse" else accelerate(dynamics, known, x)
 
 
 def scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:

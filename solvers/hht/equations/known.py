@@ -67,7 +67,11 @@ def named(sizes: Mapping[str, int], vector: Any) -> dict[str, Any]:
 
 def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
     """What :func:`weighted` gives for the step and the state in ``given``."""
-    return weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start_of(layout, given, dynamics.xp))
+    start = start_of(layout, given, dynamics.xp)
+    values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
+    if layout.structure.mass == "sparse":
+        values["mass_diagonal"] = dynamics.mass(start["t"], start["q"]).diagonal
+    return values
 
 
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a - f, of f and of a1

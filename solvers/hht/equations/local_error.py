@@ -67,12 +67,14 @@ def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, a
         return force
     if s.mass == "variable":
         return layout.sparse_inverse(after["inverse_mass"], xp) @ force
-    return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
+    return dynamics.over_mass(t1, after["q1"], force)
 
 
-def scaled_inertia(dynamics: Dynamics, x: Any) -> Any:
-    """Accelerations ``x`` (n,) in the force rows of a step whose mass is sparse."""
-    return scaled_rows(dynamics, {}, dynamics.constant_mass @ x)
+def scaled_inertia(dynamics: Dynamics, layout: Layout, x: Any, given: Any) -> Any:
+    """Accelerations ``x`` (n,) in the force rows of a step whose mass is sparse; ``given``: the step."""
+    start = start_of(layout, given, dynamics.xp)
+    mass = dynamics.mass(start["t"], start["q"])
+    return scaled_rows(dynamics, {"mass_diagonal": mass.diagonal}, mass @ x)
 
 
 def parabola(last: Any, h: Any, earliest: Any, start: Any, end: Any) -> Any:

@@ -81,28 +81,49 @@ def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
     offset = 0
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
-        height, main = 2 * lower + upper + 1, lower + upper
+        height = 2 * lower + upper + 1
         for i in range(start, start + count):
             value = right[rows[i]]
             for e in range(starts[i], starts[i + 1]):
                 value -= couplings[e] * y[places[e]]
             y[i] = value
-        moved = 0
-        for j in range(count):
-            at, column = start + j, offset + j * height + main
-            other = at + pivots[at]
-            moved = max(moved, pivots[at])
-            if other != at:
-                y[at], y[other] = y[other], y[at]
-            first = y[at]
-            for i in range(1, min(lower, count - 1 - j) + 1):
-                y[at + i] -= first * storage[column + i]
-        for j in range(count - 1, -1, -1):
-            at, column = start + j, offset + j * height + main
-            first = y[at] * storage[column]
-            y[at] = first
-            for i in range(1, min(upper + moved, j) + 1):  # as far as exchanged rows reach
-                y[at - i] -= first * storage[column - i]
+        if lower + upper == 0:  # a diagonal, whose inverse is kept
+            for i in range(count):
+                y[start + i] *= storage[offset + i]
+        else:
+            substitute(storage[offset : offset + count * height], pivots[start : start + count], lower, upper, y[start:])
         offset += count * height
     for i in range(rows.size):
         x[columns[i]] = y[i]
+
+
+@compiled
+def substitute(storage: Any, pivots: Any, lower: Any, upper: Any, y: Any) -> None:
+    """Solve with the factors of one block in place of its right-hand side, the first entries of ``y``."""
+    count, height, main, moved = pivots.size, 2 * lower + upper + 1, lower + upper, 0
+    carried = y[0]  # the next entry stays out of memory: to there and back it takes as long as the product
+    for j in range(count):
+        column, pivot, first = j * height + main, pivots[j], carried
+        moved = max(moved, pivot)
+        if pivot:
+            first, y[j + pivot] = y[j + pivot], first
+        below = min(lower, count - 1 - j)
+        if below:
+            carried = y[j + 1] - first * storage[column + 1]
+        elif j + 1 < count:
+            carried = y[j + 1]
+        for i in range(2, below + 1):
+            y[j + i] -= first * storage[column + i]
+        y[j] = first
+    carried = y[count - 1]
+    for j in range(count - 1, -1, -1):
+        column = j * height + main
+        first = carried * storage[column]
+        above = min(upper + moved, j)  # as far as exchanged rows reach
+        if above:
+            carried = y[j - 1] - first * storage[column - 1]
+        elif j:
+            carried = y[j - 1]
+        for i in range(2, above + 1):
+            y[j - i] -= first * storage[column - i]
+        y[j] = first

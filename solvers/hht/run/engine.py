@@ -13,7 +13,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics, compile_function, derive
-from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
+from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, VariableMass
 from hhtbench.lowering.dynamics.mass import asymmetry
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, Place, of_dynamics, points_of, usable
@@ -24,7 +24,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.functions import MachineCode, functions_for
 from solvers.hht.run.history import columns
-from solvers.hht.run.kkt import force_and_inverse_mass
+from solvers.hht.run.kkt import force_and_inverse_mass, force_over_mass
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
@@ -44,16 +44,18 @@ class Engine:
         """``place``: where the run begins; ``controlled``: whether by error control."""
         self.dynamics, self.place, self.work = dynamics, place, work
         self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
-        self.structure, self.points = dynamics.structure, points_of(dynamics)  # evaluations per call
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
-        self.layout = functions.layout
-        self.bare_force = compile_function(force_and_inverse_mass, dynamics)  #: not counted
+        self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
+        self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
+        source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
+        force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
+        self.bare_force = compile_function(force, source)  #: not counted
         self._force = work.counted(self.bare_force, residuals=self.points)
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
         self.declared = known.declared  #: derivatives
         #: whether a failure of Newton's iteration may be that of declared derivatives
-        self.fallible = bool(known.declared) and not functions.newton.matrix_cost
+        self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
+from hhtbench.lowering import Dynamics, Native, NotNative, Structure, compile_function, native, route_of
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
+from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
@@ -40,8 +41,9 @@ from solvers.hht.run.kkt import level_functions
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
+LONGEST = 50_000  # unknowns of a step beyond which no function of it is machine code: its graph has a million nodes
 SPARSE = NewtonOptions(max_iterations=25)
-FULL = "its functions give full matrices (not a JAX system, a mass that varies or fills, or rows left out)"
+FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -63,12 +65,7 @@ class Functions:
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
         self.newton = NewtonOptions()
-        self._sizes: dict[str, Any] = {
-            "n": s.n,
-            "m": s.m,
-            "p": s.p,
-            "inverse_mass": s.n * s.n if s.mass == "variable" else 0,
-        }
+        self._sizes = sizes_of(s)
         self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
         self._codes: dict[str, Code] = {}
         self._of_error: dict[str, Code] = {}
@@ -97,7 +94,7 @@ class Functions:
                 if s.constrained:
                     codes["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
                 if s.mass == "sparse":
-                    codes["inertia"] = self.made(scaled_inertia, s.n, ((s.n,),))
+                    codes["inertia"] = self.made(scaled_inertia, s.n, ((s.n,), self.given), self.layout)
                 self._of_error = codes  # all of them, or none where the time budget ends in between
         return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
 
@@ -237,11 +234,19 @@ class PythonFunctions(Functions):
     in_python = True
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
-        super().__init__(dynamics, method, layout)
-        self._source, entries = self._sparse(linsolver)
-        static, size, n = (self.method, self.layout), self.layout.size, layout.structure.n
-        if entries is None:
-            entries = compile_function(equations_of(method).residual_and_matrix, dynamics, *static)
+        found = self._sparse(dynamics, method, layout, linsolver)
+        if isinstance(found, str):
+            super().__init__(dynamics, method, layout)
+            self.analysis = full(layout.size, layout.structure.n, linsolver, found)
+            entries = compile_function(equations_of(method).residual_and_matrix, dynamics, self.method, layout)
+        else:
+            products, layout, coloured = found
+            super().__init__(products, method, layout)
+            self.analysis = of_pattern(coloured.pattern, layout.size, linsolver)
+            self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
+            ends = np.s_[layout.size : layout.size + 2 * layout.structure.n]
+            entries = lambda x, given: np.delete(coloured.packed(x, given), ends)  # noqa: E731
+        static, size, n = (self.method, layout), layout.size, layout.structure.n
         shapes = (size,), self.given, None
         self._codes = {
             "residual": self.made(residual_of, size, shapes, *static),
@@ -255,38 +260,33 @@ class PythonFunctions(Functions):
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
         """A function in Python."""
-        return compile_function(function, self._source, *static), size, shapes
+        route = "xla" if self.layout.size > LONGEST else None
+        return compile_function(function, self.dynamics, *static, route=route), size, shapes
 
-    def _sparse(self, linsolver: str) -> tuple[Dynamics, Callable[..., Any] | None]:
-        """The dynamics to compile, and [residual; entries] of a sparse matrix; None: of the full one.  Sets the analysis."""
-        size, n, static = self.layout.size, self.layout.structure.n, (self.method, self.layout)
-        small = linsolver == "dense" or (linsolver == "auto" and size < SMALL)
-        reason = f"below {SMALL} unknowns"
-        products = None if small else products_of(self.dynamics, self.method)
-        if not small:
-            reason = FULL
-        if products is not None:
-            layout = layout_of(products, self.method)
-            static, size = (self.method, layout), layout.size
-            try:
-                example = np.zeros(size), np.zeros(self.given)
-                coloured = Coloured(equations_of(self.method).residual_and_ends, products, *static, example=example)
-            except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
-                reason = f"the pattern of its derivatives cannot be read: {error}"
-            else:
-                self.analysis = of_pattern(coloured.pattern, size, linsolver)
-                if self.analysis.kind != "dense":
-                    self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
-                    self.layout = layout
-                    return products, lambda x, given: np.delete(coloured.packed(x, given), np.s_[size : size + 2 * n])
-                reason = self.analysis.reason
-        self.analysis = full(self.layout.size, n, linsolver, reason)
-        return self.dynamics, None
+    @staticmethod
+    def _sparse(
+        dynamics: Dynamics, method: Method, layout: Layout, linsolver: str
+    ) -> tuple[MatrixFree, Layout, Coloured] | str:
+        """The dynamics without full matrices, its layout and the entries of a sparse matrix; or why there are none."""
+        if linsolver == "dense" or (linsolver == "auto" and layout.size < SMALL):
+            return f"below {SMALL} unknowns"
+        products = products_of(dynamics, method)
+        if not isinstance(products, MatrixFree):
+            return FULL
+        layout = layout_of(products, method)
+        example = np.zeros(layout.size), np.zeros(Sizes(**sizes_of(layout.structure), size=0).given)
+        static = replace(method, start="f0"), layout
+        try:
+            coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
+        except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
+            return f"the pattern of its derivatives cannot be read: {error}"
+        analysis = of_pattern(coloured.pattern, layout.size, linsolver)
+        return analysis.reason if analysis.kind == "dense" else (products, layout, coloured)
 
 
-def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | None:
+def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
     """``dynamics`` without dense matrices; None: there are some, or ``method`` needs M^-1, and that is full."""
-    products = matrix_free(dynamics)
+    products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
     fills = products is not None and products.structure.mass == "sparse" and method.equations != "hht"
     return None if fills else products
 
@@ -304,11 +304,17 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
-    code = MachineCode if layout.size <= LARGEST else SparseCode
     try:
-        return code(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
+        if layout.size > LARGEST:
+            return SparseCode(dynamics, method, layout, linsolver)
+        return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)
+
+
+def sizes_of(s: Structure) -> dict[str, Any]:
+    """Those of the loops' memory that follow from the structure."""
+    return {"n": s.n, "m": s.m, "p": s.p, "inverse_mass": s.n * s.n if s.mass == "variable" else 0}
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:

@@ -15,7 +15,7 @@ from hhtbench.lowering import Dynamics, Native, NotNative, native, route_of
 from hhtbench.lowering.caching import ById, Cache
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
 from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import declared
@@ -60,7 +60,7 @@ def places_of(dynamics: Dynamics) -> Places:
     NotNative
         The functions cannot be machine code.
     """
-    if isinstance(dynamics, MatrixFree) or too_large(dynamics) is not None:
+    if not dynamics.matrices or too_large(dynamics) is not None:
         return by_entries(dynamics)
     if dynamics.structure.constrained and products_of(dynamics) is not None:
         with suppress(NotNative):
@@ -95,14 +95,14 @@ def by_entries(dynamics: Dynamics) -> Places:
     NotNative
         The functions cannot be machine code, or no smallest change solves such a system.
     """
-    s, products = dynamics.structure, dynamics if isinstance(dynamics, MatrixFree) else products_of(dynamics)
+    s, products = dynamics.structure, products_of(dynamics) if dynamics.matrices else dynamics
     source, place = dynamics if products is None else products, ((), (s.n,), (s.n,))
     if not s.constrained:
         codes = {"force": native(force_and_inverse_mass, source, shapes=place)}
         z = allocate(Sizes(n=s.n, m=0, p=0, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0))
         _call(z, codes)
         return Places(z, np.zeros(0), codes)
-    if declared(dynamics.system, "reaction") is not None:  # across the rows: no smallest change
+    if declared(dynamics.system, "reaction") is not None and not isinstance(dynamics, Conjugate):  # no smallest change
         raise NotNative("a declared reaction")
     entries = kkt_of(dynamics)
     if entries is None:
@@ -137,12 +137,16 @@ def level_functions(dynamics: Dynamics) -> dict[str, Native]:
     return codes
 
 
+def force_over_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2)."""
+    return dynamics.over_mass(t, q, dynamics.force(t, q, v))
+
+
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
-    force = dynamics.force(t, q, v)
     if dynamics.structure.mass != "variable":
-        return force if dynamics.inverse_mass is None else dynamics.inverse_mass @ force
-    inverse = inverse_mass_at(dynamics, t, q)
+        return force_over_mass(dynamics, t, q, v)
+    force, inverse = dynamics.force(t, q, v), inverse_mass_at(dynamics, t, q)
     return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
@@ -186,10 +190,10 @@ def kkt_code(dynamics: Dynamics) -> Entries:
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
-    if size > LARGEST and not isinstance(dynamics, MatrixFree):
+    if size > LARGEST and dynamics.matrices:
         raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
-    if isinstance(dynamics, MatrixFree):
+    if not dynamics.matrices:
         pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
         return Entries(native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto"))
     code = native(kkt_terms, dynamics, shapes=shapes)

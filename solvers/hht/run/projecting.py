@@ -13,13 +13,15 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
+from hhtbench.protocol import declared
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
-from solvers.hht.run.kkt import Places, of_full_matrices, places_of
+from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -96,8 +98,31 @@ def _memory(functions: Functions) -> Places | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        found = (of_full_matrices if functions.level_codes() else places_of)(functions.dynamics)
+        found = _found(functions)
     except NotNative:
         return None
     found.memory.i[mem.CALLS_PYTHON] = functions.callbacks is not None
     return found
+
+
+def _found(functions: Functions) -> Places:
+    """By the way of the steps' functions; along declared reactions no change is the smallest."""
+    dynamics = functions.dynamics
+    if functions.level_codes():
+        return of_full_matrices(dynamics)
+    across = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
+    return by_entries(conjugate(dynamics)) if across and not dynamics.matrices else places_of(dynamics)
+
+
+def conjugate(dynamics: Dynamics) -> Conjugate:
+    """``dynamics`` with reactions normal to the constraints.
+
+    Raises
+    ------
+    NotNative
+        Its functions are full matrices.
+    """
+    products = dynamics if isinstance(dynamics, MatrixFree) else matrix_free(dynamics)
+    if products is None:
+        raise NotNative("full matrices")
+    return Conjugate(products.inner, products.constant_mass, products.inverse_mass)

@@ -1,0 +1,227 @@
+"""A large NumPy system with declared patterns, without full matrices: callbacks hand over entries, and rules derive by them.
+
+The formulas are traced as for any system.  What is differentiated by a step's unknowns has its derivative as entries that
+another callback gives; by the time, and what belongs to the state before a step, nothing is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
+from hhtbench.lowering.dynamics.foreign import SIZES, Callbacks, foreign_p
+from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
+from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
+from hhtbench.protocol import declared
+
+VALUES = {  # functions by the letter of their size
+    "force": "n",
+    "mass_product": "n",
+    "constraint": "m",
+    "constraint_velocity": "m",
+    "constraint_acceleration": "m",
+    "reaction": "n",
+    "velocity_constraint": "p",
+    "velocity_constraint_acceleration": "p",
+    "velocity_reaction": "n",
+}
+
+
+class Part(NamedTuple):
+    """Entries of a matrix that a function of the system gives."""
+
+    function: str
+    which: int | None  #: of a pair of matrices; None: it gives one
+    pattern: str
+    size: str = ""  #: letter of the multipliers or of the constraints that there must be
+
+
+PARTS = {
+    "force_q": Part("force_jacobians", 0, "force_q"),
+    "force_v": Part("force_jacobians", 1, "force_v"),
+    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian", "m"),
+    "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian", "m"),
+    "reaction_q": Part("reaction_jacobians", 0, "reaction_q", "m"),
+    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian", "p"),
+    "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q", "p"),
+    "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v", "p"),
+    "mass_matrix": Part("mass", None, "mass_matrix"),
+    "mass_product_jacobian": Part("mass_product_jacobian", None, "mass_product_jacobian"),
+}
+DERIVATIVES = {  # of functions: for an argument by its place the part, and its sign where the part stands transposed
+    "force": ((1, "force_q", 0), (2, "force_v", 0)),
+    "mass_product": ((1, "mass_product_jacobian", 0), (2, "mass_matrix", 0)),
+    "constraint": ((1, "constraint_jacobian", 0),),
+    "constraint_velocity": ((1, "constraint_velocity_q", 0), (2, "constraint_jacobian", 0)),
+    "reaction": ((1, "reaction_q", 0), (2, "constraint_jacobian", -1)),
+    "velocity_constraint": ((1, "velocity_constraint_q", 0), (2, "velocity_constraint_jacobian", 0)),
+    "velocity_reaction": ((2, "velocity_reaction_v", 0), (3, "velocity_constraint_jacobian", -1)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Called:
+    """A function as it is called: compared by identity."""
+
+    dynamics: Any  #: for sizes and patterns only
+    name: str
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def evaluated(called: Called, addresses: Any, *arguments: Any) -> Any:
+    """The value of a function of the system."""
+    size = getattr(called.dynamics.structure, VALUES[called.name])
+    return foreign_p.bind(addresses[NAMES.index(called.name)], *arguments, shape=(size,))
+
+
+@evaluated.defjvp
+def _differential(called: Called, primals: Any, tangents: Any) -> Any:
+    (addresses, *arguments), (_, *along) = primals, tangents
+    value, dynamics = evaluated(called, *primals), called.dynamics
+    change = jnp.zeros_like(value)
+    for place, name, transposed in DERIVATIVES[called.name]:
+        names = arguments_of(called.name)
+        at = [arguments[names.index(symbol)] for symbol in arguments_of(PARTS[name].function)]
+        rows, columns = dynamics.patterns[PARTS[name].pattern]
+        entries = dynamics.part(addresses, name, *at)
+        if transposed:
+            rows, columns, entries = columns, rows, transposed * entries
+        change = change.at[rows].add(entries * along[place][columns])
+    return value, change
+
+
+NAMES = (*VALUES, *PARTS)
+
+
+class ForeignProducts(eqx.Module, Dynamics):
+    """The functions of a dynamics of plain callables as products, to be traced; of all patterns and default reactions."""
+
+    addresses: Any  #: (functions,) float64 with the bits of their addresses
+    whole: Structure = eqx.field(static=True)
+    callbacks: Callbacks = eqx.field(static=True)
+    patterns: Patterns
+    constant_mass: Diagonal | Sparse | None = None  #: None: the identity, or it varies
+    inverse_mass: Diagonal | BandInverse | None = None
+    entries: Entries | None = None  #: of a mass that varies
+
+    @property
+    def structure(self) -> Structure:  # type: ignore[override] # follows from the whole one
+        return self.whole
+
+    @property
+    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
+        return False
+
+    @property
+    def system(self) -> Any:
+        return self.callbacks.system
+
+    @property
+    def xp(self) -> Any:
+        return jnp
+
+    @property
+    def dependencies(self) -> Dynamics:
+        return Dependencies(self, self.patterns, None if self.entries is None else self.entries.columns)
+
+    def gives(self, name: str) -> bool:
+        """Every function that is called."""
+        return name in VALUES
+
+    def call(self, name: str, t: Any, *arguments: Any) -> Any:
+        floats = [jnp.asarray(argument, dtype=float) for argument in (t, *arguments)]
+        return evaluated(Called(self, name), self.addresses, *floats)
+
+    def part(self, addresses: Any, name: str, *arguments: Any) -> Any:
+        """Entries of a matrix, in the order of its pattern."""
+        size = self.patterns[PARTS[name].pattern].shape[1]
+        floats = [jnp.asarray(argument, dtype=float) for argument in arguments]
+        return foreign_p.bind(addresses[NAMES.index(name)], *floats, shape=(size,))
+
+    def _product(self, name: str, size: int, x: Any, *at: Any, transposed: bool = False) -> Any:
+        rows, columns = self.patterns[PARTS[name].pattern]
+        rows, columns = (columns, rows) if transposed else (rows, columns)
+        return jnp.zeros(size).at[rows].add(self.part(self.addresses, name, *at) * x[columns])
+
+    def mass(self, t: Any, q: Any) -> Any:
+        if self.entries is None:
+            return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
+        values = jnp.zeros(self.entries.columns.shape)
+        filled = np.nonzero(self.entries.filled)
+        return Sparse(values.at[filled].set(self.part(self.addresses, "mass_matrix", t, q)), self.entries.columns)
+
+    def mass_product(self, t: Any, q: Any, x: Any) -> Any:
+        if self.entries is not None:
+            return self.call("mass_product", t, q, x)
+        return x if self.constant_mass is None else self.constant_mass @ x
+
+    def over_mass(self, t: Any, q: Any, x: Any) -> Any:
+        return super().over_mass(t, q, x) if self.entries is None else self.entries.inverse(self.mass(t, q), jnp) @ x
+
+    def position_row(self, t: Any, q: Any, x: Any) -> Any:
+        return self._product("constraint_jacobian", self.structure.m, x, t, q)
+
+    def position_column(self, t: Any, q: Any, x: Any) -> Any:
+        return self._product("constraint_jacobian", self.structure.n, x, t, q, transposed=True)
+
+    def velocity_row(self, t: Any, q: Any, v: Any, x: Any) -> Any:
+        return self._product("velocity_constraint_jacobian", self.structure.p, x, t, q, v)
+
+
+def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
+    """``dynamics`` of plain callables without full matrices; None: a pattern is not declared, or reactions are.
+
+    Nor is there one where the mass has no narrow band for its inverse.
+    """
+    s, patterns = dynamics.structure, patterns_of(dynamics)
+    if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")) or not complete(
+        patterns, s
+    ):
+        return None
+    mass = inverse = entries = None
+    if s.mass == "variable":
+        rows, columns = patterns["mass_matrix"]
+        entries = entries_at(s.n, rows.astype(np.int64) * s.n + columns)
+        if entries is None:
+            return None
+        patterns["mass_matrix"] = entries.pattern
+    elif dynamics.constant_mass is not None:
+        mass = compact(dynamics.constant_mass, jnp)
+        inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
+        if inverse is None:
+            return None
+    sparse = s.mass == "variable" or isinstance(mass, Sparse)
+    callbacks = Callbacks(dynamics.system)
+    bits = np.array([_address(dynamics, name, patterns, callbacks) for name in NAMES], dtype=np.uint64).view(np.float64)
+    structure = replace(s, mass="sparse") if sparse else s
+    return ForeignProducts(bits, structure, callbacks, patterns, mass, inverse, entries)
+
+
+def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callbacks) -> int:
+    """Of a function in Python for the values or the entries known as ``name``; 0 where the system has none."""
+    s = dynamics.structure
+    if name in VALUES:
+        function, size, source = getattr(dynamics, name), getattr(s, VALUES[name]), name
+    elif PARTS[name].pattern in patterns:
+        part = PARTS[name]
+        function = partial(_entries, getattr(dynamics, part.function), part.which, patterns[part.pattern])
+        size, source = patterns[part.pattern].shape[1], part.function
+    else:
+        return 0
+    shapes = [tuple(getattr(s, letter) for letter in SIZES[symbol]) for symbol in arguments_of(source)]
+    return callbacks.row(function, (size,), tuple(shapes))
+
+
+def _entries(function: Callable[..., Any], which: int | None, pattern: Any, *arguments: Any) -> Any:
+    """Of the matrix that ``function`` gives; None stands for zero."""
+    matrix = function(*arguments)
+    matrix = matrix if which is None else matrix[which]
+    return 0.0 if matrix is None else matrix[pattern[0], pattern[1]]

@@ -1,0 +1,147 @@
+"""Declared patterns: which unknowns the functions of a system depend on, in the place of what they compute.
+
+A pattern says of every row of a function, the force on one coordinate or one constraint, which entries of q, or of v, it
+depends on; patterns of products and of derivatives along the motion follow from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
+from hhtbench.lowering.dynamics.mass import Sparse
+from hhtbench.lowering.dynamics.regular import ReducedDynamics
+from hhtbench.protocol import PATTERNS, declared
+
+Patterns = dict[str, Any]  # by name: rows and columns (2, entries), ascending row by row
+NEEDED = {
+    "n": ("force_q", "force_v"),
+    "m": ("constraint_jacobian",),
+    "p": ("velocity_constraint_jacobian", "velocity_constraint_q"),
+}
+
+
+def patterns_of(dynamics: Dynamics) -> Patterns:
+    """Those that are declared, for the rows that ``dynamics`` has, and those that follow."""
+    s, given = dynamics.structure, declared(dynamics.system, "sparsity") or {}
+    found: Any = {name: sp.csr_array(pattern, dtype=bool) for name, pattern in given.items()}
+    if isinstance(dynamics, ReducedDynamics):
+        kept = {"m": list(dynamics.position), "p": list(dynamics.velocity)}
+        found = {
+            name: matrix[kept[PATTERNS[name][0]]] if PATTERNS[name][0] in kept else matrix for name, matrix in found.items()
+        }
+    position, velocity, by_q = map(
+        found.get, ("constraint_jacobian", "velocity_constraint_jacobian", "velocity_constraint_q")
+    )
+    if position is not None:
+        found["position_column"] = position.T
+        if declared(dynamics.system, "reaction") is None:
+            found.setdefault("reaction_q", position.T @ position)
+    if velocity is not None:
+        found["velocity_column"] = velocity.T
+        found["velocity_reaction_v"] = velocity.T @ velocity
+        if by_q is not None:
+            found["velocity_reaction_q"] = velocity.T @ by_q
+            found["velocity_acceleration_v"] = velocity + by_q
+    if s.mass == "variable" and "mass_matrix" in found:
+        found["mass_matrix"] = found["mass_matrix"] + found["mass_matrix"].T
+    return {name: _places(matrix) for name, matrix in found.items()}
+
+
+def _places(matrix: Any) -> Any:
+    rows, columns = matrix.nonzero()
+    order = np.lexsort((columns, rows))
+    return np.stack([rows[order], columns[order]]).astype(np.int32)
+
+
+def complete(patterns: Patterns, s: Structure) -> bool:
+    """Whether all that the equations of motion depend on is known."""
+    names = [name for letter, group in NEEDED.items() if getattr(s, letter) for name in group]
+    names += ["mass_matrix", "mass_product_jacobian"] if s.mass == "variable" else []
+    return set(names) <= set(patterns)
+
+
+class Dependencies(Wrapper):
+    """Functions that depend on what those of ``inner`` do, where ``patterns`` tell it; not their values."""
+
+    patterns: Patterns
+    columns: Any = None  #: (n, k) of a mass that varies, as in :class:`~.mass.Sparse`
+
+    @property
+    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
+        return False
+
+    def _of(self, size: int, function: Callable[..., Any], *arguments: tuple[Any, str]) -> Any:
+        """(size,) like ``function`` of the time and of other ``arguments``, each with the name of its pattern.
+
+        Where that is not known, the function itself, at a place that depends on nothing but the time in what is.
+        """
+        t, rest = arguments[0][0], arguments[1:]
+        total, unknown = jnp.zeros(size), [name not in self.patterns for _, name in rest]
+        for x, name in rest:
+            if name in self.patterns:
+                rows, columns = self.patterns[name]
+                total = total.at[rows].add(x[columns])
+        if any(unknown):
+            held = (x if open_ else t + jnp.zeros_like(x) for (x, _), open_ in zip(rest, unknown, strict=True))
+            total = total + function(t, *held)
+        return total
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return self._of(self.structure.n, self.inner.force, (t, ""), (q, "force_q"), (v, "force_v"))
+
+    def mass(self, t: Any, q: Any) -> Any:
+        return self.inner.mass(t, q) if self.columns is None else Sparse(t + jnp.ones(self.columns.shape), self.columns)
+
+    def mass_product(self, t: Any, q: Any, x: Any) -> Any:
+        if self.columns is None:
+            return self.inner.mass_product(t, q, x)
+        by = (q, "mass_product_jacobian"), (x, "mass_matrix")
+        return self._of(self.structure.n, self.inner.mass_product, (t, ""), *by)
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return self._of(self.structure.m, self.inner.constraint, (t, ""), (q, "constraint_jacobian"))
+
+    def _along(self, function: Callable[..., Any], t: Any, q: Any, x: Any) -> Any:
+        by = (q, "constraint_jacobian"), (x, "constraint_jacobian")
+        return self._of(self.structure.m, function, (t, ""), *by)
+
+    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
+        return self._along(self.inner.constraint_velocity, t, q, v)
+
+    def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
+        return self._along(self.inner.constraint_acceleration, t, q, v)
+
+    def position_row(self, t: Any, q: Any, x: Any) -> Any:
+        return self._along(self.inner.position_row, t, q, x)
+
+    def position_column(self, t: Any, q: Any, x: Any) -> Any:
+        by = (q, "reaction_q"), (x, "position_column")
+        return self._of(self.structure.n, self.inner.position_column, (t, ""), *by)
+
+    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+        by_lam = "position_column" if declared(self.system, "reaction") is None else ""
+        return self._of(self.structure.n, self.inner.reaction, (t, ""), (q, "reaction_q"), (lam, by_lam))
+
+    def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
+        by = (q, "velocity_constraint_q"), (v, "velocity_constraint_jacobian")
+        return self._of(self.structure.p, self.inner.velocity_constraint, (t, ""), *by)
+
+    def velocity_row(self, t: Any, q: Any, v: Any, x: Any) -> Any:
+        by = (q, "velocity_constraint_q"), (v, "velocity_constraint_jacobian"), (x, "velocity_constraint_jacobian")
+        return self._of(self.structure.p, self.inner.velocity_row, (t, ""), *by)
+
+    def velocity_constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
+        by = (q, "velocity_constraint_q"), (v, "velocity_acceleration_v")
+        return self._of(self.structure.p, self.inner.velocity_constraint_acceleration, (t, ""), *by)
+
+    def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
+        plain = declared(self.system, "velocity_reaction") is None
+        names = ("velocity_reaction_q", "velocity_reaction_v", "velocity_column") if plain else ("", "", "")
+        by = zip((q, v, mu), names, strict=True)
+        return self._of(self.structure.n, self.inner.velocity_reaction, (t, ""), *by)

@@ -1,0 +1,128 @@
+"""Which rows of [g_q; k_v] depend on the others: by a pivoted QR of full rows, by the null space of C^T of sparse ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import lapack, qr
+from scipy.sparse.linalg import splu
+
+from hhtbench.arguments import Matrix, Vector
+
+RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
+SHIFT = 1e-14  # of C C^T, whose dependent rows have no inverse: far below the square of any other singular value
+TRUSTED = 1e-4  # singular values from which iteration with the shifted matrix has told apart what is smaller
+SWEEPS = 3  # of that iteration: each makes parts of the null space 1e6 times larger than any other below TRUSTED
+FEW = 8  # vectors of the null space that are looked for first
+LAST = 1e-6  # by so much the last of equal rows counts for more: the one that repeats an earlier row is named
+
+
+@dataclass(frozen=True)
+class ConstraintRank:
+    """Rank of the stacked constraint Jacobian [g_q; k_v] at one point."""
+
+    rows: int
+    rank: int
+    redundant: tuple[int, ...]  #: rows that depend on the others (position rows first, then velocity rows)
+
+    @property
+    def text(self) -> str:
+        """Which rows, in words."""
+        return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
+
+
+def constraint_rank(rows: Any) -> ConstraintRank:
+    """Rank of ``rows`` (m + p, n) = [g_q; k_v], an array or sparse, of rows scaled to one.
+
+    Raises
+    ------
+    ValueError
+        They hold NaN or infinity.
+    """
+    count = rows.shape[0]
+    if count == 0:
+        return ConstraintRank(0, 0, ())
+    if not isinstance(rows, np.ndarray):
+        redundant = _dependent(_unit_rows(rows), RANK_TOLERANCE * count**0.5)
+        return ConstraintRank(count, count - len(redundant), redundant)
+    largest = np.abs(rows).max(axis=1, keepdims=True)
+    unit = rows / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
+    length = np.sqrt((unit * unit).sum(axis=1, keepdims=True))
+    unit = unit / np.where(length > 0, length, 1.0)
+    _expect_finite(unit)
+    triangle, pivots, *_ = lapack.dgeqp3(unit.T)
+    diagonal = np.abs(triangle.diagonal())
+    rank = int((diagonal > RANK_TOLERANCE * count**0.5).sum())
+    return ConstraintRank(count, rank, tuple(sorted(int(i) - 1 for i in pivots[rank:])))
+
+
+def minimum_norm(rows: Any, multipliers: Vector, redundant: tuple[int, ...]) -> Vector:
+    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
+
+    ``redundant`` are the dependent rows of the consistent configuration: off the constraints by an error, the rows are
+    independent by as little, and a null space found by a tolerance would jump there.
+    """
+    dependent = list(redundant)
+    kept = np.setdiff1d(np.arange(multipliers.size), dependent)
+    null = np.zeros((multipliers.size, len(dependent)))
+    null[dependent] = np.eye(len(dependent))
+    null[kept] = -_combinations(rows[kept], rows[dependent])
+    basis = np.linalg.qr(null)[0]
+    return np.asarray(multipliers - basis @ (basis.T @ multipliers), dtype=np.float64)
+
+
+def _combinations(independent: Any, dependent: Any) -> Matrix:
+    """X (rows, k) of least |independent^T X - dependent^T|; of sparse rows by the augmented system of least squares."""
+    if isinstance(independent, np.ndarray):
+        return np.linalg.lstsq(independent.T, dependent.T)[0]
+    kept, n = independent.shape
+    size = abs(independent).max(axis=1).toarray().ravel()
+    unit = sp.diags_array(1.0 / size) @ independent
+    augmented: Any = sp.block_array([[sp.eye_array(n), unit.T], [unit, None]], format="csc")
+    right = np.concatenate([dependent.toarray().T, np.zeros((kept, dependent.shape[0]))])
+    return np.asarray(splu(augmented).solve(right)[n:] / size[:, None])
+
+
+def _unit_rows(rows: Any) -> Any:
+    """Sparse ``rows`` scaled to length one; those of zeros stay."""
+    _expect_finite(rows.data)
+    largest = abs(rows).max(axis=1).toarray().ravel()
+    unit = sp.diags_array(1.0 / np.where(largest > 0, largest, 1.0)) @ rows  # first, so that no square overflows
+    length = np.sqrt((unit * unit).sum(axis=1))
+    return sp.diags_array(1.0 / np.where(length > 0, length, 1.0)) @ unit
+
+
+def _expect_finite(values: Any) -> None:
+    if not np.isfinite(values).all():
+        raise ValueError("the constraint Jacobian holds NaN or infinity")
+
+
+def _dependent(unit: Any, tolerance: float) -> tuple[int, ...]:
+    """Rows of ``unit`` (rows, n), sparse, without which the others are independent."""
+    null = _left_null_space(unit, tolerance)
+    if not null.shape[1]:
+        return ()
+    weighted = null * (1.0 + LAST * np.arange(1, len(null) + 1) / len(null))[:, None]
+    pivots = qr(weighted.T, mode="r", pivoting=True)[1]
+    return tuple(sorted(int(i) for i in pivots[: null.shape[1]]))
+
+
+def _left_null_space(unit: Any, tolerance: float) -> Matrix:
+    """Orthonormal x (rows, d) with |unit^T x| below ``tolerance``: inverse iteration with unit unit^T, shifted."""
+    rows, n = unit.shape
+    shift = -SHIFT * sp.eye_array(rows)
+    factor = splu(sp.block_array([[sp.eye_array(n), unit.T], [unit, shift]], format="csc"))
+    draw, count = np.random.default_rng(0), min(FEW, rows)
+    while True:
+        vectors = draw.normal(size=(rows, count))
+        for _ in range(SWEEPS):
+            vectors = factor.solve(np.concatenate([np.zeros((n, count)), vectors]))[n:]
+            vectors = np.linalg.qr(vectors)[0]
+        _, size, right = np.linalg.svd(unit.T @ vectors, full_matrices=False)
+        size = np.concatenate([size, np.zeros(count - size.size)])
+        if count == rows or size[0] > TRUSTED:
+            return np.asarray(vectors @ right[size[: len(right)] <= tolerance].T)
+        count = min(2 * count, rows)
