@@ -53,8 +53,12 @@ FAILURE = click.Choice([ANY, *STATUS.choices])
     help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
 )
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
-@click.option("--retry", multiple=True, type=STATUS, help="Run cells again that ended so, crashed for instance.")
-@click.option("--fail-on", multiple=True, type=FAILURE, help="Exit with 1 where a cell ended so; any: not well.")
+@click.option(
+    "--retry", multiple=True, type=STATUS, metavar="STATUS", help="Run cells again that ended so, crashed for instance."
+)
+@click.option(
+    "--fail-on", multiple=True, type=FAILURE, metavar="STATUS|any", help="Exit with 1 where a cell ended so; any: not well."
+)
 @click.option(
     "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Who runs the cells."
 )
