@@ -54,7 +54,9 @@ def find(fault: Fault, trees: Queue[Path]) -> dict[str, str]:
     tree = trees.get()
     before = fault.plant(tree)
     try:
-        return run_checks(tree, fault.checked, fault.first)
+        found = run_checks(tree, fault.checked, fault.first)
+        click.echo(f"{fault.name}: {found['flagged'] or 'SURVIVES'}", err=True)
+        return found
     finally:
         (tree / fault.file).write_text(before, encoding="utf-8")
         trees.put(tree)
@@ -79,7 +81,6 @@ def main(jobs: int, only: str, sound: bool) -> None:
         rows, survivors = [], []
         for fault, found in zip(chosen, threads.map(lambda fault: find(fault, trees), chosen), strict=True):
             flagged = found["flagged"] or "SURVIVES"
-            click.echo(f"{fault.name}: {flagged}", err=True)
             rows.append([fault.name, fault.file, fault.checked, flagged, found["message"][:LONGEST]])
             survivors += [] if found["flagged"] else [fault.name]
     click.echo(tabulate(rows, headers=["fault", "planted in", "checked", "flagged by", "which says"], disable_numparse=True))

@@ -18,7 +18,7 @@ from hhtbench.testing import Check, check_problem, check_solver
 from hhtbench.testing.scenes import SCENES
 from tests.testing.claims import claims_of
 
-SECONDS = 150  # of processor time: a fault may make a loop endless
+SECONDS = 75  # of processor time: a fault may make a loop endless; without one all checks take a third of it
 
 
 def loaded(group: str, text: str) -> Any:
