@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hhtbench.campaign.run import WARM_UP, Phase, attempt, request_of, succeeded, warm_up, without_output
+from hhtbench.campaign.run import WARM_UP, Phase, request_of, text_of, warm_up, without_output
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request
 
@@ -31,23 +31,23 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
         phase(WARM_UP)
         warm_up(problem, solver, request)
     phase("a timed solve")
-    first = attempt(problem, solver, request)
-    if not succeeded(first):
-        return {"note": f"a timed solve ended with {first.status.label}: {first.message}"}
-    if first.cpu >= LEAST:
-        return {"cpu_s": first.cpu, "wall_s": first.seconds, "solves": 1, "load": load()}
-    return reading(problem, solver, request)
+    try:
+        return reading(problem, solver, request)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this reading only
+        return {"note": f"a timed solve raised {text_of(error)}"}
 
 
 def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any]:
-    """Of solves in a row, until they have taken ``LEAST``, the times of one [s]."""
+    """Of solves in a row, until they have taken ``LEAST``, the times of one [s]; what they found has been judged before."""
     count, cpu, wall = 0, 0.0, 0.0
     gc.collect()
     gc.disable()
     try:
         begun, used = time.perf_counter(), time.process_time()
         while cpu < LEAST and wall < PATIENCE * LEAST:
-            solver.solve(problem, request)
+            found = solver.solve(problem, request)
+            if not found.success:
+                return {"note": f"a timed solve ended with {found.status.label}: {found.message}"}
             count += 1
             wall, cpu = time.perf_counter() - begun, time.process_time() - used
     finally:

@@ -41,7 +41,7 @@ FAILURE = click.Choice([ANY, *STATUS.choices])
 @click.option("--rtol", multiple=True, help='Relative tolerances, "1e-4, 1e-6".')
 @click.option("--step", multiple=True, help="Constant steps [s].")
 @click.option("--steps", multiple=True, help="Numbers of equal steps.")
-@click.option("--campaign", "name", help="A named campaign (quick); --problems and --solvers then choose a part of it.")
+@click.option("--campaign", "name", help="quick, full or FILE.toml; --problems and --solvers then choose a part of it.")
 @click.option(
     "--store", "file", type=click.Path(dir_okay=False, path_type=Path), required=True, help="SQLite file; resumed."
 )

@@ -17,7 +17,7 @@ from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
-SAME_START = 1e-6  # of the size, or the relative tolerance: how far the first row may lie from the start
+SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
 ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 
@@ -134,7 +134,7 @@ def _output_times(problem: Problem, request: Request, t: Vector, complete: bool)
 def _start(problem: Problem, request: Request, motion: Motion) -> str:
     if not motion[0].size or motion[0][0] != problem.t_span[0]:
         return ""
-    allowed = SAME_START if request.rtol is None else max(SAME_START, float(np.max(request.rtol)))
+    allowed = SAME_START if request.rtol is None else max(SAME_START, 2.0 * float(np.max(request.rtol)))
     for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
         off = np.abs(rows[0] - first)
         if float(off.max()) > allowed * max(1.0, float(np.abs(first).max())):

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from hhtbench import Status
 from hhtbench.campaign.clock import LEAST, LONG, PATIENCE, enough, time_cell, timing_of
 from tests.campaign.test_run import ASKED, PROBLEM, Line, line
 
@@ -30,7 +31,7 @@ def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch:
     monkeypatch.delattr(Line, "warm_up")
     monkeypatch.setattr(Line, "solve", busy(2 * LEAST))
     solver = Line()
-    time_cell(PROBLEM, solver, ASKED, False, lambda _: None)
+    assert time_cell(PROBLEM, solver, ASKED, False, lambda _: None)["solves"] == 1
     assert solver.diary == ["solve"] * 2
     time_cell(PROBLEM, solver, ASKED, True, lambda _: None)
     assert solver.diary == ["solve"] * 3
@@ -72,3 +73,6 @@ def test_long_and_failed_solves_are_not_repeated(monkeypatch: pytest.MonkeyPatch
     assert enough([failed])
     assert timing_of([failed])["repeats"] == 0
     assert "ZeroDivisionError" in timing_of([failed])["note"]
+    ended = lambda self, problem, request: line(request.t_eval, status=Status.newton_failed)  # noqa: E731
+    monkeypatch.setattr(Line, "solve", ended)
+    assert "ended with newton_failed" in time_cell(PROBLEM, Line(), ASKED, True, lambda _: None)["note"]
