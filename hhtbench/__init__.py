@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from hhtbench.api import solve
     from hhtbench.checks import check
     from hhtbench.description import describe
-    from hhtbench.errors import NotFoundError, ProblemError
+    from hhtbench.equations import Equations
+    from hhtbench.errors import NotFoundError, ProblemError, Stop
     from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
     from hhtbench.registry import (
         list_problems,
@@ -23,11 +24,14 @@ if TYPE_CHECKING:
         load_solver,
         load_verification,
     )
-    from hhtbench.request import Request
+    from hhtbench.request import Request, plan_steps
     from hhtbench.result import Counters, Solution, Status
 
 __all__ = [
+    "HHT",
     "Counters",
+    "Equations",
+    "Event",
     "Motion",
     "NotFoundError",
     "NumpySystem",
@@ -37,7 +41,9 @@ __all__ = [
     "Scales",
     "Solution",
     "Status",
+    "Stop",
     "System",
+    "__version__",
     "check",
     "describe",
     "list_problems",
@@ -47,6 +53,7 @@ __all__ = [
     "load_solver",
     "load_verification",
     "parameter",
+    "plan_steps",
     "solve",
 ]
 
@@ -54,22 +61,30 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "api": ("solve",),
     "checks": ("check",),
     "description": ("describe",),
-    "errors": ("NotFoundError", "ProblemError"),
+    "equations": ("Equations",),
+    "errors": ("NotFoundError", "ProblemError", "Stop"),
     "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
     "registry": (
         *("list_problems", "list_solvers", "list_verifications"),
         *("load_problem", "load_solver", "load_verification"),
     ),
-    "request": ("Request",),
+    "request": ("Request", "plan_steps"),
     "result": ("Counters", "Solution", "Status"),
 }
+REGISTERED = ("HHT", "Event")  # under the entry-point group hhtbench.names: hhtbench imports no solver
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name in REGISTERED:
+        value = import_module(f"{__name__}.plugins").load("name", name)
+    elif name == "__version__":
+        value = import_module("importlib.metadata").version(__name__)
+    elif name in _HOMES:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
     return value
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import check_output_times, make_request
 from hhtbench.result import Solution, Status
+
+RTOL = 1e-4  #: where a request has neither tolerances nor steps: plain engineering accuracy
 
 
 def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) -> Solution:
@@ -25,7 +28,8 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     solver
         A solver or a spec such as ``hht(alpha=-0.1)``.
     request
-        Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``
+        Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
+        tolerances nor steps ``rtol = 1e-4``, which the message says.
 
     Returns
     -------
@@ -39,7 +43,9 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
         Wrong use, before any function of the system is called.
     """
     began = time.perf_counter()
-    asked = make_request(**request)
+    asked, note = make_request(**request), ""
+    if not asked.fixed and asked.rtol is None and asked.atol is None:
+        asked, note = replace(asked, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
     clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
     loaded, chosen = load_problem(problem), load_solver(solver)
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)
@@ -48,9 +54,10 @@ def solve(problem: Problem | str, solver: Solver | str = "hht", **request: Any) 
     with handed_over(clock):
         try:
             reason = chosen.accepts(loaded, asked)
-            return chosen.solve(loaded, asked) if reason is None else _nothing(loaded, Status.declined, reason)
+            found = chosen.solve(loaded, asked) if reason is None else _nothing(loaded, Status.declined, reason)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
+    return replace(found, message=f"{found.message} {note}") if note and found.status is not Status.declined else found
 
 
 def _nothing(problem: Problem, status: Status, message: str) -> Solution:

@@ -15,6 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tabulate import tabulate
 
 from hhtbench.errors import ProblemError
@@ -135,6 +136,17 @@ def environment() -> dict[str, str]:
         except PackageNotFoundError:
             found[library] = "not installed"
     return {**found, "date": datetime.now(UTC).strftime("%Y-%m-%d")}
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON: arrays as lists, a number that is not finite as null."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _number(value: str | float) -> str:

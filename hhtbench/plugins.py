@@ -24,6 +24,7 @@ GROUPS = {
     "solver": "hhtbench.solvers",
     "verification": "hhtbench.verifications",
     "reference": "hhtbench.references",
+    "name": "hhtbench.names",
 }
 
 _loaded: dict[tuple[str, str], tuple[Any, str, ModuleType, Any]] = {}  # reading all distributions takes two milliseconds

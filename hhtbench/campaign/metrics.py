@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
 from hhtbench.campaign.drift import Drift, measure_drift, own_multipliers
+from hhtbench.evidence import plain
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution
 
@@ -51,17 +51,6 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
 def counters_of(counters: Counters) -> dict[str, Any]:
     """``counters`` of a row."""
     return plain({field.name: getattr(counters, field.name) for field in fields(counters)})
-
-
-def plain(value: Any) -> Any:
-    """``value`` as JSON: arrays as lists, a number that is not finite as null."""
-    if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _add_errors(

@@ -9,7 +9,7 @@ import click
 
 from hhtbench.campaign.machine import usable_cores
 from hhtbench.checks import check
-from hhtbench.commands.common import FAILED, conclude, require_folder
+from hhtbench.commands.common import FAILED, conclude, json_option, require_folder
 from hhtbench.library import check_all
 from hhtbench.registry import load_problem
 
@@ -18,7 +18,7 @@ from hhtbench.registry import load_problem
 @click.argument("problem", required=False)
 @click.option("--all", "every", is_flag=True, help="Check every registered problem.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Worker processes with --all.  [default: one a core]")
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+@json_option
 def check_command(problem: str | None, every: bool, jobs: int | None, json_file: Path | None) -> None:
     """Check that PROBLEM keeps its promises: shapes, derivatives, consistent start, rank, energy."""
     if every == (problem is not None):

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence
+
+if TYPE_CHECKING:
+    from hhtbench.evidence import Evidence
 
 FAILED = 1
+
+json_option = click.option(
+    "--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write what is found to this file, as JSON."
+)
+
+
+def write_json(value: Any, file: Path | None) -> None:
+    """``value`` into ``file``, if one is asked for; a number that is not finite is null."""
+    if file is not None:
+        from hhtbench.evidence import plain  # it loads NumPy, which `hhtbench list` does without
+
+        require_folder(file)
+        file.write_text(json.dumps(plain(value), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def conclude(evidence: Evidence, json_file: Path | None) -> NoReturn:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
+from hhtbench.commands.common import json_option, write_json
 from hhtbench.description import describe
 from hhtbench.registry import load_problem
 
 
 @click.command("describe")
 @click.argument("problem")
-def describe_command(problem: str) -> None:
+@json_option
+def describe_command(problem: str, json_file: Path | None) -> None:
     """State what PROBLEM declares, what is therefore not computed, and how it is evaluated."""
-    click.echo(str(describe(load_problem(problem))))
+    found = describe(load_problem(problem))
+    write_json(found.as_dict(), json_file)
+    click.echo(str(found))

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from hhtbench import plugins
+from hhtbench.commands.common import json_option, write_json
+
+KINDS = ("problem", "solver", "verification", "reference")
 
 
 @click.command("list")
-def list_command() -> None:
+@json_option
+def list_command(json_file: Path | None) -> None:
     """List problems, solvers and verifications."""
-    for kind in plugins.GROUPS:
-        summaries = plugins.summaries(kind)
+    found = {kind: plugins.summaries(kind) for kind in KINDS}
+    write_json(found, json_file)
+    for kind, summaries in found.items():
         click.echo(f"{kind}s" + ("" if summaries else ": none registered"))
         width = max(map(len, summaries), default=0)
         for name, summary in summaries.items():

@@ -43,6 +43,12 @@ def errors_at_end(problem: Problem, solution: Solution) -> str:
     return f"against the {source}\n" + tabulate(rows, headers=headers, tablefmt="plain", disable_numparse=True)
 
 
+def as_dict(solution: Solution) -> dict[str, Any]:
+    """Status, message, counters and rows as plain Python values but for the arrays."""
+    arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
+    return {"status": solution.status.label, "message": solution.message, "counters": vars(solution.counters), **arrays}
+
+
 def save_solution(solution: Solution, path: Path) -> Path:
     """Write the arrays, status and message as ``.npz``; returns the file's path."""
     file = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")

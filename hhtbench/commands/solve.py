@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from hhtbench.api import solve
-from hhtbench.commands.common import FAILED, require_folder
-from hhtbench.commands.solution import end_state, errors_at_end, save_solution
+from hhtbench.commands.common import FAILED, json_option, require_folder, write_json
+from hhtbench.commands.solution import as_dict, end_state, errors_at_end, save_solution
 from hhtbench.registry import load_problem
 
 
@@ -24,16 +24,19 @@ from hhtbench.registry import load_problem
 @click.option("--max-num-steps", type=int, help="Most accepted steps.")
 @click.option("--max-evaluations", type=int, help="Most residual evaluations.")
 @click.option("--max-seconds", type=float, help="Most wall-clock time [s].")
+@json_option
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Write t, q, v, lam, mu to this .npz file.")
-def solve_command(problem: str, solver: str, output: Path | None, **request: Any) -> None:
+def solve_command(problem: str, solver: str, output: Path | None, json_file: Path | None, **request: Any) -> None:
     """Integrate PROBLEM; print status, counters, end state and, where it is known, the error."""
     require_folder(output)
+    require_folder(json_file)
     loaded = load_problem(problem)
     solution = solve(loaded, solver, **{name: value for name, value in request.items() if value is not None})
     click.echo(repr(solution))
     for text in (end_state(solution), errors_at_end(loaded, solution)):
         if text:
             click.echo(f"\n{text}")
+    write_json(as_dict(solution), json_file)
     if output is not None:
         click.echo(f"\nwritten: {save_solution(solution, output)}")
     sys.exit(0 if solution.success else FAILED)

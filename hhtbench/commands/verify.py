@@ -8,14 +8,14 @@ from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import conclude, require_folder, shown
+from hhtbench.commands.common import conclude, json_option, require_folder, shown
 from hhtbench.registry import load_verification
 from hhtbench.report import write_report
 
 
 @click.command("verify")
 @click.argument("name")
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+@json_option
 @click.option(
     "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write the report into this folder."
 )

@@ -47,5 +47,5 @@ def _section(plot: Plot, styles: dict[str, int]) -> str:
 
 
 def embedded(drawn: go.Figure) -> str:
-    """The figure as JSON within a script element, which "</" inside a string would end."""
-    return json.dumps(json.loads(drawn.to_json()), separators=(",", ":")).replace("</", "<\\/")
+    """The figure as JSON within a script element: "</script>" would end it, and "<!--<script>" hide its end."""
+    return json.dumps(json.loads(drawn.to_json()), separators=(",", ":")).replace("<", "\\u003c")

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import re
+
 import jax.numpy as jnp
 import pytest
 
+import hhtbench
 from hhtbench import NumpySystem, Problem, ProblemError, Status, System, solve
 
 
@@ -69,3 +72,22 @@ def test_output_times_outside_the_interval_are_refused_before_the_solver_is_aske
         solve(_problem(NumpySystem(force=_explodes)), Declines(), t_eval=[0.5, 2.0])
     with pytest.raises(ProblemError, match="sorted along the interval"):
         solve(_problem(NumpySystem(force=_explodes)), Declines(), t_eval=[0.5, 0.2])
+
+
+def test_without_tolerances_and_steps_plain_accuracy_is_taken_and_said():
+    told, asked = solve("simple_pendulum"), solve("simple_pendulum", rtol=1e-4)
+    assert told.success
+    assert told.q.tolist() == asked.q.tolist()
+    assert told.message == f"{asked.message} No tolerance was given: rtol = 0.0001 was taken."
+    declined = solve("simple_pendulum", "rattle")
+    assert declined.status is Status.declined  # a solver of prescribed steps still asks for them
+    assert "step" in declined.message
+
+
+def test_the_integrator_and_its_events_are_names_of_the_package():
+    from solvers.hht import HHT, Event
+
+    assert (hhtbench.HHT, hhtbench.Event) == (HHT, Event)
+    assert re.fullmatch(r"\d+\.\d+.*", hhtbench.__version__)
+    with pytest.raises(AttributeError, match="no attribute 'Hht'"):
+        _ = hhtbench.Hht

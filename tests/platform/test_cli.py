@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from hhtbench.cli import COMMANDS, main
 from hhtbench.commands import verify
+from hhtbench.description import Description, Statement
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, Row
 
@@ -123,8 +124,9 @@ def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code
 
 
 def test_describe_prints_the_description(acme, run, monkeypatch):
-    monkeypatch.setattr("hhtbench.commands.describe.describe", lambda problem: f"describes {problem.name}")
-    assert run("describe", "acme_fall").output == "describes fall\n"
+    told = Description(title="describes fall", statements=(Statement("declared", "force", "a weight"),))
+    monkeypatch.setattr("hhtbench.commands.describe.describe", lambda problem: told if problem.name == "fall" else None)
+    assert run("describe", "acme_fall").output == f"{told}\n"
 
 
 def test_verify_writes_report_and_rows_and_ends_with_the_summary(acme, run, tmp_path, monkeypatch):
@@ -147,3 +149,22 @@ def test_progress_is_shown_only_to_a_person_who_waits(acme, run, monkeypatch):
     result = run("verify", "acme_good")
     assert "halfway" in result.stderr
     assert "halfway" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("list",), lambda told: "acme_fall" in told["problem"] and "acme_still" in told["solver"]),
+        (("describe", "acme_fall"), lambda told: any(row["subject"] == "force" for row in told["statements"])),
+        (
+            ("solve", "acme_fall(height=2)", "--solver", "acme_still", "--step", "0.1"),
+            lambda told: told["status"] == "success" and told["q"] == [[2.0], [2.0]] and told["counters"]["provenance"],
+        ),
+    ],
+)
+def test_what_a_command_prints_is_there_as_json(acme, run, tmp_path, words, found):
+    file = tmp_path / "found.json"
+    result = run(*words, "--json", str(file))
+    assert result.exit_code == 0, result.output
+    assert found(json.loads(file.read_text()))
+    assert run(*words, "--json", str(tmp_path / "nowhere" / "found.json")).exit_code == 2

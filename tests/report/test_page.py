@@ -160,6 +160,15 @@ def test_signs_of_html_in_texts_of_rows_are_harmless(rows, tmp_path):
     assert escape(message) in text
 
 
+def test_no_name_of_a_solver_opens_a_script_inside_a_chart(rows, tmp_path):
+    strange = [replace(row, solver="mine.py:solve(name='<!--<script>')") for row in rows[:10]]
+    write_comparison([*strange, *rows[10:]], tmp_path, COMMAND)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    charts = re.findall(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert any("\\u003c!--\\u003cscript" in chart for chart in charts)
+    assert all("<" not in chart for chart in charts)  # a browser reads "<!--<script>" as a script within the script
+
+
 def test_machine_and_versions_and_command_are_told(page, report):
     assert "processor &lt;Test&gt; &amp; Co, cores 2" in page
     assert f"<code>{COMMAND}</code>" in page

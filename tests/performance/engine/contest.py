@@ -16,8 +16,8 @@ from typing import Any
 from hhtbench import load_problem, load_solver
 from hhtbench.analysis.cells import Point, state_error
 from hhtbench.analysis.missing import NOT_RUN
-from hhtbench.campaign.metrics import plain
 from hhtbench.campaign.run import attempt, request_of, run_cell, succeeded, without_output
+from hhtbench.evidence import plain
 from hhtbench.protocol import Problem
 from hhtbench.specs import canonical
 from hhtbench.store import RunRow

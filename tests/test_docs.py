@@ -1,0 +1,112 @@
+"""What the pages of docs/ show runs as printed, and does what a solver and a mechanism from elsewhere should."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import hhtbench as hb
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def run_page(name):
+    """All Python blocks of a page, one after the other; what they define."""
+    scope: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", (DOCS / name).read_text(encoding="utf-8"), re.DOTALL):
+        exec(compile(block, name, "exec"), scope)
+    return scope
+
+
+@pytest.fixture(scope="module")
+def rk4():
+    return run_page("write_a_solver.md")["RK4"]()
+
+
+def test_every_page_has_code_that_is_run_here():
+    assert {file.name for file in DOCS.glob("*.md")} == {"write_a_solver.md", "write_a_problem.md"}
+
+
+@pytest.mark.parametrize("name", ["jay_negrut_pendulum", "knife_edge", "rolling_disk3d_steady"])
+def test_the_solver_of_the_page_has_order_four_in_rows_and_multipliers(rk4, name):
+    problem = hb.load_problem(name)
+    t0, t1 = problem.t_span[0], problem.t_span[0] + min(1.0, problem.t_span[1] - problem.t_span[0])
+    short = hb.Problem(**{**vars(problem), "t_span": (t0, t1), "reference": None, "exact": None})
+    asked = {"t_eval": np.linspace(t0, t1, 8)}
+    true = hb.solve(short, "projected", rtol=1e-12, **asked)
+    errors = []
+    for steps in (50, 100, 200):
+        found = hb.solve(short, rk4, steps=steps, **asked)
+        pairs = [(found.q, true.q), (found.v, true.v), (found.lam, true.lam), (found.mu, true.mu)]
+        errors.append([np.max(np.abs(a - b), initial=0.0) for a, b in pairs])
+    errors = np.array(errors)[:, np.array(errors[-1]) > 1e-11]  # of what a problem has, above roundoff
+    assert errors.size
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 4.0, atol=0.5)
+
+
+def test_redundant_rows_are_left_out_and_multipliers_are_those_of_least_norm(rk4):
+    found = hb.solve("redundant_pendulum", rk4, steps=2000, t_eval=[1.0])
+    with pytest.warns(UserWarning, match="redundant"):
+        true = hb.solve("redundant_pendulum", "projected", rtol=1e-10, t_eval=[1.0])
+    assert found.lam.shape == (1, 2)
+    np.testing.assert_allclose(found.lam, true.lam, rtol=1e-5)
+
+
+def test_a_solver_runs_backwards(rk4):
+    problem = hb.load_problem("jay_negrut_pendulum")
+    there = hb.solve(problem, rk4, steps=1000)
+    back = hb.Problem(name="back", system=problem.system, t_span=problem.t_span[::-1], q0=there.q[-1], v0=there.v[-1])
+    middle = (problem.t_span[0] + problem.t_span[1]) / 2
+    found = hb.solve(back, rk4, steps=1000, t_eval=[middle, problem.t_span[0]])
+    np.testing.assert_allclose(found.q[1], problem.q0, atol=1e-4)
+    np.testing.assert_allclose(found.q[0], there(middle).q, atol=1e-4)
+
+
+def test_budgets_end_a_solve_with_the_rows_that_were_reached(rk4):
+    found = hb.solve("simple_pendulum", rk4, steps=100, max_evaluations=42)
+    assert found.status is hb.Status.evaluation_budget
+    assert found.counters.residual_evaluations == 42
+    assert found.t.size == 11  # the start and ten steps of four
+    found = hb.solve("andrews", rk4, steps=10**6, max_seconds=1.0)
+    assert found.status is hb.Status.deadline
+    assert 1 < found.t.size < 10**6
+
+
+def test_a_value_that_is_not_finite_ends_a_solve_with_its_time(rk4):
+    system = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan if t > 0.5 else -1.0]))
+    found = hb.solve(hb.Problem(name="p", system=system, t_span=(0.0, 1.0), q0=[0.0], v0=[0.0]), rk4, steps=10)
+    assert found.status is hb.Status.nonfinite_callback
+    assert "force[0] = nan at t = 0.55" in found.message
+    np.testing.assert_allclose(found.q[-1], -(found.t[-1] ** 2) / 2)
+    assert found.t[-1] == 0.5
+
+
+def test_rows_that_do_not_fit_are_refused():
+    equations = hb.Equations(hb.load_problem("simple_pendulum"))
+    with pytest.raises(hb.ProblemError, match=r"shapes \(k,\), \(k, 2\), \(k, 2\); got \(3,\), \(3, 1\), \(3, 2\)"):
+        equations.solution(np.zeros(3), np.zeros((3, 1)), np.zeros((3, 2)))
+
+
+def test_both_levels_are_those_of_the_constraints():
+    equations = hb.Equations(hb.load_problem("simple_pendulum"))  # a rod of length one
+    position, velocity = equations.constraints(0.0, np.array([2.0, 0.0]), np.array([3.0, 0.0]))
+    assert (equations.n, equations.m, equations.p) == (2, 1, 0)
+    assert abs(position[0]) > 0.5
+    assert abs(velocity[0]) > 0.5
+    assert np.all(equations.constraints(0.0, np.array([0.0, 1.0]), np.array([3.0, 0.0]))[1] == 0.0)
+
+
+def test_the_mechanism_of_the_page_moves_as_its_equation_in_one_coordinate_says(capsys):
+    scope = run_page("write_a_problem.md")
+    assert "claims hold" in capsys.readouterr().out
+    found, g, length = scope["solution"], 9.81, 1.5
+
+    def falling(t, y):  # angle'' = -3 g cos(angle) / (2 length), while both ends touch
+        return [y[1], -1.5 * g * np.cos(y[0]) / length]
+
+    angle = solve_ivp(falling, (0.0, 0.4), [1.2, 0.0], rtol=1e-11, atol=1e-12).y[0, -1]
+    np.testing.assert_allclose(found.q[-1, 2], angle, atol=1e-5)
