@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.sparse import issparse
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock, Work
@@ -20,6 +19,7 @@ from hhtbench.lowering import (
     minimum_norm,
     padded,
     reduce_redundant,
+    redundant_rows,
 )
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
@@ -60,7 +60,7 @@ class Equations:
         if not self._whole.structure.constrained:
             return None
         at = self._levels.at(self.problem.t_span[0], self.problem.q0, self.problem.v0)
-        if issparse(at.position_jacobian) or not at.rank.redundant:  # in large systems the KKT matrix tells
+        if not at.ranked or not at.rank.redundant:
             return None
         return reduce_redundant(self._whole, at.rank.redundant)
 
@@ -200,9 +200,8 @@ class Equations:
         if self._dynamics is self._whole:
             return found.vdot, found.lam, found.mu
         lam, mu = padded(self._dynamics, found.lam[None], found.mu[None])
-        at, kept = self._levels.at(t, q, v), self._dynamics.structure
-        rows = np.concatenate([at.position_jacobian, at.velocity_jacobian])
-        least = minimum_norm(rows, np.concatenate([lam[0], mu[0]]), kept.m + kept.p)
+        rows, redundant = self._levels.at(t, q, v).rows, redundant_rows(self._dynamics)
+        least = minimum_norm(rows, np.concatenate([lam[0], mu[0]]), redundant)
         return found.vdot, least[: self.m], least[self.m :]
 
 
