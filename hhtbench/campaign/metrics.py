@@ -39,9 +39,9 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
     t0, t1 = problem.t_span
     last = float(solution.t[-1])
     metrics: dict[str, Any] = {"t_end": last, "reached": (last - t0) / (t1 - t0) if t1 != t0 else 1.0, "rows": count}
-    series: dict[str, Any] = {"multipliers": _multipliers(solution), "states": _states(solution)}
+    series: dict[str, Any] = {"multipliers": _multipliers(solution)}
     notes = []
-    for part in (_add_errors, _add_drift):
+    for part in (_add_states, _add_errors, _add_drift):
         try:
             part(problem, solution, at_steps, metrics, series)
         except Exception as error:  # noqa: BLE001 - a user's function: the solve itself stands
@@ -90,12 +90,14 @@ def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dic
     return {"t": t[ends], **{name: choose.reduceat(values, starts) for name, values in curves.items()}}
 
 
-def _states(solution: Solution) -> dict[str, Any]:
+def _add_states(
+    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
+) -> None:
     """Rows at equal distances, the last among them."""
     count, width = solution.t.size, 2 * solution.q.shape[1]
     most = max(1, min(count, MOST_STATES, MOST_NUMBERS // max(1, width)))
     rows = np.unique(np.linspace(count - 1, 0, most).astype(int))
-    return {"t": solution.t[rows], "q": solution.q[rows], "v": solution.v[rows]}
+    series["states"] = {"t": solution.t[rows], "q": solution.q[rows], "v": solution.v[rows]}
 
 
 def _multipliers(solution: Solution) -> dict[str, Any]:

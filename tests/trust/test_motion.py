@@ -98,7 +98,7 @@ def test_only_the_last_row_lies():
 
 def test_events_may_change_the_state_between_windows():
     """A ball that bounces at 0.4 s: rows before and after are judged, the jump is not."""
-    t = np.linspace(0.0, 1.0, 21)
+    t = np.linspace(0.0, 1.0, 5)  # so few that no piece between them is left out
     before, after, at = t < 0.4, t >= 0.4, 0.4
     q, v = fall(t).q.copy(), fall(t).v.copy()
     v[after, 0] = 9.81 * 0.4 - 9.81 * (t[after] - at)

@@ -108,8 +108,8 @@ class Straight:
 """
 
 
-@pytest.mark.parametrize(("more", "code"), [((), 0), (("liar.py:Straight",), 1)])
-def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, monkeypatch, more, code):
+@pytest.mark.parametrize("more", [(), ("liar.py:Straight",)])
+def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, monkeypatch, more):
     (tmp_path / "rod.py").write_text(MECHANISM)
     (tmp_path / "liar.py").write_text(LIAR)
     monkeypatch.chdir(tmp_path)
@@ -117,10 +117,10 @@ def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, mon
     monkeypatch.setattr("hhtbench.validation.plan.PAIRS", pairs)
     monkeypatch.setattr("hhtbench.validation.plan.STEPS", (2000,))
     result = CliRunner().invoke(main, ["validate", "rod.py:problem", "--jobs", "1", "--out", "table.md"])
-    assert result.exit_code == code, result.output
+    assert result.exit_code == 0, result.output
     assert "no reference: judged by agreement" in result.output
     text = (tmp_path / "table.md").read_text()
     assert "## rod.py:problem: who agrees with whom" in text
     assert "rattle" in text
-    if code:
-        assert "no solver disagrees with the others (no reference: judged by agreement): liar.py:Straight" in result.output
+    if more:  # its rows are not believed, so that it takes no part
+        assert "Straight, unreliable: equations of motion" in text
