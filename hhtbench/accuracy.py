@@ -65,7 +65,7 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
     Raises
     ------
     ProblemError
-        ``accuracy`` is below what roundoff allows or above a tenth, or comes with tolerances or steps.
+        ``accuracy`` is below what roundoff allows or above a half, or comes with tolerances or steps.
     """
     accuracy = real_number("accuracy", accuracy)
     if not LEAST <= accuracy <= 0.5:
@@ -81,8 +81,10 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         n, none = problem.q0.size, np.empty((0, 0))
         empty = np.empty((0, n))
         return Solution(t=np.empty(0), q=empty, v=empty, lam=none, mu=none, status=Status.declined, message=reason)
-    smooth = kind == "steps" or getattr(solver, "smooth_error", False)
-    return _Search(problem, accuracy, request, once, kind, smooth).run()
+    found = _Search(problem, accuracy, request, once, kind)
+    found.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
+    found.known = getattr(solver, "judges_itself", False)
+    return found.run()
 
 
 def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tuple[str | None, str]:
@@ -102,22 +104,28 @@ class _Run:
 class _Search:
     """The runs so far, and what follows from them."""
 
-    def __init__(self, problem: Problem, accuracy: float, request: Request, once: Once, kind: str, smooth: bool) -> None:
+    def __init__(self, problem: Problem, accuracy: float, request: Request, once: Once, kind: str) -> None:
         self.problem, self.accuracy, self.request, self.once, self.kind = problem, accuracy, request, once, kind
-        self.smooth = smooth  #: errors are a smooth function of the setting
+        self.smooth = False  #: errors are a smooth function of the setting
+        self.known = False  #: a solver of which it is known that it heeds its tolerances
+        self.last: Solution | None = None  #: of a run that failed
         self.finer, self.order = FINER[kind], ORDER[kind]
-        self.least_share = LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
         self.runs: list[_Run] = []
         self.differences: list[float] = []  #: between neighbouring runs
         self.spent: list[Counters] = []
         self.ends = math.inf if request.max_seconds is None else time.perf_counter() + request.max_seconds
+
+    @property
+    def least_share(self) -> float:
+        """Of the last difference: what is believed to be left at least."""
+        return LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
 
     def run(self) -> Solution:
         """Runs until the error is shown to be small enough, or cannot be."""
         setting, failed = min(COARSEST[self.kind], self.accuracy if self.kind == "rtol" else math.inf), 0
         while True:
             found = self._solved(setting)
-            if found.success:
+            if found.status is Status.success:
                 self._keep(_Run(setting, found))
                 failed = 0
                 bound = self._bound()
@@ -126,11 +134,10 @@ class _Search:
                     return self._finished(known)
                 setting = self._next(bound)
             else:
-                failed += 1
+                failed, self.last = failed + 1, found
                 if self.runs or failed == TOLERATED or found.status in BUDGETS:
-                    return self._unknown(
-                        f"a run at {self._told(setting)} ended with {found.status.label}: {found.message}", found
-                    )
+                    ended = f"{found.status.label}: {found.message.rstrip('.')}"
+                    return self._unknown(f"a run at {self._told(setting)} ended with {ended}", found)
                 setting /= self.finer
             if self._stalls() >= STALLS:
                 return self._unknown("finer runs do not come nearer to one another")
@@ -202,10 +209,15 @@ class _Search:
             np.ptp(x, axis=0) / np.asarray(s) for x, s in ((last.q, self.problem.scales.q), (last.v, self.problem.scales.v))
         ]
         small = SMALL * float(np.max(np.concatenate(ranges)))
-        return sum(ratio >= CONTRACTS and d < small for ratio, d in zip(self._ratios(), self.differences[1:], strict=True))
+        return sum(
+            ratio >= CONTRACTS and ROUNDOFF < d < small
+            for ratio, d in zip(self._ratios(), self.differences[1:], strict=True)
+        )
 
     def _differ_in_work(self) -> bool:
         """Whether the last runs took different steps: else they are one run, which tells nothing."""
+        if self.known:
+            return True
         return len({run.solution.counters.steps_accepted for run in self.runs[-3:]}) == len(self.runs[-3:])
 
     def _next(self, bound: float | None) -> float:
@@ -214,13 +226,15 @@ class _Search:
         if not self._is_pair():
             return last / self.finer
         error = SAFETY * self.least_share * self.differences[-1] if bound is None else bound
-        wanted = (
-            last * self.finer * max(AIM * self.accuracy / error if error > 0 else 0.0, 1 / MOST_FINER) ** (1 / self.order)
-        )
+        share = 1.0 if error == 0.0 else max(AIM * self.accuracy / error, 1 / MOST_FINER)
+        wanted = last * self.finer * share ** (1 / self.order)
         return wanted if wanted < last / self.finer**1.5 else last / self.finer
 
     def _finished(self, bound: float) -> Solution:
-        text = f"The scaled error of q and v is at most {bound:.2g}, as {len(self.spent)} runs up to {self._told()} show."
+        who = "" if self.known else ", if the solver solves this problem"
+        text = (
+            f"The scaled error of q and v is at most {bound:.2g}, as {len(self.spent)} runs up to {self._told()} show{who}."
+        )
         return self._solution(Status.success, f"{self.runs[-1].solution.message} {text}{self._scales()}", bound)
 
     def _unknown(self, why: str, failed: Solution | None = None) -> Solution:
@@ -229,6 +243,7 @@ class _Search:
         if self.differences:
             pair = " and ".join(self._told(run.setting) for run in self.runs[-2:])
             seen = f" Runs at {pair} differ by {self.differences[-1]:.2g} of the scales."
+        failed = failed or self.last
         if not self.runs and failed is not None:
             return replace(failed, counters=_summed(self.spent))
         text = f"An error of {self.accuracy:g} is not shown: {why}.{seen}{self._scales()}"
@@ -278,7 +293,7 @@ class _Search:
         if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
             return None
         before, last = self.differences[-2:]
-        if not 0.8 < 4 * last / before < 1.25:
+        if not 0.8 * before < 4 * last < 1.25 * before:
             return None
         fine, coarse = self.runs[-1].solution, self.runs[-2].solution
         limit = DenseOutput(fine.q + (fine.q - coarse.q) / 3, fine.v + (fine.v - coarse.v) / 3)

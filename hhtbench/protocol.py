@@ -43,6 +43,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from hhtbench.arguments import Vector, check_interval, real_array, real_number, real_vector
 from hhtbench.errors import ProblemError
@@ -198,6 +199,9 @@ class NumpySystem:
         strange = sorted(set(patterns) - set(PATTERNS))
         if strange:
             raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
+        if patterns:  # SciPy's sparse matrices are patterns too
+            full = {name: x.toarray() if hasattr(x, "toarray") else x for name, x in patterns.items()}
+            declared["sparsity"] = {name: np.asarray(x, dtype=bool) for name, x in full.items()}
         for name, value in {"force": force, **declared}.items():
             if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
                 raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")

@@ -117,7 +117,7 @@ def _equal(given: Vector, wanted: Vector) -> bool:
 
 
 def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
-    """Raise unless every declared pattern holds the derivative it is for, seen along one direction.
+    """Raise unless every declared pattern holds the derivative it is for, seen along one direction from three points.
 
     Raises
     ------
@@ -126,10 +126,21 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     """
     if not declared(dynamics.system, "sparsity"):
         return
+
+    def compare() -> None:
+        for at, place, moving, defined in _points(t, q, v):
+            try:
+                _compare_patterns(dynamics, at, place, moving)
+            except ProblemError:
+                raise
+            except Exception:
+                if defined:
+                    raise
+
     if route_of(dynamics) == "numpy":
-        _compare_patterns(dynamics, t, q, v)
+        compare()
     else:
-        _compared.find(ById(dynamics), lambda: _compare_patterns(dynamics, t, q, v))
+        _compared.find(ById(dynamics), compare)
 
 
 def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:

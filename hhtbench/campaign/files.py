@@ -40,7 +40,7 @@ def named_campaign(name: str) -> Campaign:
     if name.endswith(".toml"):
         file = Path(name).expanduser()
         try:
-            return read_campaign(file.read_text(encoding="utf-8"), name)
+            return read_campaign(file.read_text(encoding="utf-8-sig"), name)
         except FileNotFoundError as error:
             raise NotFoundError(f"there is no file {name} in {Path.cwd()}; give the path as seen from there.") from error
         except (OSError, UnicodeDecodeError) as error:

@@ -9,7 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hhtbench.analysis.cells import points
+from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.files import named_campaign
@@ -67,6 +70,7 @@ class Runs:
         return pandas.DataFrame(self.table(), columns=list(NAMES))
 
 
+LISTS = ("accuracies", "grids", "rtol", "step", "steps")
 NUMBERS = ("error", "time", "evaluations", "position", "velocity")
 NAMES = ("problem", "solver", "setting", "value", "status", "message", *NUMBERS)
 
@@ -107,7 +111,10 @@ def run(
     NotFoundError, ProblemError, TypeError
         Wrong use, before anything runs.
     """
-    chosen = _campaign(_specs(problems), _specs(solvers), campaign, fields)
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise TypeError(f"executor must be a concurrent.futures.Executor; got {executor!r}.")
+    jobs = None if jobs is None else positive_integer("jobs", jobs)
+    chosen = _campaign(_specs("problems", problems), _specs("solvers", solvers), campaign, fields)
     with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "runs.sqlite" if store is None else store) as rows:
         done = run_campaign(chosen, rows, limits=machine_limits(jobs), timing=timing, executor=executor)
     return Runs(done.rows)
@@ -116,12 +123,15 @@ def run(
 def _campaign(
     problems: tuple[str, ...], solvers: tuple[str, ...], campaign: str | Campaign | None, fields: dict[str, Any]
 ) -> Campaign:
-    of_campaign = {name: _value(value) for name, value in fields.items() if name in Campaign.__dataclass_fields__}
-    of_grid = {name: _value(value) for name, value in fields.items() if name in Grid.__dataclass_fields__}
+    of_campaign = {name: _value(name, value) for name, value in fields.items() if name in Campaign.__dataclass_fields__}
+    of_grid = {name: _value(name, value) for name, value in fields.items() if name in Grid.__dataclass_fields__}
     unknown = sorted(set(fields) - set(of_campaign) - set(of_grid))
     if unknown:
         known = sorted({*Campaign.__dataclass_fields__, *Grid.__dataclass_fields__} - {"grids", "problems", "solvers"})
         raise TypeError(f"run does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+    if of_grid and "accuracies" in of_campaign:
+        raise ProblemError(f"accuracies and {', '.join(of_grid)} exclude one another; give one of them.")
+    _check_accuracies(of_campaign.get("accuracies", (0.5,)))
     if campaign is None:
         return Campaign(grids=(Grid(problems=problems, solvers=solvers, **of_grid),), **of_campaign)
     if of_grid:
@@ -130,10 +140,22 @@ def _campaign(
     return replace(restrict(found, problems, solvers), **of_campaign)
 
 
-def _specs(given: Sequence[str] | str) -> tuple[str, ...]:
-    return (given,) if isinstance(given, str) else tuple(given)
+def _check_accuracies(given: tuple[Any, ...]) -> None:
+    if not given or not all(0.0 < real_number("accuracies", value) < 1.0 for value in given):
+        raise ProblemError(f"accuracies must be errors between 0 and 1, at least one; got {list(given)}.")
 
 
-def _value(value: Any) -> Any:
+def _specs(name: str, given: Sequence[str] | str) -> tuple[str, ...]:
+    some = (given,) if isinstance(given, str) else given
+    if not isinstance(some, (list, tuple)) or not all(isinstance(text, str) for text in some):
+        raise TypeError(f"{name} must be specs, as text, since other processes load them; got {given!r}.")
+    return tuple(some)
+
+
+def _value(name: str, value: Any) -> Any:
     """A list as the tuple that a frozen campaign holds."""
-    return tuple(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value
+    if name not in LISTS:
+        return value.item() if isinstance(value, np.generic) else value
+    if not isinstance(value, (list, tuple)) and np.ndim(value) != 1:
+        raise TypeError(f"{name} must be a list, {name}=[...]; got {value!r}.")
+    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)

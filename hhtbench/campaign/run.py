@@ -100,6 +100,9 @@ def run_cell(
     request = request_of(problem, asked)
     reason = solver.accepts(problem, request)
     if reason is not None:
+        if not isinstance(reason, str):
+            said = f"accepts: None or a text was expected; the solver returned {reason!r}."
+            return {"status": Status.unreliable.label, "message": said}
         return {"status": Status.declined.label, "message": reason}
     if "s" not in warm:
         warm["s"] = warm_up(problem, solver, request)
@@ -191,6 +194,8 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
     """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
+    if outcome.status is Status.event:  # a campaign asks for none
+        return Judged({"status": Status.unreliable.label, "message": "end: an event is reported, and none was asked for."})
     if not succeeded(work):
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})
     if at_steps is not None and at_steps.status is Status.unreliable:

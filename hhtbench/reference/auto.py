@@ -47,7 +47,10 @@ def certified(
         with worker_processes(min(jobs, len(missing))) as pool:
             waiting: dict[Future[str], str] = {pool.submit(certify_one, spec, files[spec]): spec for spec in missing}
             for done in as_completed(waiting):
-                why = done.result()
+                try:
+                    why = done.result()
+                except Exception as error:  # noqa: BLE001 - a user's problem, or the end of its process: the others go on
+                    why = f"not certified: {type(error).__name__}: {error}"
                 if why:
                     refused[waiting[done]] = why
                 if why != KNOWN:

@@ -40,7 +40,8 @@ def row_of(texts: list[Any]) -> RunRow | None:
 def texts_of(row: RunRow, identity: str) -> list[str]:
     """The columns as text; a number that is not finite is a mistake of the caller."""
     values: dict[str, Any] = {**vars(row), "identity": identity}
-    return [json.dumps(values[k], allow_nan=False) if k in JSON_COLUMNS else values[k] for k in COLUMNS]
+    texts = [json.dumps(values[k], allow_nan=False) if k in JSON_COLUMNS else str(values[k]) for k in COLUMNS]
+    return [text.encode("utf-8", "backslashreplace").decode() for text in texts]  # names of files need not be UTF-8
 
 
 def hash_of(texts: Iterable[Any]) -> str:

@@ -67,6 +67,12 @@ def test_numbers_of_steps_are_told_as_whole_numbers(outside):
         ({"campaign": "quick", "rtol": [1e-3]}, hb.ProblemError, "has its own rtol"),
         ({"campaign": "quick"}, hb.NotFoundError, "the campaign has no problem 'fall'"),
         ({"campaign": "slow"}, hb.NotFoundError, "no campaign named 'slow'"),
+        ({"rtol": 1e-3}, TypeError, r"rtol must be a list, rtol=\[...\]; got 0.001"),
+        ({"accuracies": []}, hb.ProblemError, "between 0 and 1, at least one"),
+        ({"accuracies": [-1e-3]}, hb.ProblemError, "between 0 and 1"),
+        ({"accuracies": [1e-2], "rtol": [1e-3]}, hb.ProblemError, "accuracies and rtol exclude one another"),
+        ({"rtol": [1e-3], "jobs": 0}, hb.ProblemError, "jobs"),
+        ({"rtol": [1e-3], "executor": "dask"}, TypeError, "executor must be"),
     ],
 )
 def test_wrong_use_is_refused_before_anything_runs(outside, asked, error, text):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -265,3 +266,12 @@ def test_a_plugin_may_not_do_less_where_nobody_looks(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Line, "solve", idle_alone)
     row = run(Line())
     assert (row["status"], row["message"].partition(":")[0]) == ("unreliable", "repetition")
+
+
+def test_an_event_that_nobody_asked_for_and_an_answer_that_is_no_text_are_not_believed(monkeypatch: pytest.MonkeyPatch):
+    ended = replace(line(np.array([0.0])), status=Status.event)
+    monkeypatch.setattr(Line, "solve", lambda self, problem, request: ended)
+    assert run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)["message"].startswith("end: an event is reported")
+    monkeypatch.setattr(Line, "accepts", lambda self, problem, request: True)
+    row = run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)
+    assert (row["status"], row["message"][:8]) == ("unreliable", "accepts:")

@@ -48,6 +48,13 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path):
         assert store.repairs == ()
 
 
+def test_a_message_that_is_no_unicode_is_kept_readable(tmp_path: Path):
+    with Store(tmp_path / "runs.db") as store:
+        store.put(replace(ROW, message="cannot read b\udcffc"), "cell")
+    (row,) = load_rows(tmp_path / "runs.db")
+    assert row.message == "cannot read b\\udcffc"
+
+
 def test_a_row_of_changed_sources_replaces_the_one_of_the_same_cell(tmp_path: Path):
     with Store(tmp_path / "runs.db") as store:
         store.put(ROW, "cell")

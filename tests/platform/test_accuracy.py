@@ -143,10 +143,26 @@ def test_one_run_made_again_and_again_tells_nothing(pendulum):
 def test_a_motion_that_every_step_finds_exactly_is_believed():
     system = hb.NumpySystem(force=lambda t, q, v: np.array([-2.0]))  # a quadratic in time
     fall = hb.Problem(name="fall", system=system, t_span=(0.0, 1.0), q0=[1.0], v0=[0.0], scales=hb.Scales(q=1.5))
-    found = hb.solve(fall, "rattle", accuracy=1e-6)
+    for solver in ("rattle", "hht", "projected"):
+        found = hb.solve(fall, solver, accuracy=1e-6)
+        assert found.success, found.message
+        assert found.q[-1, 0] == pytest.approx(0.0, abs=1e-12)
+        assert len(found.error.settings) == 3
+
+
+def test_the_start_alone_is_known_at_once(pendulum):
+    found = hb.solve(pendulum, "hht", accuracy=1e-4, t_eval=[0.0])
     assert found.success
-    assert found.q[-1, 0] == pytest.approx(0.0, abs=1e-12)
     assert len(found.error.settings) == 3
+
+
+def test_the_least_accuracy_ends_with_what_the_solver_says(pendulum):
+    assert not hb.solve(pendulum, "hht", accuracy=1e-13).success
+
+
+def test_the_bound_of_a_solver_from_elsewhere_holds_if_it_solves_the_problem(spring):
+    assert "if the solver solves this problem" in hb.solve(spring, Off(lambda rtol: rtol), accuracy=1e-3).message
+    assert "if the solver" not in hb.solve(spring, "hht", accuracy=1e-3).message
 
 
 def test_what_was_known_when_a_budget_was_spent_is_told(pendulum):

@@ -20,6 +20,7 @@ from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_o
 from hhtbench.lowering.dynamics.foreign import SIZES, Callbacks, foreign_p
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
+from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import declared
 
 VALUES = {  # functions by the letter of their size
@@ -182,6 +183,8 @@ def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
     Nor is there one where the mass has no narrow band for its inverse.
     """
     s, patterns = dynamics.structure, patterns_of(dynamics)
+    if isinstance(dynamics, AugmentedDynamics):  # its mass and its force have entries that nobody declared
+        return None
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")) or not complete(
         patterns, s
     ):

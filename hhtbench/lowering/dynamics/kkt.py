@@ -105,7 +105,8 @@ class AccelerationLevel:
         elif last is not None and last[0] == t and last[1] is q and last[2] is v:
             return last[3]
         found = self._solved(t, q, v, x)
-        if self._sparse is not None and not (q.flags.writeable or v.flags.writeable):  # a start is looked at twice
+        frozen = all(x.base is None and not x.flags.writeable for x in (q, v))  # a view follows what it shows
+        if self._sparse is not None and frozen:  # a start is looked at twice
             self._last = t, q, v, found
         return found
 

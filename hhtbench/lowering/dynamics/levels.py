@@ -111,7 +111,8 @@ class ConstraintLevels:
         if last is not None and last[0] == t and last[1] is q and last[2] is v:
             return last[3]
         found = self._at(t, q, v)
-        if self._pure and not (q.flags.writeable or v.flags.writeable):  # a start is looked at several times
+        frozen = all(x.base is None and not x.flags.writeable for x in (q, v))  # a view follows what it shows
+        if self._pure and frozen:  # a start is looked at several times
             self._last = t, q, v, found
         return found
 

@@ -102,7 +102,9 @@ def by_entries(dynamics: Dynamics) -> Places:
         z = allocate(Sizes(n=s.n, m=0, p=0, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0))
         _call(z, codes)
         return Places(z, np.zeros(0), codes)
-    if declared(dynamics.system, "reaction") is not None and not isinstance(dynamics, Conjugate):  # no smallest change
+    if s.m and s.p:  # at the position level the rows of k would hold q too
+        raise NotNative("constraints of both kinds")
+    if reacts_across(dynamics) and not isinstance(dynamics, Conjugate):
         raise NotNative("a declared reaction")
     entries = kkt_of(dynamics)
     if entries is None:
@@ -110,6 +112,11 @@ def by_entries(dynamics: Dynamics) -> Places:
     z, codes = entries.memory(dynamics), {"levels": native(levels, source, shapes=place)}
     _call(z, codes)
     return Places(z, np.zeros(0), (entries, codes))
+
+
+def reacts_across(dynamics: Dynamics) -> bool:
+    """Whether reactions are declared: along them no change onto the constraints is the smallest."""
+    return any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
 
 
 def _call(z: Memory, codes: dict[str, Native]) -> None:

@@ -13,15 +13,14 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import ById, Cache
-from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
-from hhtbench.protocol import declared
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, VariableMass, matrix_free
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
-from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of
+from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, reacts_across
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -110,8 +109,7 @@ def _found(functions: Functions) -> Places:
     dynamics = functions.dynamics
     if functions.level_codes():
         return of_full_matrices(dynamics)
-    across = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
-    return by_entries(conjugate(dynamics)) if across and not dynamics.matrices else places_of(dynamics)
+    return by_entries(conjugate(dynamics)) if reacts_across(dynamics) and not dynamics.matrices else places_of(dynamics)
 
 
 def conjugate(dynamics: Dynamics) -> Conjugate:
@@ -120,9 +118,9 @@ def conjugate(dynamics: Dynamics) -> Conjugate:
     Raises
     ------
     NotNative
-        Its functions are full matrices.
+        Its functions are full matrices, or its mass varies.
     """
     products = dynamics if isinstance(dynamics, MatrixFree) else matrix_free(dynamics)
-    if products is None:
-        raise NotNative("full matrices")
+    if products is None or isinstance(products, VariableMass):
+        raise NotNative("full matrices, or a mass that varies")
     return Conjugate(products.inner, products.constant_mass, products.inverse_mass)
