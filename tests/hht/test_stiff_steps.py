@@ -10,7 +10,7 @@ import hhtbench as hb
 from problems.stiff_spring_pendulum import problem
 from solvers.hht import HHT
 from solvers.hht.loops.memory import COUNTS, EVALUATIONS, Q, Sizes, allocate
-from solvers.hht.step import roundoff
+from solvers.hht.step import stopping
 
 TURNING = [(1e10, 100), (1e12, 200), (1e12, 20), (1e12, 10), (1e13, 27)]  # stiffness [N/m], steps in a second
 STARTING = [(1e10, 2.27e-5), (1e12, 1e-6), (1e12, 8.55e-6), (1e13, 3.92e-6)]  # stiffness, step [s]
@@ -61,10 +61,10 @@ def test_of_any_two_coordinates_one_is_disturbed_alone(monkeypatch, n):
     z, seen = allocate(Sizes(n=n, m=0, p=0, size=n, inverse_mass=0)), []
     state = z.w[z.i[2 * Q] : z.i[2 * Q] + 4 * n]  # q, v, a, f
     state[:], z.i[EVALUATIONS] = 1.0, 1000
-    monkeypatch.setattr(roundoff, "early", lambda z: None)
-    monkeypatch.setattr(roundoff, "correct", lambda *_: seen.append(state.copy()))
-    monkeypatch.setattr(roundoff, "moved_by", lambda *_: (0.0, 0.0))
-    roundoff.is_roundoff(z, 0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
+    monkeypatch.setattr(stopping, "early", lambda z: None)
+    monkeypatch.setattr(stopping, "correct", lambda *_: seen.append(state.copy()))
+    monkeypatch.setattr(stopping, "moved_by", lambda *_: (0.0, 0.0))
+    stopping.is_roundoff(z, 0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
     changes = np.array(seen).reshape(-1, 4, n) - 1.0
     assert set(changes.ravel()) <= {0.0, np.finfo(float).eps}
     for moved in np.moveaxis(changes > 0.0, 1, 0):

@@ -11,8 +11,7 @@ from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import address, call_python, finite, indices, largest, part, put
 from solvers.hht.step.acceleration import acceleration_level
-from solvers.hht.step.roundoff import spend
-from solvers.hht.step.stopping import weigh, weighted_rms
+from solvers.hht.step.stopping import spend, weigh, weighted_rms
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step

@@ -11,10 +11,7 @@ HERE = Path(__file__).parents[1]
 SOURCES = (
     HERE / "loops",
     *(HERE / "linear" / f"{name}.py" for name in ("band", "matrix")),
-    *(
-        HERE / "step" / f"{name}.py"
-        for name in ("stopping", "roundoff", "newton", "acceleration", "entries", "projection", "attempt")
-    ),
+    *(HERE / "step" / f"{name}.py" for name in ("stopping", "newton", "acceleration", "entries", "projection", "attempt")),
     *(HERE / "control" / f"{name}.py" for name in ("estimate", "controller", "first_step")),
     *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/interpolate")),
     Path(formulas.__file__),

@@ -28,7 +28,7 @@ from solvers.hht.loops.sections import (
     view,
 )
 from solvers.hht.step.entries import by_entries, compute_entries, factor_entries, solve_entries
-from solvers.hht.step.roundoff import spend
+from solvers.hht.step.stopping import spend
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns

@@ -11,7 +11,7 @@ from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapez
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
-from solvers.hht.step.roundoff import spend
+from solvers.hht.step.stopping import spend
 
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 

@@ -14,8 +14,17 @@ from solvers.hht.linear.matrix import renew, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled
 from solvers.hht.loops.sections import part, put
-from solvers.hht.step.roundoff import corrected, is_roundoff, noise, spend, unmeasured
-from solvers.hht.step.stopping import converged, enough, force_rows_end, scaled
+from solvers.hht.step.stopping import (
+    converged,
+    corrected,
+    enough,
+    force_rows_end,
+    is_roundoff,
+    noise,
+    scaled,
+    spend,
+    unmeasured,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
