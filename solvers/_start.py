@@ -160,7 +160,7 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
 
 def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics``, whose variable mass, if it is known by its entries, has an inverse by them; else by full matrices."""
-    products = matrix_free(dynamics)
+    products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     if not isinstance(products, VariableMass) or products.mass_at(place.t, place.q).inverse() is not None:
         return dynamics
     return with_full_matrices(dynamics)
@@ -168,7 +168,8 @@ def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
 
 def _singular(dynamics: Dynamics, place: Place) -> bool:
     """Whether the mass is; one that is known by its entries has been looked at."""
-    return not isinstance(matrix_free(dynamics), VariableMass) and singular_at(dynamics, place.t, place.q)
+    by_entries = dynamics.structure.mass == "variable" and isinstance(matrix_free(dynamics), VariableMass)
+    return not by_entries and singular_at(dynamics, place.t, place.q)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
