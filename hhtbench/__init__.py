@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from hhtbench.jax_settings import settle_jax
 
 if TYPE_CHECKING:
+    from hhtbench.advice.trading import Trade, trade
     from hhtbench.api import solve
     from hhtbench.campaign.public import Runs, run
     from hhtbench.checks import check
@@ -45,6 +46,7 @@ __all__ = [
     "Status",
     "Stop",
     "System",
+    "Trade",
     "__version__",
     "check",
     "describe",
@@ -58,9 +60,11 @@ __all__ = [
     "plan_steps",
     "run",
     "solve",
+    "trade",
 ]
 
 _MODULES = {  # no module has the name of what is in it: importing it would put the module into the name's place
+    "advice.trading": ("Trade", "trade"),
     "api": ("solve",),
     "campaign.public": ("Runs", "run"),
     "checks": ("check",),

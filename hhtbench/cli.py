@@ -41,6 +41,10 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "commands.solve",
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
+    "trade": (
+        "commands.trade",
+        "Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.",
+    ),
     "validate": (
         "validation.command",
         "Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -54,13 +55,14 @@ def run_campaign(
 ) -> Done:
     """Run what ``store`` does not hold yet; every cell is on the disk before it counts as done.
 
-    ``executor`` runs the accuracy pass; None: worker processes here.  ``references`` are certificates of problems that
+    ``executor`` runs the accuracy pass; None: worker processes here; a :class:`WorkerPool` does the timing too and stays
+    open.  ``references`` are certificates of problems that
     bring none (:func:`~hhtbench.campaign.references.auto_references`).  Times are always taken here, each alone on a core:
     those of another machine are taken anew.  Cells that ended with a status of ``retry`` run again.
     """
     asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
-    with WorkerPool(limits) as pool:
+    with nullcontext(executor) if isinstance(executor, WorkerPool) else WorkerPool(limits) as pool:
         accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell, retry)
         accuracy.run()
         timed = _timing_pass(accuracy.cells, store, pool, campaign.repeats, tell) if timing else 0

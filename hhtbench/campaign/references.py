@@ -10,20 +10,26 @@ from pathlib import Path
 from hhtbench.campaign.plan import Campaign
 from hhtbench.campaign.sources import SourceReader
 from hhtbench.reference import certified
+from hhtbench.reference.auto import SECONDS
 from hhtbench.specs import canonical, parse_spec
 
 RESTS_ON = ("collocation", "projected")  #: solvers of certificates; with a problem's files they make a certificate's name
 NOT_THESE = ("hhtbench.campaign.", "hhtbench.analysis.")  #: what measures a run does not change the truth
 
 
-def auto_references(campaign: Campaign, store: Path, jobs: int, tell: Callable[[str], None]) -> dict[str, Path]:
-    """Problem -> the file of its certificate in ``<store>.references``, for problems that bring no truth of their own."""
+def auto_references(
+    campaign: Campaign, store: Path, jobs: int, tell: Callable[[str], None], seconds: float = SECONDS
+) -> dict[str, Path]:
+    """Problem -> the file of its certificate in ``<store>.references``, for problems that bring no truth of their own.
+
+    Each solve of a certificate may take ``seconds`` [s]; what was not certified, ``tell`` is told.
+    """
     if campaign.reference != "auto":
         return {}
     reader = SourceReader()
     specs = dict.fromkeys(canonical(text) for grid in campaign.grids for text in grid.problems)
     names = {spec: _digest(spec, reader) for spec in specs}
-    files, _ = certified(names, store.with_name(f"{store.name}.references"), jobs, tell)
+    files, _ = certified(names, store.with_name(f"{store.name}.references"), jobs, tell, seconds)
     return files
 
 

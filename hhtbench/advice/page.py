@@ -1,0 +1,90 @@
+"""The trade as one page: error against time, evaluations and drift, with the report's own charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+import plotly.graph_objects as go
+
+from hhtbench import analysis
+from hhtbench.analysis import Point
+from hhtbench.report import colours
+from hhtbench.report.chart import draw
+from hhtbench.report.charts import STATE_ERROR, problem_charts
+from hhtbench.report.frame import Chart
+from hhtbench.report.marks import curves_of
+from hhtbench.report.series import LEAST_DRIFT
+from hhtbench.store import RunRow
+
+WORK = ("work-time", "work-evaluations")  #: of the report's charts
+PAGE = """\
+<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>body {{ font: 16px/1.5 {font}; color: {text}; max-width: 60rem; margin: 1rem auto; padding: 0 1rem }}
+pre {{ overflow-x: auto; font-size: 13px }}</style></head>
+<body><h1>{title}</h1><p><b>{sentence}</b></p>
+{figures}
+<pre>{table}</pre></body></html>
+"""
+
+
+def trade_charts(rows: Sequence[RunRow]) -> list[Chart]:
+    """Error against time, evaluations and, where there are constraints, drift; ``rows`` are those of one problem."""
+    name = rows[0].problem if rows else ""
+    charts = [chart for chart in problem_charts(rows, name) if chart.id in WORK]
+    drift = _against_drift(analysis.points(rows))
+    return charts + ([drift] if drift.traces else [])
+
+
+def figures(rows: Sequence[RunRow]) -> list[go.Figure]:
+    """The charts as plotly figures, each with its title and a legend."""
+    styles = colours.solver_styles(analysis.entries(rows))
+    found = []
+    for chart in trade_charts(rows):
+        figure = draw(chart, styles)
+        named = {trace.entry for trace in chart.traces}
+        figure.for_each_trace(
+            lambda trace, named=named: trace.update(showlegend=trace.name in named and trace.mode != "markers")
+        )
+        figure.update_layout(title={"text": chart.title}, showlegend=True, margin={"t": 60})
+        found.append(figure)
+    return found
+
+
+def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, file: Path) -> None:
+    """One HTML file that fetches nothing."""
+    drawn = figures(rows)
+    parts = [one.to_html(full_html=False, include_plotlyjs=index == 0) for index, one in enumerate(drawn)]
+    text = PAGE.format(
+        title=escape(title),
+        font=colours.FONT,
+        text=colours.TEXT,
+        sentence=escape(sentence),
+        figures="\n".join(parts) or "<p>No run left anything to draw.</p>",
+        table=escape(table),
+    )
+    file.write_text(text, encoding="utf-8")
+
+
+def _against_drift(runs: Sequence[Point]) -> Chart:
+    """The larger of both levels' drift; zero has no place on a logarithmic axis and is drawn at the least."""
+    traces, marks = curves_of(
+        [run for run in runs if run.success and _drift(run) is not None], _drift, lambda run: run.error
+    )
+    return Chart(
+        id="drift",
+        title="Error against drift",
+        caption="Left and low is better: small error with small violation of the constraints.",
+        x_label="largest scaled drift of position and velocity constraints",
+        y_label=STATE_ERROR,
+        traces=traces,
+        marks=marks,
+    )
+
+
+def _drift(run: Point) -> float | None:
+    known = [value for value in (run.position, run.velocity) if value is not None]
+    return max(max(known), LEAST_DRIFT) if known else None

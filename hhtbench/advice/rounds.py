@@ -1,0 +1,106 @@
+"""The runs of one trade: rounds of campaigns with a cap of time that grows.
+
+A candidate leaves where it has failed or costs several times the cheapest at the same error, so that the time goes to those
+who may win.  What is run next on a candidate, and why no more, says the campaign's own ladder.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hhtbench.advice.candidates import Candidate, campaign_for
+from hhtbench.advice.standing import SEVERAL, Standing
+from hhtbench.advice.wish import Wish
+from hhtbench.analysis.cells import entry_of
+from hhtbench.campaign import run_campaign
+from hhtbench.campaign.execute import WorkerPool
+from hhtbench.store import RunRow, Store
+
+FIRST_CAP = 0.25  # [s] of one solve in the first round
+GROWTH = 4.0  # of the cap from round to round
+ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
+SOLVES = 4.0  # of the longest kind that a candidate may make in a round
+REFINEMENTS = 16  # most settings of one candidate
+FINALISTS = 2.0  # times the cheapest at some error: who is timed again
+REPEATS = 3  # readings of each of their solves
+
+
+@dataclass
+class Rounds:
+    """Runs candidates on one problem; ``rows`` and ``left_out`` grow."""
+
+    problem: str
+    wish: Wish
+    store: Store
+    pool: WorkerPool
+    references: Mapping[str, Path]
+    ends: float  #: of the monotonic clock [s]: nobody is begun later
+    tell: Callable[[str], None]
+    rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
+    left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was given up
+
+    def run(self, candidates: Sequence[Candidate]) -> None:
+        """Until nobody is left who could show more, nothing more is asked for, or the time is up."""
+        live, cap = list(candidates), FIRST_CAP
+        while live:
+            before, waiting = len(self.rows), list(live)
+            while waiting and time.monotonic() < self.ends:
+                heat, waiting = waiting[: self.pool.limits.jobs], waiting[self.pool.limits.jobs :]
+                self._campaign(heat, self._cap(cap), timing=False)
+                self._give_up(live)
+            live = [one for one in live if self._could_show_more(one)]
+            if waiting or len(self.rows) == before:
+                break
+            cap *= GROWTH
+        run = {entry_of(row) for row in self.rows.values()}
+        self.left_out |= {one.entry: "not tried: the time was up" for one in candidates if one.entry not in run}
+
+    def time_again(self, candidates: Sequence[Candidate]) -> None:
+        """Times alone on a core, in turn, of those who may be the cheapest: what decides between them."""
+        fronts = self.standing().fronts
+        near = {cost.entry for front in fronts for cost in front.costs if cost.value <= FINALISTS * front.costs[0].value}
+        chosen = [one for one in candidates if one.entry in near]
+        if chosen:
+            self.tell(f"timing {', '.join(one.entry for one in chosen)}")
+            self._campaign(chosen, self._cap(FIRST_CAP), timing=True)
+
+    def standing(self) -> Standing:
+        """Of all rows so far."""
+        return Standing.of(tuple(self.rows.values()), self.wish)
+
+    def _campaign(self, heat: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
+        campaign = campaign_for(
+            [self.problem],
+            heat,
+            accuracies=self.wish.accuracies,
+            refinements=REFINEMENTS,
+            max_seconds=seconds,
+            pair_seconds=SOLVES * seconds,
+            repeats=REPEATS,
+            counting=False,
+        )
+        done = run_campaign(
+            campaign, self.store, limits=self.pool.limits, executor=self.pool, references=self.references, timing=timing
+        )
+        self.rows |= {row.key: row for row in done.rows}
+
+    def _cap(self, cap: float) -> float:
+        """Of one solve [s]: nobody is given much more than what would make it several times too dear, nor the time left."""
+        best = self.standing().best() if self.wish.on == "time" else None
+        if best is not None:
+            cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))
+        return min(cap, max(FIRST_CAP, self.ends - time.monotonic()))
+
+    def _give_up(self, live: Sequence[Candidate]) -> None:
+        standing = self.standing()
+        for one in live:
+            why = standing.hopeless(one.entry)
+            if why and one.entry not in self.left_out:
+                self.left_out[one.entry] = why
+                self.tell(f"{one.entry} is given up: {why}")
+
+    def _could_show_more(self, one: Candidate) -> bool:
+        return one.entry not in self.left_out and self.standing().unfinished(one.entry)

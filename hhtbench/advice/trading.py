@@ -1,0 +1,181 @@
+"""``hhtbench.trade``: what an error costs on one's own scene, by whom, found within a stated time."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tabulate import tabulate
+
+from hhtbench.advice.candidates import CANDIDATES, Candidate, campaign_for
+from hhtbench.advice.page import write_page
+from hhtbench.advice.rounds import Rounds
+from hhtbench.advice.truth import truth_of
+from hhtbench.advice.verdict import Choice, choices_of, failure, sentence
+from hhtbench.advice.wish import Wish
+from hhtbench.analysis.fronts import Front
+from hhtbench.arguments import positive_integer, real_number
+from hhtbench.campaign.command import refuse_misspelt
+from hhtbench.campaign.execute import WorkerPool, machine_limits
+from hhtbench.errors import ProblemError
+from hhtbench.registry import load_problem
+from hhtbench.report.words import work
+from hhtbench.specs import canonical
+from hhtbench.store import RunRow, Store
+
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+SECONDS = 60.0
+REFERENCE_SHARE = 0.25  # of the seconds, that each solve of the reference may take
+LAST_SHARE = 0.85  # of the seconds, after which nobody is begun: the rest is for timing those who may win
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trade:
+    """What :func:`trade` found."""
+
+    problem: str  #: canonical spec
+    wish: Wish
+    reference: str  #: what errors are measured against
+    rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
+    fronts: tuple[Front, ...]  #: costs at every error, the loosest first
+    left_out: dict[str, str]  #: entry -> why it was given up
+    seconds: float  #: what it took [s]
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        """The cheapest at every error that somebody reaches, and the next."""
+        return choices_of(self.fronts)
+
+    @property
+    def sentence(self) -> str:
+        """Whom to take; what each candidate said where there is nobody."""
+        return sentence(self.fronts, self.wish) or failure(self._said(), [row.status for row in self.rows], self.reference)
+
+    def _said(self) -> dict[str, str]:
+        missing = {entry: why.text for front in self.fronts for entry, why in front.missing.items()}
+        return {**missing, **self.left_out} if not missing else {**self.left_out, **missing}
+
+    def write_page(self, file: str | Path) -> None:
+        """Error against time, evaluations and drift, the table and the sentence as one HTML file that fetches nothing."""
+        write_page(self.rows, f"Trade on {self.problem}", self.sentence, self._table(), Path(file))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "problem": self.problem,
+            "accuracies": list(self.wish.accuracies),
+            "on": self.wish.on,
+            "drift": self.wish.drift,
+            "sentence": self.sentence,
+            "reference": self.reference,
+            "choices": [choice.as_dict() for choice in self.choices],
+            "left_out": self.left_out,
+            "seconds": self.seconds,
+        }
+
+    def __str__(self) -> str:
+        return f"{self._table()}\n\n{self.sentence}"
+
+    def _table(self) -> str:
+        """Costs by candidate and error; who was given up, with the reason."""
+        entries = list(dict.fromkeys(cost.entry for front in self.fronts for cost in front.costs))
+        costs = {(front.target, cost.entry): cost.value for front in self.fronts for cost in front.costs}
+        body = [
+            [
+                entry,
+                *(
+                    work(costs[front.target, entry], self.wish.on) if (front.target, entry) in costs else ""
+                    for front in self.fronts
+                ),
+                self.left_out.get(entry, ""),
+            ]
+            for entry in entries
+        ]
+        body += [[entry, *[""] * len(self.fronts), why] for entry, why in self._said().items() if entry not in entries]
+        heads = ["", *(f"{front.target:g}" for front in self.fronts), "given up"]
+        title = f"{self.problem}: {self.wish.on} to an error; errors against {self.reference}; {self.seconds:.0f} s\n\n"
+        return title + tabulate(body, headers=heads, disable_numparse=True, maxcolwidths=[None] * (len(heads) - 1) + [60])
+
+
+def trade(
+    problem: str,
+    *,
+    accuracies: Sequence[float] = ACCURACIES,
+    seconds: float = SECONDS,
+    drift: float | None = None,
+    on: str = "time",
+    solvers: Sequence[str] = (),
+    store: str | Path | None = None,
+    jobs: int | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Trade:
+    """Measure on one problem who reaches given errors most cheaply.
+
+    Parameters
+    ----------
+    problem
+        A spec, ``planar_chain(n_links=5)`` or ``my.py:problem``: other processes load it.
+    accuracies
+        Errors of q and v to reach, scaled by the problem's scales, largest over the compared times.
+    seconds
+        About how long it may take [s]: nobody is begun after 85 % of it; code that is being compiled is finished.
+    drift
+        Most scaled drift of position and velocity constraints of the runs that count; None: any.
+    on
+        What shall be little: "time" or "evaluations".
+    solvers
+        Specs instead of the usual candidates; every one with tolerances, or with constant steps where it takes none.
+    store
+        SQLite file that keeps the rows, for ``select`` and ``report``; None: nothing is kept.
+    jobs
+        Worker processes; None: one a core.
+    tell
+        Is told what goes on, in lines.
+
+    Returns
+    -------
+    Trade
+        Its ``sentence`` says whom to take.
+
+    Raises
+    ------
+    NotFoundError, ProblemError, TypeError
+        Wrong use, before anything runs.
+    """
+    began = time.monotonic()
+    wish = Wish(accuracies=tuple(accuracies), on=on, drift=drift)
+    if real_number("seconds", seconds) <= 0.0:
+        raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
+    if not isinstance(problem, str):
+        raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
+    refuse_misspelt(tuple(solvers))
+    loaded, spec = load_problem(problem), canonical(problem)
+    candidates = _named(solvers) or CANDIDATES
+    limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "runs.sqlite" if store is None else Path(store)
+        plan = campaign_for([spec], candidates, accuracies=wish.accuracies, reference="auto")
+        with Store(file) as rows, WorkerPool(limits) as pool:
+            truth = truth_of(loaded, plan, file, limits.jobs, REFERENCE_SHARE * seconds, tell)
+            rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell)
+            if truth.known:
+                rounds.run(candidates)
+                rounds.time_again(candidates)
+    return Trade(
+        problem=spec,
+        wish=wish,
+        reference=truth.text,
+        rows=tuple(rounds.rows.values()),
+        fronts=rounds.standing().fronts,
+        left_out=rounds.left_out,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _named(solvers: Sequence[str]) -> tuple[Candidate, ...]:
+    """Those that somebody names, each with tolerances and with constant steps: what it does not take it refuses at once."""
+    return tuple(Candidate(spec, refine) for spec in dict.fromkeys(solvers) for refine in ("rtol", "steps"))

@@ -1,0 +1,46 @@
+"""What the errors of a trade are measured against: what the problem brings, or a certificate made for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hhtbench.campaign import Campaign
+from hhtbench.campaign.references import auto_references
+from hhtbench.protocol import Problem
+from hhtbench.reference import reference_of
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where it lies, and what to say of it."""
+
+    text: str
+    references: dict[str, Path] = field(default_factory=dict)  #: for :func:`~hhtbench.campaign.run_campaign`
+    known: bool = True
+
+
+def truth_of(
+    problem: Problem, campaign: Campaign, store: Path, jobs: int, seconds: float, tell: Callable[[str], None]
+) -> Truth:
+    """A closed solution, a reference of the problem's own, or one by two method families on two forms with its error bar.
+
+    Each solve of the latter may take ``seconds`` [s]; it lies beside ``store`` and is not made twice.
+    """
+    if problem.exact is not None:
+        return Truth("the closed solution")
+    if problem.reference is not None:
+        return Truth(f"the problem's own reference{_digits(problem.reference.get('digits'))}")
+    tell("making a reference: two families, two forms")
+    said: list[str] = []
+    found = auto_references(campaign, store, jobs, said.append, seconds)
+    if not found:
+        return Truth("; ".join(said) or "no reference was made", known=False)
+    reference = reference_of(next(iter(found.values())))
+    bar = max(float(reference["bars"][name].max()) for name in ("q", "v"))
+    return Truth(f"{reference['source']}, error bar {bar:.1e}", found)
+
+
+def _digits(digits: int | None) -> str:
+    return "" if digits is None else f" ({digits} digits)"

@@ -1,0 +1,126 @@
+"""From rows to one sentence: whom to take, at which setting, what to expect, and what the second choice costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hhtbench.advice.wish import Wish
+from hhtbench.analysis.fronts import Cost, Front
+from hhtbench.report.words import seconds, shown
+
+CLEARLY = 1.3  # times dearer at one error: the sentence names who is cheaper there
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """Who is the cheapest at one error, and the next of another kind."""
+
+    accuracy: float
+    best: Cost
+    second: Cost | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "accuracy": self.accuracy,
+            **_plain(self.best),
+            "second": None if self.second is None else _plain(self.second),
+        }
+
+
+def _plain(cost: Cost) -> dict[str, Any]:
+    run = cost.run
+    numbers = {name: getattr(run, name) for name in ("error", "time", "evaluations", "position", "velocity")}
+    return {"solver": run.entry, "setting": run.setting.text, "cost": cost.value, **numbers}
+
+
+def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
+    """One for every error that somebody reaches."""
+    return tuple(
+        Choice(accuracy=front.target, best=front.costs[0], second=next(iter(front.costs[1:]), None))
+        for front in fronts
+        if front.costs
+    )
+
+
+def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
+    """Entries that reach all errors that anybody reaches, with their mean cost over the cheapest (geometric), best first."""
+    reached = [front for front in fronts if front.costs]
+    tables = [{cost.entry: cost.value / front.costs[0].value for cost in front.costs} for front in reached]
+    common = [entry for entry in (tables[-1] if tables else ()) if all(entry in table for table in tables)]
+    means = {entry: math.exp(sum(math.log(table[entry]) for table in tables) / len(tables)) for entry in common}
+    return tuple(sorted(means.items(), key=lambda item: item[1]))
+
+
+def sentence(fronts: Sequence[Front], wish: Wish) -> str:
+    """The one sentence; "" where nobody reaches anything."""
+    reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
+    if not ranked:
+        return ""
+    taken, last = ranked[0][0], reached[-1]
+    costs = {cost.entry: cost for cost in last.costs}
+    others = [entry for entry, _ in ranked[1:]] or [entry for entry in costs if entry != taken]
+    text = f"Take {taken}: {_expected(costs[taken], last.target)}"
+    if others:
+        text += f"; the second choice, {others[0]}, costs {_dearer(ranked, costs, others[0]):.2g} times as much"
+        text += " in the mean of the errors" if len(reached) > 1 and len(ranked) > 1 else ""
+    else:
+        text += "; nobody else gets there"
+    return text + _exceptions(reached, taken) + _unreached(fronts, wish) + "."
+
+
+def _dearer(ranked: Sequence[tuple[str, float]], costs: Mapping[str, Cost], other: str) -> float:
+    """The cost of ``other`` over that of the first: in the mean of all errors, or at the last where it misses others."""
+    means = dict(ranked)
+    taken = ranked[0][0]
+    return means[other] / means[taken] if other in means else costs[other].value / costs[taken].value
+
+
+def _expected(cost: Cost, target: float) -> str:
+    run = cost.run
+    drift = [f"{name} drift {value:.1e}" for name in ("position", "velocity") if (value := getattr(run, name)) is not None]
+    told = [
+        f"an error of {shown(run.error)} (asked: {target:g})",
+        f"{seconds(run.time)}",
+        f"{shown(run.evaluations)} evaluations",
+    ]
+    return f"{run.setting.text} gives {', '.join([*told, *drift])}"
+
+
+def _exceptions(reached: Sequence[Front], taken: str) -> str:
+    """Errors at which another is clearly cheaper."""
+    dearer: dict[str, list[float]] = {}
+    for front in reached:
+        own = next(cost.value for cost in front.costs if cost.entry == taken)
+        if own > CLEARLY * front.costs[0].value:
+            dearer.setdefault(front.costs[0].entry, []).append(front.target)
+    return "".join(
+        f"; at {' and '.join(f'{target:g}' for target in targets)} {entry} is cheaper" for entry, targets in dearer.items()
+    )
+
+
+def _unreached(fronts: Sequence[Front], wish: Wish) -> str:
+    missed = [front.target for front in fronts if not front.costs]
+    held = "" if wish.drift is None else f" within a drift of {wish.drift:g}"
+    return f"; {', '.join(f'{target:g}' for target in missed)} was reached by nobody{held}" if missed else ""
+
+
+HINTS = {
+    "declined": "`hhtbench check` and `hhtbench describe` tell what the problem's functions do",
+    "deadline": "give more seconds, or a shorter span",
+    "unreliable": "`hhtbench check` compares derivatives, starts and energy; a wrong one makes every solver doubtful",
+    "user_exception": "mend the function that raised",
+    "nonfinite_callback": "mend the function that returned a value that is not finite",
+}
+GENERAL = "`hhtbench check` looks for mistakes in the problem; looser errors or more seconds may be reached"
+
+
+def failure(said: Mapping[str, str], statuses: Sequence[str], told: str) -> str:
+    """What each candidate said where none has a cost, and what to try; ``told`` is what is known of the reference."""
+    lines = [f"  {entry}: {text}" for entry, text in said.items()]
+    known = [HINTS[status] for status in dict.fromkeys(statuses) if status in HINTS]
+    tries = "; ".join(known) or GENERAL
+    return "\n".join([f"Cannot tell: no candidate has a cost. {told}".rstrip(), *lines, f"What to try: {tries}."])
