@@ -22,8 +22,10 @@ from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.command import refuse_misspelt
 from hhtbench.campaign.execute import WorkerPool, machine_limits
 from hhtbench.errors import ProblemError
-from hhtbench.registry import load_problem
+from hhtbench.protocol import Problem
+from hhtbench.registry import load_problem, load_solver
 from hhtbench.report.words import work
+from hhtbench.request import Request
 from hhtbench.specs import canonical
 from hhtbench.store import RunRow, Store
 
@@ -108,7 +110,7 @@ def trade(
     seconds: float = SECONDS,
     drift: float | None = None,
     on: str = "time",
-    solvers: Sequence[str] = (),
+    solvers: Sequence[str] | str = (),
     store: str | Path | None = None,
     jobs: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
@@ -152,9 +154,8 @@ def trade(
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     if not isinstance(problem, str):
         raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
-    refuse_misspelt(tuple(solvers))
     loaded, spec = load_problem(problem), canonical(problem)
-    candidates = _named(solvers) or CANDIDATES
+    candidates = _named(solvers, loaded) or CANDIDATES
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
@@ -176,6 +177,16 @@ def trade(
     )
 
 
-def _named(solvers: Sequence[str]) -> tuple[Candidate, ...]:
-    """Those that somebody names, each with tolerances and with constant steps: what it does not take it refuses at once."""
-    return tuple(Candidate(spec, refine) for spec in dict.fromkeys(solvers) for refine in ("rtol", "steps"))
+def _named(solvers: Sequence[str] | str, problem: Problem) -> tuple[Candidate, ...]:
+    """Those that somebody names, with tolerances, or with constant steps where tolerances are refused."""
+    some = (solvers,) if isinstance(solvers, str) else tuple(solvers)
+    refuse_misspelt(some)
+    return tuple(Candidate(spec, "steps" if _takes_steps_only(spec, problem) else "rtol") for spec in dict.fromkeys(some))
+
+
+def _takes_steps_only(spec: str, problem: Problem) -> bool:
+    try:
+        solver = load_solver(spec)
+        return solver.accepts(problem, Request(rtol=1e-3)) is not None and solver.accepts(problem, Request(steps=10)) is None
+    except Exception:  # noqa: BLE001 - the plugin's own: its run tells
+        return False

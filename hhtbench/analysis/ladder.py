@@ -29,6 +29,7 @@ BETTER = 0.9  # of the best error so far: what a finer run must stay below to co
 STANDSTILL = {"rtol": 3, "steps": 2}  # finer runs in a row without improvement that end a ladder, each ``MOST`` finer
 FAILURES = 2  # runs finer than the finest success that fail, the same
 EARLY = 6  # runs that fail before any has succeeded, the same: a loose tolerance may be too loose for what a check bears
+BROKEN = ("crashed", "out_of_memory")  #: statuses that come from no tolerance: ``FAILURES`` of them end a ladder at once
 CAPS = ("deadline", "max_steps", "evaluation_budget")  #: statuses of a run that used up what a run may use
 
 
@@ -75,7 +76,7 @@ def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
         return End(kind="unjudged", text="no exact solution or reference to compare with")
     if not _open(known, rules):
         return End(kind="reached", text="every target that can be judged is reached")
-    if len(_failures(known)) >= (FAILURES if good else EARLY):
+    if len(_failures(known)) >= (FAILURES if good or last.status in BROKEN else EARLY):
         return _failed(known)
     if _idle(good, rules) >= STANDSTILL[kind]:
         text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"

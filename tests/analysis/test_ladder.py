@@ -150,3 +150,9 @@ def test_targets_that_the_reference_cannot_judge_are_not_chased():
 def test_without_anything_to_compare_with_one_run_is_enough():
     rows, end = climb(lambda s: replace(law()(s), metrics={}))
     assert (len(rows), end.kind) == (1, "unjudged")
+
+
+def test_two_crashes_end_the_ladder_since_no_tolerance_makes_them():
+    rows, end = climb(lambda setting: failed("it", setting, status="crashed", message="the worker died"))
+    assert (len(rows), end.kind) == (2, "fails")
+    assert "the worker died" in end.text

@@ -1,0 +1,75 @@
+"""Who is given up, and whom the sentence names, by rows that follow known laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hhtbench.advice.standing import Standing
+from hhtbench.advice.verdict import choices_of, ranking, sentence
+from hhtbench.advice.wish import Wish
+from tests.analysis.laws import failed, law
+
+WISH = Wish(accuracies=(1e-2, 1e-4), on="evaluations")
+RULES = {"accuracies": [1e-2, 1e-4], "max_seconds": 1.0, "pair_seconds": 4.0, "refinements": 9}
+
+
+def by_rules(rows):
+    return [replace(row, request={**row.request, "rules": RULES}) for row in rows]
+
+
+def test_a_candidate_that_costs_several_times_the_best_is_hopeless_and_one_that_costs_twice_is_not():
+    rows = [*law("ida", 50.0, 4), *law("cvode", 100.0, 4), *law("scipy", 300.0, 4)]
+    standing = Standing.of(rows, WISH)
+    assert standing.hopeless("ida") == ""
+    assert standing.hopeless("cvode") == ""
+    assert "6 times the cheapest" in standing.hopeless("scipy")
+
+
+def test_a_candidate_that_is_dear_at_one_error_only_is_kept():
+    standing = Standing.of([*law("ida", 50.0, 4), *law("hht", 20.0, 1.5)], WISH)  # 2.7 and 19 times
+    costs = {front.target: {cost.entry: cost.value for cost in front.costs} for front in standing.fronts}
+    assert costs[1e-2]["hht"] < 4 * costs[1e-2]["ida"]
+    assert costs[1e-4]["hht"] > 4 * costs[1e-4]["ida"]
+    assert standing.hopeless("hht") == ""
+
+
+def test_a_candidate_that_fails_is_hopeless_and_says_why():
+    rows = by_rules([*law("ida", 50.0, 4), failed("cvode", 1e-2, status="declined", message="it cannot")])
+    assert "it cannot" in Standing.of(rows, WISH).hopeless("cvode")
+
+
+def test_a_candidate_whose_time_was_up_is_unfinished_until_it_has_cost_several_times_the_best():
+    late = failed("cvode", 1e-2, status="deadline", message="late")
+    cheap = replace(late, counters={"residual_evaluations": 60, "provenance": "counted"})
+    dear = replace(late, counters={"residual_evaluations": 10**6, "provenance": "counted"})
+    for row, open_ in ((cheap, True), (dear, False)):
+        standing = Standing.of(by_rules([*law("ida", 50.0, 4), row]), WISH)
+        assert standing.unfinished("cvode") is open_
+        assert bool(standing.hopeless("cvode")) is not open_
+
+
+def test_the_sentence_ranks_by_the_mean_over_the_errors_and_names_who_is_cheaper_at_one():
+    rows = [*law("ida", 50.0, 4), *law("hht", 40.0, 3)]  # hht: 0.8 * e ** (1/4 - 1/3): 1.2 times at 1e-2, 1.7 at 1e-4
+    fronts = Standing.of(rows, WISH).fronts
+    (first, one), (second, mean) = ranking(fronts)
+    assert (first, second) == ("ida", "hht")
+    assert one == pytest.approx(1.0)
+    assert mean == pytest.approx(0.8 * (1e-2 * 1e-4) ** (-1 / 24), rel=1e-3)
+    text = sentence(fronts, WISH)
+    assert text.startswith("Take ida: rtol 0.0001 gives") or text.startswith("Take ida: rtol 1e-04 gives")
+    assert "the second choice, hht, costs 1.4 times as much in the mean of the errors" in text
+    assert [choice.second.entry for choice in choices_of(fronts)] == ["hht", "hht"]
+
+
+def test_runs_that_drift_further_than_was_asked_do_not_count():
+    rows = [*law("ida", 10.0, 4, drift=1e-4), *law("hht", 50.0, 4, drift=1e-13)]
+    held = Wish(accuracies=(1e-2,), on="evaluations", drift=1e-10)
+    assert sentence(Standing.of(rows, held).fronts, held).startswith("Take hht")
+    assert "drifts" in Standing.of(rows, held).hopeless("ida")
+
+
+def test_an_error_that_nobody_reaches_is_said():
+    wish = Wish(accuracies=(1e-2, 1e-9), on="evaluations")
+    assert "1e-09 was reached by nobody" in sentence(Standing.of(law("ida", 50.0, 4), wish).fronts, wish)

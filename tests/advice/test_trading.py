@@ -1,0 +1,91 @@
+"""``trade``: who reaches an error most cheaply, by solvers whose prices are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import hhtbench as hb
+from hhtbench.cli import main
+from hhtbench.store import load_rows
+
+CHEAP, DEAR, MIDDLE = "priced(price=10)", "priced(price=1000)", "priced(price=15)"
+ASKED = {"on": "evaluations", "seconds": 300.0, "jobs": 1}
+
+
+@pytest.fixture(scope="module")
+def found(prices):
+    solvers = [DEAR, CHEAP, "priced(does=decline)", MIDDLE, "priced(does=fail)", "priced(does=crash)"]
+    return hb.trade("fall", accuracies=[1e-2, 1e-4], solvers=solvers, **ASKED)
+
+
+def test_the_cheapest_is_taken_and_the_second_is_named_with_its_price(found):
+    assert [choice.best.entry for choice in found.choices] == [CHEAP, CHEAP]
+    assert [choice.second.entry for choice in found.choices] == [MIDDLE, MIDDLE]
+    assert found.choices[1].best.run.error <= 1e-4
+    assert found.choices[1].best.value == pytest.approx(10 * 1e-4**-0.25, rel=0.1)
+    assert found.sentence.startswith(f"Take {CHEAP}: rtol ")
+    assert f"the second choice, {MIDDLE}, costs 1.5 times as much" in found.sentence
+    assert found.sentence.count(".") - found.sentence.replace(".", "", 1).count(".") == 1  # no empty sentence
+
+
+def test_who_costs_several_times_the_best_is_given_up_with_the_factor(found):
+    assert "times the cheapest" in found.left_out[DEAR]
+    assert CHEAP not in found.left_out
+    assert MIDDLE not in found.left_out
+
+
+def test_a_candidate_that_crashes_is_named_and_the_others_go_on(found):
+    assert "crashed" in found.left_out["priced(does=crash)"]
+    assert "no weight falls here" in found.left_out["priced(does=fail)"]
+    assert "it takes no weights" in found.left_out["priced(does=decline)"]
+    assert "crashed" in str(found)
+
+
+def test_where_all_fail_each_is_quoted_with_what_to_try(prices):
+    found = hb.trade("fall", accuracies=[1e-2], solvers=["priced(does=fail)", "priced(does=decline)"], **ASKED)
+    assert not found.choices
+    for text in ("Cannot tell", "no weight falls here", "it takes no weights", "What to try", "hhtbench check"):
+        assert text in found.sentence
+
+
+def test_rows_are_kept_in_a_store_and_taken_from_there(prices, tmp_path: Path):
+    file = tmp_path / "runs.sqlite"
+    first = hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP], store=file, **ASKED)
+    second = hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP], store=file, **ASKED)
+    assert [row.key for row in load_rows(file)] == [row.key for row in first.rows]
+    assert [row.created for row in first.rows] == [row.created for row in second.rows]
+
+
+def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
+    page, data = tmp_path / "trade.html", tmp_path / "trade.json"
+    options = ["--accuracy", "1e-2..1e-3", "--on", "evaluations", "--solvers", f"{CHEAP}, {MIDDLE}", "--jobs", "1"]
+    result = CliRunner().invoke(main, ["trade", "fall", *options, "--page", str(page), "--json", str(data)])
+    assert result.exit_code == 0, result.output
+    assert f"Take {CHEAP}" in result.output
+    told = json.loads(data.read_text())
+    assert told["accuracies"] == [1e-2, 1e-3]
+    assert [choice["solver"] for choice in told["choices"]] == [CHEAP, CHEAP]
+    text = page.read_text()
+    assert "Error against residual evaluations" in text
+    assert "Error against processor time" in text
+
+
+@pytest.mark.parametrize(
+    ("problem", "asked", "error", "text"),
+    [
+        ("fal", {}, hb.NotFoundError, "Did you mean fall"),
+        ("fall", {"solvers": ["prised"]}, hb.NotFoundError, "Did you mean priced"),
+        ("fall", {"accuracies": [2.0]}, hb.ProblemError, "between 0 and 1"),
+        ("fall", {"seconds": 0.0}, hb.ProblemError, "seconds must be above 0"),
+        ("fall", {"drift": -1.0}, hb.ProblemError, "drift must be above 0"),
+        ("fall", {"on": "memory"}, hb.ProblemError, "time or evaluations"),
+        (3, {}, TypeError, "takes a spec"),
+    ],
+)
+def test_wrong_use_is_refused_before_anything_runs(prices, problem, asked, error, text):
+    with pytest.raises(error, match=text):
+        hb.trade(problem, **asked)
