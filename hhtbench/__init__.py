@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from hhtbench.jax_settings import settle_jax
 
 if TYPE_CHECKING:
+    from hhtbench.advice.selecting import Advice, select
     from hhtbench.advice.trading import Trade, trade
     from hhtbench.api import solve
     from hhtbench.campaign.public import Runs, run
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HHT",
+    "Advice",
     "Counters",
     "Equations",
     "Event",
@@ -59,11 +61,13 @@ __all__ = [
     "parameter",
     "plan_steps",
     "run",
+    "select",
     "solve",
     "trade",
 ]
 
 _MODULES = {  # no module has the name of what is in it: importing it would put the module into the name's place
+    "advice.selecting": ("Advice", "select"),
     "advice.trading": ("Trade", "trade"),
     "api": ("solve",),
     "campaign.public": ("Runs", "run"),

@@ -33,6 +33,10 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "campaign.command",
         "Run problems x solvers x tolerances or steps into a store; what it holds already is not run again.",
     ),
+    "select": (
+        "commands.select",
+        "Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot be told.",
+    ),
     "show": (
         "drawing.command",
         "Draw the motion of PROBLEM from its sketch: phases in one picture (.png, .svg) or a film (.gif, .html).",
@@ -41,6 +45,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "commands.solve",
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
+    "study": ("commands.study", "Studies of the bench's own advice."),
     "trade": (
         "commands.trade",
         "Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.",

@@ -62,6 +62,11 @@ class Equations:
         return at.rank.redundant if at.ranked else ()
 
     @property
+    def redundant(self) -> tuple[int, ...]:
+        """Rows of [g; k] that depend on others at the start and are left out."""
+        return self._redundant
+
+    @property
     def n(self) -> int:
         """Number of coordinates."""
         return self._whole.structure.n

@@ -12,6 +12,9 @@ from typing import Any
 from tabulate import tabulate
 
 from hhtbench.advice.candidates import CANDIDATES, Candidate, campaign_for
+from hhtbench.advice.database import read_database
+from hhtbench.advice.features import probe
+from hhtbench.advice.nearest import Space, expected
 from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import Rounds
 from hhtbench.advice.truth import truth_of
@@ -155,7 +158,7 @@ def trade(
     if not isinstance(problem, str):
         raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
     loaded, spec = load_problem(problem), canonical(problem)
-    candidates = _named(solvers, loaded) or CANDIDATES
+    candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
@@ -175,6 +178,19 @@ def trade(
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
     )
+
+
+def in_expected_order(problem: Problem, wish: Wish) -> tuple[Candidate, ...]:
+    """The usual candidates, who is expected to be the cheapest first; by the rule of thumb where nothing can be expected.
+
+    For an order times of another machine will do.
+    """
+    try:
+        database = read_database()
+        order = [entry for entry, _ in expected(database, Space.of(database), probe(problem).features, wish).order]
+    except (ProblemError, TypeError):  # what is wrong with the problem its runs tell
+        return CANDIDATES
+    return tuple(sorted(CANDIDATES, key=lambda one: order.index(one.entry) if one.entry in order else len(order)))
 
 
 def _named(solvers: Sequence[str] | str, problem: Problem) -> tuple[Candidate, ...]:

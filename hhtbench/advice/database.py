@@ -1,0 +1,191 @@
+"""Rows of campaigns reduced to what advice needs: features of every problem, and what each solver paid for each error.
+
+The one that comes with the package is made by ``hhtbench study selection --store FILE --database FILE``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhtbench import analysis
+from hhtbench.advice.families import family_of
+from hhtbench.advice.features import NAMES, Features, Probe
+from hhtbench.analysis.fronts import MEASURES
+from hhtbench.arguments import Matrix
+from hhtbench.campaign.machine import clock_of, machine_facts
+from hhtbench.errors import ProblemError
+from hhtbench.store import RunRow
+
+SCHEMA = "hhtbench.advice/1"
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep
+VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: of which the rows say what they were made with
+PARTS = 100.0  # of a decade, to which a cost is rounded: 2 %
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One problem."""
+
+    spec: str
+    features: Features
+    costs: Mapping[tuple[str, float | None], Matrix]  #: (measure, bound) -> (entries, accuracies); infinite: not reached
+    probe_evaluations: int
+    probe_seconds: float  #: [s]
+
+    @property
+    def family(self) -> str:
+        """Problems that differ by their parameters are one family."""
+        return family_of(self.spec)
+
+
+@dataclass(frozen=True)
+class Database:
+    """What solvers paid on known problems."""
+
+    entries: tuple[str, ...]  #: solvers, as the analysis names them
+    scenes: tuple[Scene, ...]
+    clock: Mapping[str, Any]  #: the machine whose times these are
+    versions: Mapping[str, str]
+    budget: float  #: [s] that each solver was given on each problem
+
+    @cached_property
+    def points(self) -> Matrix:
+        """Features of all scenes, (scenes, features)."""
+        return np.array([scene.features.vector for scene in self.scenes])
+
+    @cached_property
+    def ratios(self) -> Mapping[tuple[str, float | None], NDArray[np.float64]]:
+        """(measure, bound) -> costs over the cheapest, (scenes, entries, accuracies); NaN where nobody reaches the error."""
+        found = {}
+        with np.errstate(invalid="ignore"):
+            for key in self.scenes[0].costs:
+                costs = np.array([scene.costs[key] for scene in self.scenes])
+                found[key] = costs / costs.min(axis=1, keepdims=True)
+        return found
+
+    def refusal(self) -> str:
+        """Why its times say nothing here, or "": another machine, or other versions."""
+        facts = machine_facts()
+        here, there = clock_of(facts), dict(self.clock)
+        if here != there:
+            return f"the database's times are of another machine ({there.get('processor')}, {there.get('cores')} cores)"
+        other = [f"{name} {said}, here {facts[name]}" for name, said in self.versions.items() if facts.get(name) != said]
+        return f"the database's times are of other versions ({'; '.join(other)})" if other else ""
+
+    def without(self, keep: Callable[[Scene], bool]) -> Database:
+        """The part whose scenes ``keep`` keeps."""
+        scenes = tuple(scene for scene in self.scenes if keep(scene))
+        return Database(self.entries, scenes, self.clock, self.versions, self.budget)
+
+
+def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
+    """The database of all problems of ``rows`` that have a probe, and on which an error was reached."""
+    known = [row for row in analysis.newest(rows).rows if row.problem in probes]
+    if not known:
+        raise ProblemError("the store holds no row of a problem that can be looked at.")
+    entries = analysis.entries(known)
+    tables: dict[str, dict[tuple[str, float | None], Matrix]] = {}
+    for measure in MEASURES:
+        for bound in HELD:
+            for front in analysis.fronts(known, measure, ACCURACIES, bound):
+                table = tables.setdefault(front.problem, {}).setdefault(
+                    (measure, bound), np.full((len(entries), len(ACCURACIES)), np.inf)
+                )
+                for cost in front.costs:
+                    table[entries.index(cost.entry), ACCURACIES.index(front.target)] = cost.value
+    scenes = tuple(
+        Scene(spec, probes[spec].features, costs, probes[spec].evaluations, probes[spec].seconds)
+        for spec, costs in tables.items()
+        if np.any(np.isfinite(costs["evaluations", None]))
+    )
+    environment = known[0].environment
+    budgets = [point.rules.pair_seconds for point in analysis.points(known) if point.rules is not None]
+    return Database(
+        entries=tuple(entries),
+        scenes=scenes,
+        clock=clock_of(environment),
+        versions={name: str(environment[name]) for name in VERSIONS if name in environment},
+        budget=max(budgets, default=math.inf),
+    )
+
+
+def write_database(database: Database, file: Path, command: str) -> None:
+    """As JSON, a scene a line; costs as hundredths of their logarithm to base ten, null where an error was not reached."""
+    head = {
+        "schema": SCHEMA,
+        "command": command,
+        "entries": database.entries,
+        "accuracies": ACCURACIES,
+        "features": NAMES,
+        "clock": database.clock,
+        "versions": database.versions,
+        "budget": database.budget,
+    }
+    lines = [json.dumps(_plain(scene), separators=(",", ":")) for scene in database.scenes]
+    text = json.dumps(head, indent=1)[:-2] + ',\n "scenes": [\n' + ",\n".join(lines) + "\n ]\n}\n"
+    file.write_text(text, encoding="utf-8")
+
+
+def read_database(file: Path | None = None) -> Database:
+    """Of ``file``; None: the one that comes with the package.
+
+    Raises
+    ------
+    ProblemError
+        The file cannot be read or is no such database.
+    """
+    source = files("hhtbench.advice").joinpath("database.json") if file is None else file
+    try:
+        stored = json.loads(source.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ProblemError(f"the database {source.name} cannot be read: {error}.") from error
+    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA or tuple(stored["features"]) != NAMES:
+        raise ProblemError(
+            f"{source.name} is no database of this hhtbench ({SCHEMA}); `hhtbench study selection` makes one."
+        )
+    return Database(
+        entries=tuple(stored["entries"]),
+        scenes=tuple(_scene(line) for line in stored["scenes"]),
+        clock=stored["clock"],
+        versions=stored["versions"],
+        budget=stored["budget"],
+    )
+
+
+def _plain(scene: Scene) -> dict[str, Any]:
+    return {
+        "spec": scene.spec,
+        "features": [round(float(value), 3) for value in scene.features.vector],
+        "probe": [scene.probe_evaluations, float(f"{scene.probe_seconds:.2g}")],
+        **{_name(*key): [_coded(table_row) for table_row in table] for key, table in scene.costs.items()},
+    }
+
+
+def _scene(line: Mapping[str, Any]) -> Scene:
+    evaluations, seconds = line["probe"]
+    costs = {(measure, bound): _decoded(line[_name(measure, bound)]) for measure in MEASURES for bound in HELD}
+    features = Features(**dict(zip(NAMES, line["features"], strict=True)))
+    return Scene(line["spec"], features, costs, evaluations, seconds)
+
+
+def _name(measure: str, bound: float | None) -> str:
+    return measure if bound is None else f"{measure}, drift {bound:g}"
+
+
+def _coded(costs: Iterable[float]) -> list[int | None]:
+    return [round(PARTS * math.log10(cost)) if math.isfinite(cost) else None for cost in costs]
+
+
+def _decoded(rows: Sequence[Sequence[int | None]]) -> Matrix:
+    return np.array([[np.inf if cell is None else 10.0 ** (cell / PARTS) for cell in row] for row in rows])

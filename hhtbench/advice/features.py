@@ -1,0 +1,136 @@
+"""What is known of a problem before anybody solves it: sizes, kinds of constraints, its fastest mode, its own pace."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.equations import Equations
+from hhtbench.errors import ProblemError, Stop
+from hhtbench.lowering import derive
+from hhtbench.protocol import Problem
+
+POWERS = 12  # of the power iteration: the fastest mode to some percent
+MOVED = 1e-6  # of the scales: how far a state is moved for a difference
+MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are looked at too, in the state of the start
+LEAST = 1e-3  # of a turn in the interval: what is slower stands still
+
+
+@dataclass(frozen=True, kw_only=True)
+class Features:
+    """Numbers that say which solvers may be the cheapest; logarithms to base ten where sizes range widely."""
+
+    size: float  #: log of n
+    position: float  #: m / n
+    velocity: float  #: p / n
+    redundant: float  #: 1 where rows of the constraints depend on others at the start
+    variable_mass: float  #: 1 where the mass depends on t or q
+    fastest: float  #: log of the turns (or times 2 pi, decays) of the fastest mode in the interval; at least ``pace``
+    pace: float  #: the same of the motion itself at the start
+    damping: float  #: of the fastest mode, 0 (it swings) to 1 (it decays)
+
+    @property
+    def vector(self) -> Vector:
+        """In the order of :data:`NAMES`."""
+        return np.array([getattr(self, name) for name in NAMES])
+
+    @property
+    def stiffness(self) -> float:
+        """How many times faster the fastest mode is than the motion."""
+        return 10.0 ** (self.fastest - self.pace)
+
+    def __str__(self) -> str:
+        kinds = [f"m/n = {self.position:.2g}"] * (self.position > 0) + [f"p/n = {self.velocity:.2g}"] * (self.velocity > 0)
+        kinds += ["redundant rows"] * (self.redundant > 0) + ["variable mass"] * (self.variable_mass > 0)
+        told = f"n = {10**self.size:.0f}, {', '.join(kinds) or 'no constraints'}"
+        return f"{told}, fastest mode {10**self.fastest:.2g} turns, {self.stiffness:.2g} times the motion's pace"
+
+
+NAMES = tuple(field.name for field in fields(Features))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe:
+    """Features, and what they cost."""
+
+    features: Features
+    evaluations: int  #: of the acceleration
+    seconds: float  #: of these evaluations, warm [s]
+
+
+def probe(problem: Problem) -> Probe:
+    """Look at ``problem`` at its start, by ``POWERS`` + 3 evaluations of the acceleration.
+
+    Raises
+    ------
+    ProblemError
+        The equations determine no finite accelerations at the start or beside it.
+    """
+    equations, (t0, t1) = Equations(problem), problem.t_span
+    try:
+        at_start = equations.acceleration(t0, problem.q0, problem.v0)
+        began = time.process_time()
+        later = [equations.acceleration(t0 + share * (t1 - t0), problem.q0, problem.v0) for share in MOMENTS]
+        fastest, damping = _fastest_mode(equations, at_start)
+        seconds = time.process_time() - began
+    except Stop as stop:
+        raise ProblemError(f"{problem.name} cannot be looked at: {stop}.") from stop
+    n, span = equations.n, abs(t1 - t0)
+    structure = derive(problem.system, t0, problem.q0, problem.v0).structure
+    pace = _turns(_pace(problem, np.max(np.abs([at_start, *later]), axis=0)), span)
+    found = Features(
+        size=math.log10(n),
+        position=equations.m / n,
+        velocity=equations.p / n,
+        redundant=float(bool(equations.redundant)),
+        variable_mass=float(structure.mass == "variable"),
+        fastest=max(_turns(fastest, span), pace),
+        pace=pace,
+        damping=damping,
+    )
+    return Probe(features=found, evaluations=equations.work.tally["residual_evaluations"], seconds=seconds)
+
+
+def _turns(rate: float, span: float) -> float:
+    """Log of rate times span over 2 pi; a rate [1/s]."""
+    return math.log10(max(rate * span / (2 * math.pi), LEAST))
+
+
+def _pace(problem: Problem, acceleration: Vector) -> float:
+    """Of the motion at the start [1/s]: by its velocities, and by what the accelerations would move from rest."""
+    scale = np.broadcast_to(np.asarray(problem.scales.q, dtype=np.float64), problem.q0.shape)
+    return max(float(np.max(np.abs(problem.v0) / scale)), math.sqrt(float(np.max(np.abs(acceleration) / scale))))
+
+
+def _fastest_mode(equations: Equations, at_start: Vector) -> tuple[float, float]:
+    """Size [1/s] and damping of the largest eigenvalue of y' = (v, a)(q, v) at the start, by power iteration.
+
+    A pair of complex eigenvalues turns the vector for ever; the last three vectors tell both: x'' = s x' - p x, where s is
+    their sum and p their product.
+    """
+    problem = equations.problem
+    t, n = problem.t_span[0], equations.n
+    scale = float(np.max(np.asarray(problem.scales.q)))
+
+    def moved(x: Vector) -> Vector:
+        length = MOVED * scale / max(float(np.max(np.abs(x))), 1e-300)
+        there = equations.acceleration(t, problem.q0 + length * x[:n], problem.v0 + length * x[n:])
+        return np.concatenate([x[n:], (there - at_start) / length])
+
+    x = np.random.default_rng(0).standard_normal(2 * n)
+    before, now = x, moved(x)
+    for _ in range(POWERS - 2):
+        size = float(np.linalg.norm(now))
+        if size == 0.0 or not math.isfinite(size):
+            return 0.0, 0.0
+        before, now = now / size, moved(now / size)
+    after = moved(now)
+    (total, product), *_ = np.linalg.lstsq(np.stack([now, -before], axis=1), after, rcond=None)
+    roots = np.roots([1.0, -total, product])
+    largest = roots[np.argmax(np.abs(roots))]
+    size = float(np.abs(largest))
+    return size, float(abs(largest.real) / size) if size else 0.0

@@ -1,0 +1,105 @@
+"""Who is expected to be the cheapest on a problem: by what was measured on the problems most like it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhtbench.advice.database import ACCURACIES, HELD, Database
+from hhtbench.advice.features import Features
+from hhtbench.advice.wish import Wish
+from hhtbench.arguments import Matrix, Vector
+
+NEIGHBOURS = 10
+PRIOR = 10.0  # votes of all scenes beside the neighbours': these alone are worse than the best on the whole
+REACH = 0.9  # quantile of the distances between a scene and the nearest of another family: beyond it nothing is known
+LOST = 30.0  # times the cheapest: what counts for a neighbour on which a solver does not reach the error
+TWICE = 2.0  # times the cheapest: a neighbour speaks for a solver up to there
+AGREED = 0.8  # share of the neighbours that must speak for the choice
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expectation:
+    """Solvers by their expected cost."""
+
+    order: tuple[tuple[str, float], ...]  #: entry and mean cost over the cheapest, best first
+    neighbours: tuple[str, ...]  #: specs, the nearest first
+    distance: float  #: of the nearest, in standard deviations of the features
+    reach: float  #: distance up to which the database speaks
+    agreed: float  #: share of the neighbours on which the first is within twice the cheapest
+
+    @property
+    def doubt(self) -> str:
+        """Why it cannot be told, or ""."""
+        if not self.order:
+            return "no neighbour has anybody who reaches this error"
+        if self.distance > self.reach:
+            return f"the nearest known problem is {self.distance:.2g} away, the database speaks up to {self.reach:.2g}"
+        if self.agreed < AGREED:
+            return (
+                f"of {len(self.neighbours)} neighbours only {self.agreed:.0%} have {self.order[0][0]} within twice the best"
+            )
+        return ""
+
+
+@dataclass(frozen=True)
+class Space:
+    """Features of a database's scenes, each over its standard deviation."""
+
+    points: Matrix  #: (scenes, features)
+    centre: Vector
+    spread: Vector
+    reach: float
+
+    @classmethod
+    def of(cls, database: Database) -> Space:
+        """The scale and the reach follow from the scenes."""
+        centre, spread = database.points.mean(axis=0), database.points.std(axis=0)
+        spread = np.where(spread > 0, spread, 1.0)
+        points = (database.points - centre) / spread
+        families = np.array([scene.family for scene in database.scenes])
+        apart = np.linalg.norm(points[:, None] - points, axis=2)
+        apart[families[:, None] == families] = np.inf
+        nearest = apart.min(axis=1)
+        reach = float(np.quantile(nearest[np.isfinite(nearest)], REACH)) if np.any(np.isfinite(nearest)) else np.inf
+        return cls(points, centre, spread, reach)
+
+    def distances(self, features: Features) -> Vector:
+        """To every scene."""
+        return np.linalg.norm(self.points - (features.vector - self.centre) / self.spread, axis=1)
+
+
+def expected(database: Database, space: Space, features: Features, wish: Wish) -> Expectation:
+    """By the ``NEIGHBOURS`` nearest scenes on which anybody reached the errors, and the mean over all such scenes.
+
+    ``space`` is that of ``database``.
+    """
+    columns = [_column(accuracy) for accuracy in wish.accuracies]
+    distances = space.distances(features)
+    costly = database.ratios[key_of(wish)][:, :, columns]
+    reached = np.isfinite(costly.min(axis=1)).all(axis=1)  # infinite over infinite is NaN, and so is its minimum
+    known = [int(i) for i in np.argsort(distances, kind="stable") if reached[i]]
+    if not known:
+        return Expectation(order=(), neighbours=(), distance=np.inf, reach=space.reach, agreed=0.0)
+    every = np.log(np.minimum(costly[known], LOST)).mean(axis=2)
+    near, ratios = known[:NEIGHBOURS], every[:NEIGHBOURS]
+    means = (ratios.sum(axis=0) + PRIOR * every.mean(axis=0)) / (len(near) + PRIOR)
+    order = [int(j) for j in np.argsort(means, kind="stable")]
+    return Expectation(
+        order=tuple((database.entries[j], float(np.exp(means[j]))) for j in order),
+        neighbours=tuple(database.scenes[i].spec for i in near),
+        distance=float(distances[near[0]]),
+        reach=space.reach,
+        agreed=float(np.mean(ratios[:, order[0]] <= np.log(TWICE) + 1e-12)),
+    )
+
+
+def key_of(wish: Wish) -> tuple[str, float | None]:
+    """Of a database's tables; of the drift it knows one bound."""
+    return wish.on, None if wish.drift is None else HELD[1]
+
+
+def _column(accuracy: float) -> int:
+    """The nearest error of the database, by its logarithm."""
+    return int(np.argmin(np.abs(np.log10(np.array(ACCURACIES)) - np.log10(accuracy))))

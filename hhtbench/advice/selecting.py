@@ -1,0 +1,201 @@
+"""``hhtbench.select``: whom to take for one error on one problem, by the best evidence there is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hhtbench.advice.database import ACCURACIES, Database, read_database
+from hhtbench.advice.features import probe
+from hhtbench.advice.nearest import Expectation, Space, expected
+from hhtbench.advice.standing import Standing
+from hhtbench.advice.trading import trade
+from hhtbench.advice.verdict import ranking, sentence
+from hhtbench.advice.wish import Wish
+from hhtbench.analysis import newest
+from hhtbench.arguments import real_number
+from hhtbench.campaign.machine import clock_of, machine_facts
+from hhtbench.errors import ProblemError
+from hhtbench.protocol import NumpySystem, Problem
+from hhtbench.registry import load_problem
+from hhtbench.specs import canonical
+from hhtbench.store import RunRow, load_rows
+
+EDGE = 10**0.5  # factor by which an error may lie outside of those of the database
+OTHERWISE = "`hhtbench trade` measures it"
+REFUSED = "times are refused: {why}; by evaluations"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Advice:
+    """What :func:`select` says."""
+
+    problem: str
+    taken: str | None  #: the solver, with its options; None: it cannot be told
+    second: str | None
+    on: str  #: what was compared: "time" or "evaluations"
+    text: str  #: whom to take and what it costs, or why it cannot be told and what to do
+    evidence: str  #: what it rests on
+    domain: str  #: where that holds
+    reason: str  #: in one line
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        lines = [("evidence", self.evidence), ("domain", self.domain), ("reason", self.reason)]
+        return "\n".join([self.text, *(f"  {name}: {value}" for name, value in lines if value)])
+
+
+def select(
+    problem: str | Problem,
+    *,
+    accuracy: float = 1e-4,
+    drift: float | None = None,
+    on: str = "time",
+    seconds: float = 0.0,
+    store: str | Path | None = None,
+    database: str | Path | None = None,
+) -> Advice:
+    """Say which solver reaches an error most cheaply.
+
+    From rows of the problem where ``store`` holds some; else from a :func:`trade` of ``seconds``; else from the problem's
+    features and a database of other problems.
+
+    Parameters
+    ----------
+    problem
+        A spec; a Problem where neither rows nor runs are asked for.
+    accuracy
+        Error of q and v, scaled by the problem's scales.
+    drift
+        Most scaled drift of position and velocity constraints; None: any.
+    on
+        What shall be little: "time" or "evaluations".  Times of another machine, or of other versions, are refused;
+        evaluations take their place then, and the text says so.
+    seconds
+        What measuring may take [s]; 0: nothing is run.
+    store
+        SQLite file of ``run`` or ``trade``.
+    database
+        Made by ``hhtbench study selection``; None: that of the package.
+
+    Raises
+    ------
+    NotFoundError, ProblemError, TypeError
+        Wrong use.
+    """
+    wish = Wish(accuracies=(accuracy,), on=on, drift=drift)
+    if real_number("seconds", seconds) < 0.0:
+        raise ProblemError(f"seconds must not be negative; got {seconds:g}.")
+    if not isinstance(problem, str) and (store is not None or seconds > 0.0):
+        raise TypeError("rows and runs belong to a spec, as text; give one, or leave store and seconds out.")
+    loaded = load_problem(problem)
+    if isinstance(problem, str):
+        rows = [] if store is None else [row for row in load_rows(store) if row.problem == canonical(problem)]
+        found = _from_rows(canonical(problem), rows, wish, f"{len(rows)} runs in {Path(store or '').name}")
+        if found is not None:
+            return found
+        if seconds > 0.0:
+            return _measured(problem, wish, seconds, store)
+    return _from_features(loaded, wish, read_database(None if database is None else Path(database)))
+
+
+def _from_rows(spec: str, rows: Sequence[RunRow], wish: Wish, evidence: str) -> Advice | None:
+    """By runs of the problem itself; None where they do not reach the error."""
+    refusal = _foreign(rows) if wish.on == "time" else ""
+    wish = replace(wish, on="evaluations") if refusal else wish
+    standing = Standing.of(newest(rows).rows, wish) if rows else Standing(())
+    ranked = ranking(standing.fronts)
+    if not ranked:
+        return None
+    return Advice(
+        problem=spec,
+        taken=ranked[0][0],
+        second=ranked[1][0] if len(ranked) > 1 else None,
+        on=wish.on,
+        text=sentence(standing.fronts, wish),
+        evidence=evidence,
+        domain=f"this problem, error {wish.accuracies[0]:g}",
+        reason=(f"{REFUSED.format(why=refusal)} " if refusal else "")
+        + f"the least {wish.on} of {len(ranked)} that get there",
+    )
+
+
+def _foreign(rows: Sequence[RunRow]) -> str:
+    """Why the times of these rows say nothing here, or ""."""
+    here = clock_of(machine_facts())
+    others = [row for row in rows if row.success and row.timing.get("machine", clock_of(row.environment)) != here]
+    return f"{len(others)} runs were timed on another machine" if others else ""
+
+
+def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -> Advice:
+    """By a trade."""
+    found = trade(spec, accuracies=wish.accuracies, seconds=seconds, drift=wish.drift, on=wish.on, store=store)
+    told = _from_rows(found.problem, found.rows, wish, f"{len(found.rows)} runs made now, {found.seconds:.0f} s")
+    if told is not None:
+        return replace(told, text=found.sentence)
+    return Advice(
+        problem=found.problem,
+        taken=None,
+        second=None,
+        on=wish.on,
+        text=found.sentence,
+        evidence=f"{len(found.rows)} runs made now",
+        domain="",
+        reason="",
+    )
+
+
+def _from_features(problem: Problem, wish: Wish, database: Database) -> Advice:
+    """By the problems most like it."""
+    refusal = database.refusal() if wish.on == "time" else ""
+    wish = replace(wish, on="evaluations") if refusal else wish
+    doubt, features, told = _outside(problem, wish), "", None
+    if not doubt:
+        try:
+            looked = probe(problem).features
+        except ProblemError as error:
+            doubt = str(error)
+        else:
+            told, features = expected(database, Space.of(database), looked, wish), str(looked)
+            doubt = told.doubt
+    sure = told if told is not None and not doubt else None
+    return Advice(
+        problem=problem.name,
+        taken=None if sure is None else sure.order[0][0],
+        second=None if sure is None else sure.order[1][0],
+        on=wish.on,
+        text=f"Cannot tell: {doubt}; {OTHERWISE}." if sure is None else _text(sure, wish),
+        evidence=f"{len(database.scenes)} known problems" + (f", nearest: {', '.join(told.neighbours[:3])}" if told else ""),
+        domain=_domain(told),
+        reason="; ".join(filter(None, [REFUSED.format(why=refusal) if refusal else "", features])),
+    )
+
+
+def _outside(problem: Problem, wish: Wish) -> str:
+    """Why the database says nothing of such a wish, or ""."""
+    accuracy = wish.accuracies[0]
+    if not min(ACCURACIES) / EDGE <= accuracy <= max(ACCURACIES) * EDGE:
+        return f"the database knows errors from {max(ACCURACIES):g} to {min(ACCURACIES):g}; asked was {accuracy:g}"
+    if wish.on == "time" and isinstance(problem.system, NumpySystem):
+        return "the system's functions are called in Python, and the database's times are of machine code"
+    return ""
+
+
+def _text(told: Expectation, wish: Wish) -> str:
+    (first, own), (second, other) = told.order[:2]
+    return (
+        f"Take {first}: on known problems, the similar ones counted twice, it costs {own:.2g} times the least {wish.on} "
+        f"in the mean at an error of {wish.accuracies[0]:g}; the second choice, {second}, {other:.2g} times."
+    )
+
+
+def _domain(told: Expectation | None) -> str:
+    errors = f"errors {max(ACCURACIES):g} to {min(ACCURACIES):g}"
+    if told is None or not told.order:
+        return errors
+    return f"{errors}; distance {told.distance:.2g} of at most {told.reach:.2g}; {told.agreed:.0%} of the neighbours agree"

@@ -1,0 +1,144 @@
+"""``select``: by rows, by runs, by features and a database; and where it cannot be told."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import hhtbench as hb
+from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
+from hhtbench.advice.features import Probe
+from hhtbench.advice.nearest import Space, expected
+from hhtbench.advice.wish import Wish
+from hhtbench.cli import main
+from tests.advice.synthetic import database, features
+from tests.advice.test_trading import CHEAP, MIDDLE
+from tests.analysis.laws import law
+
+WISH = Wish(accuracies=(1e-4,))
+
+
+def told(known, looked, wish=WISH):
+    return expected(known, Space.of(known), looked, wish)
+
+
+def test_the_winner_of_the_most_similar_scenes_is_expected_to_win():
+    known = database()
+    assert told(known, features(0.6)).order[0][0] == "swift"
+    assert told(known, features(2.6)).order[0][0] == "steady"
+    assert told(known, features(2.6)).agreed == 1.0
+
+
+def test_a_problem_unlike_all_others_cannot_be_told():
+    found = told(database(), features(0.6, size=4.0))
+    assert found.distance > found.reach
+    assert "away" in found.doubt
+
+
+def test_neighbours_that_disagree_cannot_be_told():
+    known = database()
+    mixed = [replace(one, features=features(1.0)) for one in known.scenes]
+    found = told(replace(known, scenes=tuple(mixed)), features(1.0))
+    assert "neighbours only" in found.doubt
+
+
+def test_a_database_is_written_and_read_to_two_percent(tmp_path: Path):
+    known, file = database(), tmp_path / "database.json"
+    write_database(known, file, "hhtbench study selection")
+    again = read_database(file)
+    assert again.entries == known.entries
+    assert [one.spec for one in again.scenes] == [one.spec for one in known.scenes]
+    for one, other in zip(again.scenes, known.scenes, strict=True):
+        np.testing.assert_allclose(one.costs["time", None], other.costs["time", None], rtol=0.012)
+        np.testing.assert_allclose(one.features.vector, other.features.vector, atol=5e-4)
+
+
+def test_rows_are_reduced_to_what_each_solver_paid_and_infinite_where_it_did_not_get_there():
+    rows = [*law("ida", 50.0, 4, settings=(1e-1, 1e-3), drift=1e-5), *law("hht", 90.0, 4, drift=1e-13)]
+    made = reduced(rows, {"pendulum": Probe(features=features(1.0), evaluations=10, seconds=1e-3)})
+    free, held = (made.scenes[0].costs["evaluations", bound] for bound in (None, 1e-10))
+    ida, hht = (made.entries.index(name) for name in ("ida", "hht"))
+    np.testing.assert_allclose(free[ida], [50 * 100**0.25, 50 * 1000**0.25, np.inf, np.inf, np.inf])
+    np.testing.assert_allclose(held[hht], 90 * np.array(ACCURACIES) ** -0.25)
+    assert np.all(np.isinf(held[ida]))
+
+
+def test_the_database_of_the_package_is_small_and_knows_a_hundred_scenes():
+    file = Path(hb.__file__).parent / "advice" / "database.json"
+    assert file.stat().st_size < 200_000
+    known = read_database()
+    assert len(known.scenes) >= 100
+    assert len({one.family for one in known.scenes}) >= 20
+
+
+def test_times_of_another_machine_are_refused_and_evaluations_used(tmp_path: Path):
+    file = tmp_path / "other.json"
+    known = database()
+    write_database(replace(known, clock={**known.clock, "processor": "abacus"}), file, "")
+    found = hb.select("simple_pendulum", accuracy=1e-4, database=file)
+    assert found.on == "evaluations"
+    assert "another machine (abacus" in found.reason
+    write_database(replace(known, versions={"numpy": "0.1"}), file, "")
+    assert "numpy 0.1, here" in hb.select("simple_pendulum", accuracy=1e-4, database=file).reason
+    assert hb.select("simple_pendulum", accuracy=1e-4, on="evaluations", database=file).on == "evaluations"
+
+
+def test_advice_from_features_shows_evidence_domain_and_reason():
+    found = hb.select(hb.load_problem("simple_pendulum"), accuracy=1e-4, on="evaluations")
+    assert found.taken is not None
+    assert found.text.startswith(f"Take {found.taken}")
+    assert "known problems, nearest: " in found.evidence
+    assert "errors 0.01 to 1e-06; distance" in found.domain
+    assert found.reason.startswith("n = 2, m/n = 0.5")
+
+
+def test_an_error_outside_of_the_database_and_python_callables_by_time_cannot_be_told(tmp_path: Path):
+    found = hb.select("simple_pendulum", accuracy=1e-9, on="evaluations")
+    assert (found.taken, found.text.partition(":")[0]) == (None, "Cannot tell")
+    file = tmp_path / "here.json"
+    write_database(database(), file, "")
+    system = hb.NumpySystem(force=lambda t, q, v: -q)
+    problem = hb.Problem(name="p", system=system, t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+    assert "called in Python" in hb.select(problem, database=file).text
+
+
+def test_runs_of_the_problem_itself_come_first_and_their_number_is_the_evidence(prices, tmp_path: Path):
+    store = tmp_path / "runs.sqlite"
+    hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP, MIDDLE], on="evaluations", jobs=1, store=store, seconds=300)
+    found = hb.select("fall", accuracy=1e-2, on="evaluations", store=store)
+    assert (found.taken, found.second) == (CHEAP, MIDDLE)
+    assert found.evidence.endswith("runs in runs.sqlite")
+    assert found.domain == "this problem, error 0.01"
+
+
+def test_the_command_prints_the_advice_and_leaves_with_one_where_it_cannot_tell(tmp_path: Path):
+    file = tmp_path / "advice.json"
+    result = CliRunner().invoke(main, ["select", "simple_pendulum", "--on", "evaluations", "--json", str(file)])
+    assert result.exit_code == 0, result.output
+    assert json.loads(file.read_text())["taken"] in result.output
+    result = CliRunner().invoke(main, ["select", "simple_pendulum", "--accuracy", "1e-9", "--on", "evaluations"])
+    assert result.exit_code == 1
+    result = CliRunner().invoke(main, ["select", "simpel_pendulum"])
+    assert result.exit_code == 2
+    assert "Did you mean simple_pendulum" in result.output
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "text"),
+    [
+        ({"accuracy": 3.0}, hb.ProblemError, "between 0 and 1"),
+        ({"seconds": -1.0}, hb.ProblemError, "must not be negative"),
+        ({"on": "memory"}, hb.ProblemError, "time or evaluations"),
+        ({"database": "absent.json"}, hb.ProblemError, "absent.json cannot be read"),
+    ],
+)
+def test_wrong_use_is_refused(asked, error, text):
+    with pytest.raises(error, match=text):
+        hb.select("simple_pendulum", **asked)
+    with pytest.raises(TypeError, match="belong to a spec"):
+        hb.select(hb.load_problem("simple_pendulum"), seconds=3.0)
