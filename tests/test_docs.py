@@ -31,6 +31,7 @@ def test_every_page_has_code_that_is_run():
     assert {file.name for file in DOCS.glob("*.md")} == {
         *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md"),
         "mechanisms.md",  # in tests/mechanics
+        "advice.md",  # in tests/advice
     }
 
 

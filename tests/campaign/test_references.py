@@ -56,7 +56,7 @@ def test_a_problem_of_ones_own_is_certified_and_its_solvers_are_judged(mine: Pat
 
 
 def test_nothing_is_certified_twice_and_a_changed_problem_again(mine: Path, monkeypatch: pytest.MonkeyPatch):
-    def noted(spec: str, file: Path) -> str:
+    def noted(spec: str, file: Path, seconds: float) -> str:
         asked.append(spec)
         file.write_text(spec)
         return ""
