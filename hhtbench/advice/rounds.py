@@ -19,9 +19,10 @@ from hhtbench.campaign import run_campaign
 from hhtbench.campaign.execute import WorkerPool
 from hhtbench.store import RunRow, Store
 
-FIRST_CAP = 0.25  # [s] of one solve in the first round
+FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
 GROWTH = 4.0  # of the cap from round to round
 ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
+HEAT = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
 SOLVES = 4.0  # of the longest kind that a candidate may make in a round
 REFINEMENTS = 16  # most settings of one candidate
 FINALISTS = 2.0  # times the cheapest at some error: who is timed again
@@ -44,11 +45,11 @@ class Rounds:
 
     def run(self, candidates: Sequence[Candidate]) -> None:
         """Until nobody is left who could show more, nothing more is asked for, or the time is up."""
-        live, cap = list(candidates), FIRST_CAP
+        live, cap, size = list(candidates), FIRST_CAP, HEAT * self.pool.limits.jobs
         while live:
             before, waiting = len(self.rows), list(live)
             while waiting and time.monotonic() < self.ends:
-                heat, waiting = waiting[: self.pool.limits.jobs], waiting[self.pool.limits.jobs :]
+                heat, waiting = waiting[:size], waiting[size:]
                 self._campaign(heat, self._cap(cap), timing=False)
                 self._give_up(live)
             live = [one for one in live if self._could_show_more(one)]

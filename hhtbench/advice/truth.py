@@ -36,7 +36,8 @@ def truth_of(
     said: list[str] = []
     found = auto_references(campaign, store, jobs, said.append, seconds)
     if not found:
-        return Truth("; ".join(said) or "no reference was made", known=False)
+        why = "; ".join(said) or "none was made"
+        return Truth(f"{why}. A shorter span may have a reference: of chaotic motion nobody knows a long one", known=False)
     reference = reference_of(next(iter(found.values())))
     bar = max(float(reference["bars"][name].max()) for name in ("q", "v"))
     return Truth(f"{reference['source']}, error bar {bar:.1e}", found)

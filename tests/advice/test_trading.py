@@ -9,6 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
+from hhtbench.advice import trading
+from hhtbench.advice.truth import Truth
 from hhtbench.cli import main
 from hhtbench.store import load_rows
 
@@ -29,7 +31,6 @@ def test_the_cheapest_is_taken_and_the_second_is_named_with_its_price(found):
     assert found.choices[1].best.value == pytest.approx(10 * 1e-4**-0.25, rel=0.1)
     assert found.sentence.startswith(f"Take {CHEAP}: rtol ")
     assert f"the second choice, {MIDDLE}, costs 1.5 times as much" in found.sentence
-    assert found.sentence.count(".") - found.sentence.replace(".", "", 1).count(".") == 1  # no empty sentence
 
 
 def test_who_costs_several_times_the_best_is_given_up_with_the_factor(found):
@@ -50,6 +51,20 @@ def test_where_all_fail_each_is_quoted_with_what_to_try(prices):
     assert not found.choices
     for text in ("Cannot tell", "no weight falls here", "it takes no weights", "What to try", "hhtbench check"):
         assert text in found.sentence
+
+
+def test_without_a_reference_nothing_is_run_and_the_reason_is_told(prices, monkeypatch):
+    monkeypatch.setattr(trading, "truth_of", lambda *_: Truth("collocation and projected do not agree", known=False))
+    found = hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP], **ASKED)
+    assert not found.rows
+    assert "collocation and projected do not agree" in found.sentence
+
+
+def test_nobody_is_begun_once_the_time_is_up_and_all_are_named(prices):
+    found = hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP, MIDDLE], on="evaluations", seconds=1e-6, jobs=1)
+    assert not found.choices
+    assert found.left_out == dict.fromkeys([CHEAP, MIDDLE], "not tried: the time was up")
+    assert f"{CHEAP}: not tried" in found.sentence
 
 
 def test_rows_are_kept_in_a_store_and_taken_from_there(prices, tmp_path: Path):
