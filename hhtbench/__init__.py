@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from hhtbench.campaign.public import Runs, run
     from hhtbench.checks import check
     from hhtbench.description import describe
+    from hhtbench.drift import Drift, measure_drift
     from hhtbench.equations import Equations
     from hhtbench.errors import NotFoundError, ProblemError, Stop
     from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "HHT",
     "Counters",
+    "Drift",
     "Equations",
     "Event",
     "Motion",
@@ -54,6 +56,7 @@ __all__ = [
     "load_problem",
     "load_solver",
     "load_verification",
+    "measure_drift",
     "parameter",
     "plan_steps",
     "run",
@@ -65,6 +68,7 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "campaign.public": ("Runs", "run"),
     "checks": ("check",),
     "description": ("describe",),
+    "drift": ("Drift", "measure_drift"),
     "equations": ("Equations",),
     "errors": ("NotFoundError", "ProblemError", "Stop"),
     "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
