@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hhtbench.drift import Drift, measure_drift
     from hhtbench.equations import Equations
     from hhtbench.errors import NotFoundError, ProblemError, Stop
+    from hhtbench.lagrange import from_sympy
     from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
     from hhtbench.registry import (
         list_problems,
@@ -50,6 +51,7 @@ __all__ = [
     "__version__",
     "check",
     "describe",
+    "from_sympy",
     "list_problems",
     "list_solvers",
     "list_verifications",
@@ -71,6 +73,7 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "drift": ("Drift", "measure_drift"),
     "equations": ("Equations",),
     "errors": ("NotFoundError", "ProblemError", "Stop"),
+    "lagrange": ("from_sympy",),
     "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
     "registry": (
         *("list_problems", "list_solvers", "list_verifications"),
