@@ -55,7 +55,7 @@ def _draw(axis: Any, label: str, lines: Lines, logarithmic: bool) -> None:
     drawn = list(lines.items())[:MOST_LINES]
     for name, (t, values) in drawn:
         shown = np.where(values != 0, np.abs(values), np.nan) if logarithmic else values  # a zero has no logarithm
-        axis.plot(t, shown, label=name, linewidth=1.2)
+        axis.plot(t, shown, ".-" if logarithmic else "-", label=name, linewidth=1.2, markersize=2)
     if logarithmic:
         axis.set_yscale("log")
     axis.set_ylabel(label, fontsize=9)
