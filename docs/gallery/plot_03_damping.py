@@ -2,8 +2,8 @@
 Damping of fast vibrations
 ==========================
 
-A stiff spring that starts a tenth of a millimetre too long rings.  ``rho_inf`` says how much of the fastest vibrations is left after a step: 1 keeps them, smaller values
-damp them, while the slow motion stays second order.
+A stiff spring that starts a tenth of a millimetre too long rings.  ``rho_inf`` says how much of the fastest vibrations is
+left after a step: 1 keeps them, smaller values damp them, while the slow motion stays second order.
 """
 
 import matplotlib.pyplot as plt
