@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from hhtbench.campaign.public import Runs, run
     from hhtbench.checks import check
     from hhtbench.description import describe
+    from hhtbench.drift import Drift, measure_drift
     from hhtbench.equations import Equations
     from hhtbench.errors import NotFoundError, ProblemError, Stop
+    from hhtbench.lagrange import from_sympy
     from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
     from hhtbench.registry import (
         list_problems,
@@ -34,6 +36,7 @@ __all__ = [
     "HHT",
     "Advice",
     "Counters",
+    "Drift",
     "Equations",
     "Event",
     "Motion",
@@ -52,12 +55,14 @@ __all__ = [
     "__version__",
     "check",
     "describe",
+    "from_sympy",
     "list_problems",
     "list_solvers",
     "list_verifications",
     "load_problem",
     "load_solver",
     "load_verification",
+    "measure_drift",
     "parameter",
     "plan_steps",
     "run",
@@ -73,8 +78,10 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "campaign.public": ("Runs", "run"),
     "checks": ("check",),
     "description": ("describe",),
+    "drift": ("Drift", "measure_drift"),
     "equations": ("Equations",),
     "errors": ("NotFoundError", "ProblemError", "Stop"),
+    "lagrange": ("from_sympy",),
     "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
     "registry": (
         *("list_problems", "list_solvers", "list_verifications"),
