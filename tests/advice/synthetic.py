@@ -31,7 +31,7 @@ def scene(family, number, fastest, ratio=8.0):
     row = np.array([20.0, 20.0, 20.0, swift, steady])
     costs = np.outer(row, 1e-3 * np.array(ACCURACIES) ** -0.2)
     table = {(measure, bound): costs * (1.0 if measure == "time" else 1e5) for measure in MEASURES for bound in HELD}
-    return Scene(f"{family}(k={number})", features(fastest, size=0.5 + 0.01 * number), table, 10, 1e-6)
+    return Scene(f"{family}(k={number})", features(fastest), table, 10, 1e-6)
 
 
 def database(families=8, each=3, **changes):
