@@ -189,8 +189,9 @@ def _outside(problem: Problem, wish: Wish) -> str:
 def _text(told: Expectation, wish: Wish) -> str:
     (first, own), (second, other) = told.order[:2]
     return (
-        f"Take {first}: on known problems, the similar ones counted twice, it costs {own:.2g} times the least {wish.on} "
-        f"in the mean at an error of {wish.accuracies[0]:g}; the second choice, {second}, {other:.2g} times."
+        f"Take {first}: on the {len(told.neighbours)} most similar known problems and, with equal weight, on all it costs "
+        f"{own:.2g} times the least {wish.on} in the mean at an error of {wish.accuracies[0]:g}; "
+        f"the second choice, {second}, {other:.2g} times."
     )
 
 
