@@ -22,7 +22,7 @@ def study_command() -> None:
     "--store", type=click.Path(dir_okay=False, path_type=Path), help="Rows of the drawn scenes; made where missing."
 )
 @click.option(
-    "--scenes", type=click.IntRange(min=1), help="Run that many of the drawn scenes.  [default: what the store holds]"
+    "--scenes", type=click.IntRange(min=3), help="Run that many of the drawn scenes.  [default: what the store holds]"
 )
 @click.option("--seconds", type=float, default=2.0, show_default=True, help="Of each solver on each scene [s].")
 @click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")

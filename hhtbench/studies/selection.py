@@ -75,8 +75,27 @@ def study_selection(
     database: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Study:
-    """Judge the advice of a database; with ``scenes`` or ``store`` of one that is made from their rows."""
+    """Judge the advice of a database; with ``scenes`` or ``store`` of one that is made from their rows.
+
+    Parameters
+    ----------
+    store
+        SQLite file of the rows; without ``scenes`` those that it holds are taken.
+    scenes
+        How many of the drawn scenes are run, all families in turn; None: none.
+    seconds
+        Of each solver on each scene [s].
+    database
+        Where the reduced rows go, for ``select``; None: nowhere.
+
+    Raises
+    ------
+    ProblemError
+        There are no rows, or they are of fewer than three families.
+    """
     if store is None and scenes is None:
+        if database is not None:
+            raise ProblemError("a database is made from rows: give --store with some, or --scenes to run.")
         return judged(read_database())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else store
@@ -89,7 +108,7 @@ def study_selection(
     tell(f"looking at {len(specs)} problems")
     made = reduced(rows, probes_of(specs, jobs or 1, tell))
     if database is not None:
-        write_database(made, database, "hhtbench study selection --scenes 116 --store FILE --database FILE")
+        write_database(made, database, f"hhtbench study selection --scenes {len(specs)} --store FILE --database FILE")
     return judged(made)
 
 
@@ -98,13 +117,14 @@ def judged(database: Database) -> Study:
     families = {scene.family for scene in database.scenes}
     if len(families) < 3:
         raise ProblemError(f"scenes of at least three families are needed to hold one out; these are of {len(families)}.")
-    warnings.filterwarnings("ignore", "Mean of empty slice", RuntimeWarning)
-    found = [
-        Judgement(held_out=name, on=on, drift=drift, lines=judge(database, _wish(on, drift), same))
-        for name, same in HELD_OUT.items()
-        for on in MEASURES
-        for drift in HELD
-    ]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice", RuntimeWarning)  # errors that nobody reaches have no vote
+        found = [
+            Judgement(held_out=name, on=on, drift=drift, lines=judge(database, _wish(on, drift), same))
+            for name, same in HELD_OUT.items()
+            for on in MEASURES
+            for drift in HELD
+        ]
     return Study(scenes=len(database.scenes), families=len(families), judgements=tuple(found))
 
 
