@@ -33,6 +33,7 @@ class Line:
     gain: tuple[float, float]  #: interval of the median of the logarithm of the regret over the best fixed choice's
     spoken: float = 1.0  #: share of the questions that were answered; the others take the best fixed choice
     right: float = float("nan")  #: share of the answers within twice the best
+    silent: float = float("nan")  #: the same of what is taken where there is no answer
 
 
 def thumb(scene: Scene) -> str:
@@ -109,10 +110,11 @@ def _line(policy: str, logs: Matrix, base: Vector, samples: Sequence[Vector], an
     gain = [np.median(votes[some] - base[some]) for some in samples]
     more = {}
     if answers is not None:
-        known = answers & np.isfinite(logs)
+        near, known = logs <= np.log(TWICE), np.isfinite(logs)
         more = {
             "spoken": float(answers.mean()),
-            "right": float(np.mean(logs[known] <= np.log(TWICE))) if known.any() else 0.0,
+            "right": _share(near[answers & known]),
+            "silent": _share(near[np.logical_not(answers) & known]),
         }
     return Line(
         policy=policy,
@@ -125,6 +127,10 @@ def _line(policy: str, logs: Matrix, base: Vector, samples: Sequence[Vector], an
         gain=_interval(gain),
         **more,
     )
+
+
+def _share(hits: Vector) -> float:
+    return float(hits.mean()) if hits.size else float("nan")
 
 
 def _interval(values: Sequence[float]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -163,6 +164,14 @@ def _probed(spec: str) -> Probe | str:
         return str(error)
 
 
+def _answers(line: Line) -> str:
+    """Shares of answers, of right ones, and of right choices where there is none; of advice only."""
+    if math.isnan(line.right):
+        return ""
+    silent = "" if math.isnan(line.silent) else f", the rest {line.silent:.0%}"
+    return f"{line.spoken:.0%}, {line.right:.0%} within 2x{silent}"
+
+
 def _table(judgement: Judgement) -> str:
     body = [
         [
@@ -173,7 +182,7 @@ def _table(judgement: Judgement) -> str:
             f"{line.twice:.0%}",
             f"{line.closed:.2f} ({line.interval[0]:.2f} to {line.interval[1]:.2f})",
             f"{line.gain[0]:.2f} to {line.gain[1]:.2f}",
-            f"{line.spoken:.0%}, {line.right:.0%} within 2x" if line.spoken < 1 or line.right == line.right else "",
+            _answers(line),
         ]
         for line in judgement.lines
     ]
