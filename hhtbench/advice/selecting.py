@@ -158,8 +158,8 @@ def _from_features(problem: Problem, wish: Wish, database: Database) -> Advice:
     if not doubt:
         try:
             looked = probe(problem).features
-        except ProblemError as error:
-            doubt = str(error)
+        except Exception as error:  # noqa: BLE001 - a user's functions
+            doubt = str(error) if isinstance(error, ProblemError) else f"{type(error).__name__}: {error}"
         else:
             told, features = expected(database, Space.of(database), looked, wish), str(looked)
             doubt = told.doubt
@@ -169,7 +169,7 @@ def _from_features(problem: Problem, wish: Wish, database: Database) -> Advice:
         taken=None if sure is None else sure.order[0][0],
         second=None if sure is None else sure.order[1][0],
         on=wish.on,
-        text=f"Cannot tell: {doubt}; {OTHERWISE}." if sure is None else _text(sure, wish),
+        text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
         evidence=f"{len(database.scenes)} known problems" + (f", nearest: {', '.join(told.neighbours[:3])}" if told else ""),
         domain=_domain(told),
         reason="; ".join(filter(None, [REFUSED.format(why=refusal) if refusal else "", features])),

@@ -45,6 +45,7 @@ class Trade:
     problem: str  #: canonical spec
     wish: Wish
     reference: str  #: what errors are measured against
+    unknown: str  #: why they are measured against nothing, or ""
     rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
     fronts: tuple[Front, ...]  #: costs at every error, the loosest first
     left_out: dict[str, str]  #: entry -> why it was given up
@@ -58,7 +59,7 @@ class Trade:
     @property
     def sentence(self) -> str:
         """Whom to take; what each candidate said where there is nobody."""
-        return sentence(self.fronts, self.wish) or failure(self._said(), [row.status for row in self.rows], self.reference)
+        return sentence(self.fronts, self.wish) or failure(self._said(), [row.status for row in self.rows], self.unknown)
 
     def _said(self) -> dict[str, str]:
         missing = {entry: why.text for front in self.fronts for entry, why in front.missing.items()}
@@ -166,13 +167,13 @@ def trade(
         with Store(file) as rows, WorkerPool(limits) as pool:
             truth = truth_of(loaded, plan, file, limits.jobs, REFERENCE_SHARE * seconds, tell)
             rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell)
-            if truth.known:
-                rounds.run(candidates)
-                rounds.time_again(candidates)
+            rounds.run(candidates)  # without a truth too: what each says tells what is wrong
+            rounds.time_again(candidates)
     return Trade(
         problem=spec,
         wish=wish,
         reference=truth.text,
+        unknown=truth.missing,
         rows=tuple(rounds.rows.values()),
         fronts=rounds.standing().fronts,
         left_out=rounds.left_out,
@@ -188,7 +189,7 @@ def in_expected_order(problem: Problem, wish: Wish) -> tuple[Candidate, ...]:
     try:
         database = read_database()
         order = [entry for entry, _ in expected(database, Space.of(database), probe(problem).features, wish).order]
-    except (ProblemError, TypeError):  # what is wrong with the problem its runs tell
+    except Exception:  # noqa: BLE001 - a user's functions: what is wrong with them the runs tell
         return CANDIDATES
     return tuple(sorted(CANDIDATES, key=lambda one: order.index(one.entry) if one.entry in order else len(order)))
 

@@ -18,7 +18,7 @@ class Truth:
 
     text: str
     references: dict[str, Path] = field(default_factory=dict)  #: for :func:`~hhtbench.campaign.run_campaign`
-    known: bool = True
+    missing: str = ""  #: why nothing is known
 
 
 def truth_of(
@@ -37,7 +37,8 @@ def truth_of(
     found = auto_references(campaign, store, jobs, said.append, seconds)
     if not found:
         why = "; ".join(said) or "none was made"
-        return Truth(f"{why}. A shorter span may have a reference: of chaotic motion nobody knows a long one", known=False)
+        hint = "A shorter span may have a reference: of chaotic motion nobody knows a long one."
+        return Truth("nothing", missing=f"{why}. {hint}")
     reference = reference_of(next(iter(found.values())))
     bar = max(float(reference["bars"][name].max()) for name in ("q", "v"))
     return Truth(f"{reference['source']}, error bar {bar:.1e}", found)

@@ -119,7 +119,7 @@ GENERAL = "`hhtbench check` looks for mistakes in the problem; looser errors or 
 
 
 def failure(said: Mapping[str, str], statuses: Sequence[str], told: str) -> str:
-    """What each candidate said where none has a cost, and what to try; ``told`` is what is known of the reference."""
+    """What each candidate said where none has a cost, and what to try; ``told``: why there is no reference, or ""."""
     lines = [f"  {entry}: {text}" for entry, text in said.items()]
     known = [HINTS[status] for status in dict.fromkeys(statuses) if status in HINTS]
     tries = "; ".join(known) or GENERAL

@@ -107,6 +107,16 @@ def test_an_error_outside_of_the_database_and_python_callables_by_time_cannot_be
     assert "called in Python" in hb.select(problem, database=file).text
 
 
+def test_functions_that_raise_cannot_be_told():
+    def force(t, q, v):
+        if t > 0.0:
+            raise ValueError("the table ends at 0 s")
+        return -q
+
+    problem = hb.Problem(name="p", system=hb.NumpySystem(force=force), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+    assert "ValueError: the table ends at 0 s" in hb.select(problem, on="evaluations").text
+
+
 def test_runs_of_the_problem_itself_come_first_and_their_number_is_the_evidence(prices, tmp_path: Path):
     store = tmp_path / "runs.sqlite"
     hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP, MIDDLE], on="evaluations", jobs=1, store=store, seconds=300)

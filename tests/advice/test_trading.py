@@ -53,11 +53,13 @@ def test_where_all_fail_each_is_quoted_with_what_to_try(prices):
         assert text in found.sentence
 
 
-def test_without_a_reference_nothing_is_run_and_the_reason_is_told(prices, monkeypatch):
-    monkeypatch.setattr(trading, "truth_of", lambda *_: Truth("collocation and projected do not agree", known=False))
-    found = hb.trade("fall", accuracies=[1e-2], solvers=[CHEAP], **ASKED)
-    assert not found.rows
+def test_without_a_reference_nothing_is_judged_and_the_reason_is_told_with_what_each_says(prices, monkeypatch):
+    nothing = Truth("nothing", missing="collocation and projected do not agree.")
+    monkeypatch.setattr(trading, "truth_of", lambda *_: nothing)
+    found = hb.trade("fall", accuracies=[1e-2], solvers=["priced(does=fail)"], **ASKED)
+    assert not found.choices
     assert "collocation and projected do not agree" in found.sentence
+    assert "no weight falls here" in found.sentence
 
 
 def test_nobody_is_begun_once_the_time_is_up_and_all_are_named(prices):
