@@ -26,7 +26,8 @@ HEAT = 2  # candidates a worker between two looks at the clock: none waits for t
 SOLVES = 4.0  # of the longest kind that a candidate may make in a round
 REFINEMENTS = 16  # most settings of one candidate
 FINALISTS = 2.0  # times the cheapest at some error: who is timed again
-REPEATS = 3  # readings of each of their solves
+REPEATS = 3  # readings of each of their solves, where times decide
+UNTRIED = "not tried: the time was up"
 
 
 @dataclass
@@ -57,7 +58,7 @@ class Rounds:
                 break
             cap *= GROWTH
         run = {entry_of(row) for row in self.rows.values()}
-        self.left_out |= {one.entry: "not tried: the time was up" for one in candidates if one.entry not in run}
+        self.left_out |= {one.entry: UNTRIED for one in candidates if one.entry not in run}
 
     def time_again(self, candidates: Sequence[Candidate]) -> None:
         """Times alone on a core, in turn, of those who may be the cheapest: what decides between them."""
@@ -80,7 +81,7 @@ class Rounds:
             refinements=REFINEMENTS,
             max_seconds=seconds,
             pair_seconds=SOLVES * seconds,
-            repeats=REPEATS,
+            repeats=REPEATS if self.wish.on == "time" else 1,
             counting=False,
         )
         done = run_campaign(

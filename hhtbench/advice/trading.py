@@ -16,7 +16,7 @@ from hhtbench.advice.database import read_database
 from hhtbench.advice.features import probe
 from hhtbench.advice.nearest import Space, expected
 from hhtbench.advice.page import write_page
-from hhtbench.advice.rounds import Rounds
+from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, choices_of, failure, sentence
 from hhtbench.advice.wish import Wish
@@ -59,7 +59,11 @@ class Trade:
     @property
     def sentence(self) -> str:
         """Whom to take; what each candidate said where there is nobody."""
-        return sentence(self.fronts, self.wish) or failure(self._said(), [row.status for row in self.rows], self.unknown)
+        found = sentence(self.fronts, self.wish)
+        if not found:
+            return failure(self._said(), [row.status for row in self.rows], self.unknown)
+        untried = sum(why == UNTRIED for why in self.left_out.values())
+        return f"{found[:-1]}; {untried} candidates were not tried: give more seconds." if untried else found
 
     def _said(self) -> dict[str, str]:
         missing = {entry: why.text for front in self.fronts for entry, why in front.missing.items()}

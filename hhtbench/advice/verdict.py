@@ -68,7 +68,7 @@ def sentence(fronts: Sequence[Front], wish: Wish) -> str:
         text += f"; the second choice, {others[0]}, costs {_dearer(ranked, costs, others[0]):.2g} times as much"
         text += " in the mean of the errors" if len(reached) > 1 and len(ranked) > 1 else ""
     else:
-        text += "; nobody else gets there"
+        text += "; nobody else got there"
     return text + _exceptions(reached, taken) + _unreached(fronts, wish) + "."
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from click.testing import CliRunner
 
 import hhtbench as hb
 from hhtbench.advice import trading
+from hhtbench.advice.rounds import UNTRIED
 from hhtbench.advice.truth import Truth
 from hhtbench.cli import main
 from hhtbench.store import load_rows
@@ -67,6 +69,12 @@ def test_nobody_is_begun_once_the_time_is_up_and_all_are_named(prices):
     assert not found.choices
     assert found.left_out == dict.fromkeys([CHEAP, MIDDLE], "not tried: the time was up")
     assert f"{CHEAP}: not tried" in found.sentence
+
+
+def test_the_sentence_counts_who_was_not_tried(found):
+    assert "not tried" not in found.sentence
+    hurried = replace(found, left_out={**found.left_out, MIDDLE: UNTRIED})
+    assert hurried.sentence.endswith("; 1 candidates were not tried: give more seconds.")
 
 
 def test_rows_are_kept_in_a_store_and_taken_from_there(prices, tmp_path: Path):
