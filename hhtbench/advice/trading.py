@@ -66,8 +66,8 @@ class Trade:
         return f"{found[:-1]}; {untried} candidates were not tried: give more seconds." if untried else found
 
     def _said(self) -> dict[str, str]:
-        missing = {entry: why.text for front in self.fronts for entry, why in front.missing.items()}
-        return {**missing, **self.left_out} if not missing else {**self.left_out, **missing}
+        """Why each candidate without a cost has none."""
+        return self.left_out | {entry: why.text for front in self.fronts for entry, why in front.missing.items()}
 
     def write_page(self, file: str | Path) -> None:
         """Error against time, evaluations and drift, the table and the sentence as one HTML file that fetches nothing."""
@@ -82,6 +82,7 @@ class Trade:
             "drift": self.wish.drift,
             "sentence": self.sentence,
             "reference": self.reference,
+            "unknown": self.unknown,
             "choices": [choice.as_dict() for choice in self.choices],
             "left_out": self.left_out,
             "seconds": self.seconds,
