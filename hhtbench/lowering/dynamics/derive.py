@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
@@ -47,8 +47,8 @@ def derive(
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
-    if isinstance(system, System):
-        key = ById(system), parameters_of(system), np.shape(q), ignored
+    if issubclass(type(system), System):  # of an object equinox would be asked for its class
+        key = by_id(system), parameters_of(system), np.shape(q), ignored
         found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))
         return found
     if isinstance(system, NumpySystem):
@@ -64,17 +64,17 @@ def parameters_of(value: Any) -> Hashable:
     """
     kind = type(value)
     if kind in _compared_by_identity:
-        return ById(value)
+        return by_id(value)
     if isinstance(value, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
     if issubclass(kind, (eqx.Module, NumpySystem)):  # of an object equinox would be asked for its class
         value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
     if isinstance(value, dict):
-        return tuple(value), tuple(map(parameters_of, value.values()))
+        return tuple(value), parameters_of(tuple(value.values()))
     if isinstance(value, (tuple, list)):
-        return tuple(map(parameters_of, value))
+        return tuple([by_id(x) if type(x) in _compared_by_identity else parameters_of(x) for x in value])
     _compared_by_identity.add(kind)  # to ask what it is not takes longer than all else here
-    return ById(value)
+    return by_id(value)
 
 
 def _expect_force(system: System | NumpySystem) -> None:
@@ -143,7 +143,7 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
         constant = mass_as_matrix(mass, structure.n, np)
         return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
 
-    key = ById(system), parameters_of(system), structure, ignored
+    key = by_id(system), parameters_of(system), structure, ignored
     found: NumpyDynamics = _derived.find(key, made)
     return found
 
