@@ -61,7 +61,10 @@ class Solving(Protocol):
     """What belongs to one solve, whoever steps."""
 
     dynamics: Dynamics
-    acceleration: AccelerationLevel
+
+    @property
+    def acceleration(self) -> AccelerationLevel:
+        """Of the constraints that are solved with."""
 
     @property
     def work(self) -> Work:

@@ -49,7 +49,7 @@ def derive(
     """
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
         key = by_id(system), parameters_of(system), np.shape(q), ignored
-        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))
+        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))  # type: ignore[arg-type] # it is one
         return found
     if isinstance(system, NumpySystem):
         _expect_force(system)
@@ -65,7 +65,7 @@ def parameters_of(value: Any) -> Hashable:
     kind = type(value)
     if kind in _compared_by_identity:
         return by_id(value)
-    if isinstance(value, np.ndarray):
+    if issubclass(kind, np.ndarray):
         return value.shape, value.dtype.str, value.tobytes()
     if issubclass(kind, (eqx.Module, NumpySystem)):  # of an object equinox would be asked for its class
         value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
