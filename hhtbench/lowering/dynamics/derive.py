@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
-_compared_by_identity: set[type] = set()
+_ways: dict[type, Callable[[Any], Hashable]] = {}  # of comparing values, by their kind
 _derived = Cache(64)  # reading a structure costs a trace for each function of the system
 
 
@@ -62,19 +62,39 @@ def parameters_of(value: Any) -> Hashable:
 
     Of what a function or another object in a field refers to nothing can be seen.
     """
-    kind = type(value)
-    if kind in _compared_by_identity:
-        return by_id(value)
+    return _ways.get(type(value), _found_way)(value)
+
+
+def _found_way(value: Any) -> Hashable:
+    """:func:`parameters_of` of the first value of its kind: to ask for kinds takes longer than all else here."""
+    kind = type(value)  # of an object equinox would be asked for its class
+    way: Callable[[Any], Hashable] = by_id
     if issubclass(kind, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes()
-    if issubclass(kind, (eqx.Module, NumpySystem)):  # of an object equinox would be asked for its class
-        value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
-    if isinstance(value, dict):
-        return tuple(value), parameters_of(tuple(value.values()))
-    if isinstance(value, (tuple, list)):
-        return tuple([by_id(x) if type(x) in _compared_by_identity else parameters_of(x) for x in value])
-    _compared_by_identity.add(kind)  # to ask what it is not takes longer than all else here
-    return by_id(value)
+        way = _of_array
+    elif issubclass(kind, (eqx.Module, NumpySystem)):
+        way = _of_object
+    elif issubclass(kind, dict):
+        way = _of_dict
+    elif issubclass(kind, (tuple, list)):
+        way = _of_values
+    _ways[kind] = way
+    return way(value)
+
+
+def _of_array(value: np.ndarray) -> Hashable:
+    return value.shape, value.dtype.str, value.tobytes()
+
+
+def _of_object(value: Any) -> Hashable:
+    return _of_dict(object.__getattribute__(value, "__dict__"))
+
+
+def _of_dict(value: Mapping[Any, Any]) -> Hashable:
+    return tuple(value), _of_values(value.values())
+
+
+def _of_values(values: Iterable[Any]) -> Hashable:
+    return tuple([_ways.get(type(value), _found_way)(value) for value in values])
 
 
 def _expect_force(system: System | NumpySystem) -> None:
