@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -67,34 +67,21 @@ def parameters_of(value: Any) -> Hashable:
 
 def _found_way(value: Any) -> Hashable:
     """:func:`parameters_of` of the first value of its kind: to ask for kinds takes longer than all else here."""
-    kind = type(value)  # of an object equinox would be asked for its class
-    way: Callable[[Any], Hashable] = by_id
-    if issubclass(kind, np.ndarray):
-        way = _of_array
-    elif issubclass(kind, (eqx.Module, NumpySystem)):
-        way = _of_object
-    elif issubclass(kind, dict):
-        way = _of_dict
-    elif issubclass(kind, (tuple, list)):
-        way = _of_values
-    _ways[kind] = way
+    kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
+    way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id)
     return way(value)
-
-
-def _of_array(value: np.ndarray) -> Hashable:
-    return value.shape, value.dtype.str, value.tobytes()
-
-
-def _of_object(value: Any) -> Hashable:
-    return _of_dict(object.__getattribute__(value, "__dict__"))
-
-
-def _of_dict(value: Mapping[Any, Any]) -> Hashable:
-    return tuple(value), _of_values(value.values())
 
 
 def _of_values(values: Iterable[Any]) -> Hashable:
     return tuple([_ways.get(type(value), _found_way)(value) for value in values])
+
+
+COMPARED: tuple[tuple[Any, Callable[[Any], Hashable]], ...] = (
+    (np.ndarray, lambda x: (x.shape, x.dtype.str, x.tobytes())),
+    ((eqx.Module, NumpySystem), lambda x: parameters_of(object.__getattribute__(x, "__dict__"))),
+    (dict, lambda x: (tuple(x), _of_values(x.values()))),
+    ((tuple, list), _of_values),
+)
 
 
 def _expect_force(system: System | NumpySystem) -> None:

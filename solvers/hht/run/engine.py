@@ -51,7 +51,6 @@ class Engine:
         source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
         force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
         self.bare_force = compile_function(force, source)  #: not counted
-        self._force = work.counted(self.bare_force, residuals=self.points)
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
         self.declared = known.declared  #: derivatives
@@ -72,7 +71,6 @@ class Engine:
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
         self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
-        self._force = work.counted(self.bare_force, residuals=self.points)
         if "loops" in self.__dict__:
             self.loops.again(work)
         return self
@@ -102,7 +100,7 @@ class Engine:
             F or M holds NaN or infinity.
         """
         n = self.structure.n
-        packed = self._force(t, q, v)
+        packed = self.work.counted(self.bare_force, residuals=self.points)(t, q, v)
         if not np.isfinite(packed).all():
             explain_nonfinite(self.dynamics, t, q, v)
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None

@@ -19,7 +19,7 @@ from solvers.hht.events.event import Occurrence
 from solvers.hht.run.interpolate import interpolate
 
 GROWTH = 4  # times the rows there are
-ROOM = 64  # rows at first
+ROOM = 513  # rows at first: the start's, and those of a first call; untouched ones cost nothing
 KEPT = 24 * 2**20  # bytes of rows of steps, at most, where output times were asked for and not the steps
 BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
@@ -193,7 +193,4 @@ class RowLayout:
         self.interpolate = interpolate.following(n, m)  #: threads share it: it keeps nothing
 
 
-@lru_cache
-def row_layout(structure: Structure) -> RowLayout:
-    """Remembered."""
-    return RowLayout(structure)
+row_layout = lru_cache(RowLayout)
