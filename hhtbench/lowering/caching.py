@@ -19,16 +19,12 @@ import jax
 CHECKSUM = hashlib.sha256().digest_size
 
 
-def _itself(value: Any) -> Any:
-    return value
-
-
 def by_id(value: Any) -> Hashable:
     """``value`` as part of a key, compared by identity; the key keeps it, so that its id stays its own.
 
     A bound method: Python hashes and compares those by the identity of their object, and calls no function for it.
     """
-    return None if value is None else MethodType(_itself, value)
+    return None if value is None else MethodType(id, value)
 
 
 class Cache:

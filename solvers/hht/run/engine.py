@@ -38,7 +38,6 @@ class Engine:
     """Steps of one method for one system.
 
     Beside the loops' memory it keeps that declared derivatives were given up, for good, and counts what is evaluated.
-
     """
 
     def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
