@@ -16,11 +16,9 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
-from hhtbench.request import Request, check_output_times, make_request
+from hhtbench.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.result import Counters, Solution, Status
 from hhtbench.trust import doubt_about, violated
-
-RTOL = 1e-4  #: where a request has neither tolerances nor steps: plain engineering accuracy
 
 
 def solve(
@@ -70,8 +68,8 @@ def solve(
     """
     began = time.perf_counter()
     asked, note = make_request(**request), ""
-    if accuracy is None and not asked.fixed and asked.rtol is None and asked.atol is None:
-        asked, note = replace(asked, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
+    if accuracy is None:
+        asked, note = with_tolerance(asked)
     clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
     loaded, chosen = load_problem(problem).starting(t_span, q0, v0), load_solver(solver)
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)

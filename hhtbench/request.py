@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from hhtbench.errors import ProblemError
 MOST_STEPS = 2**53  # prescribed: floats count so far
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
 ADDS_UP = 1e-9  # of the interval: what lengths of steps that were given may be off its length
+RTOL = 1e-4  # where a request has neither tolerances nor steps: plain engineering accuracy
 RTOL_CEILING = 0.1  # above it a solution has no correct digit
 
 
@@ -40,16 +41,14 @@ class Request:
     options: Mapping[str, Any] = field(default_factory=dict)  #: options of one solver
 
     def __post_init__(self) -> None:
-        for name, checked in CHECKS.items():
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, checked(name, value))
+        for name, value in self.__dict__.items():
+            if value is not None and name in CHECKS:
+                object.__setattr__(self, name, CHECKS[name](name, value))
         if self.rtol is not None and self.atol is not None and has_zero(self.rtol) and has_zero(self.atol):
             raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
-        given = [name for name in ("step", "steps") if getattr(self, name) is not None]
-        if self.rtol is not None or self.atol is not None:
-            given.append("rtol/atol")
-        if len(given) > 1:
+        by_error = self.rtol is not None or self.atol is not None
+        if (self.step is not None) + (self.steps is not None) + by_error > 1:
+            given = [name for name in ("step", "steps") if getattr(self, name) is not None] + ["rtol/atol"] * by_error
             raise ProblemError(f"{' and '.join(given)} exclude one another; give one of them.")
 
     @property
@@ -60,10 +59,17 @@ class Request:
 
 def make_request(**keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
-    unknown = sorted(name for name in keywords if name not in KNOWN)
+    unknown = sorted([name for name in keywords if name not in KNOWN])
     if unknown:
         raise TypeError(f"unknown request option {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
     return Request(**keywords)
+
+
+def with_tolerance(request: Request) -> tuple[Request, str]:
+    """``request``, with ``rtol = 1e-4`` where it has neither tolerances nor steps, and what a message is to say of that."""
+    if request.fixed or request.rtol is not None or request.atol is not None:
+        return request, ""
+    return replace(request, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -127,7 +127,7 @@ class Adapter:
 def _structure(problem: Problem) -> Structure | None:
     """The structure as far as it is known without evaluating anything; None where a declaration is faulty."""
     system = problem.system
-    if isinstance(system, System):
+    if issubclass(type(system), System):  # of an object equinox would be asked for its class
         try:
             return derive(system, problem.t_span[0], problem.q0, problem.v0).structure
         except Exception:  # noqa: BLE001 - whatever tracing raises, solve raises again where it belongs
@@ -152,6 +152,8 @@ class SundialsMatrix:
 
     def solver(self, library: Any, function: Any, **options: Any) -> Any:
         """An IDA or CVODE for this matrix."""
+        if self._order is ...:
+            return library(function, **self._options, **options)
         with warnings.catch_warnings():
             text = "Custom sparse Jacobian approximation will be ignored"  # as it should: the Jacobian is given
             warnings.filterwarnings("ignore", message=text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,10 +76,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if not run.dynamics.structure.constrained:
         return Recovered(lam, mu)
-    done, undetermined = np.zeros(times.size, dtype=bool), []
-    if recover_many is not None:
-        with suppress(BudgetSpent):  # nothing more can be compiled
-            done = recover_many()
+    done, undetermined = _together(recover_many, times.size), []
     if np.count_nonzero(done) == done.size:  # in a fifth of the time of all()
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
@@ -104,6 +100,14 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
         return Recovered(lam, mu)
     note = f"The acceleration level determines no multipliers at {len(undetermined)} times, "
     return Recovered(lam, mu, f"{note}first at t = {undetermined[0]:.17g}; {own.some}.")
+
+
+def _together(recover_many: RecoverMany, count: int) -> Any:
+    """Which of ``count`` rows have their multipliers by ``recover_many``."""
+    try:
+        return np.zeros(count, dtype=bool) if recover_many is None else recover_many()
+    except BudgetSpent:  # nothing more can be compiled
+        return np.zeros(count, dtype=bool)
 
 
 def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:

@@ -11,7 +11,8 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import unreduced
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, unreduced
+from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Solution, Status
@@ -21,7 +22,7 @@ from solvers._dense import OnConstraints, Pieces
 from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._multipliers import Recover, recovered
+from solvers._multipliers import Recover, plain_start, recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
     Rows,
@@ -33,6 +34,7 @@ from solvers._rows import (
 )
 from solvers._start import (
     Failure,
+    Guesses,
     Place,
     absolute_tolerances,
     budget_failure,
@@ -122,22 +124,14 @@ class Run:
 
     def _begin(self) -> Failure | None:
         problem = self.problem
-        place = Place(self.now, problem.q0, problem.v0)
-        guesses = problem.lam_guess, problem.mu_guess
+        place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
-        self.dynamics = dynamics_for(problem.system, place)
-        whole = unreduced(self.dynamics)
-        self.levels = of_dynamics(whole).levels
-        self.acceleration = of_dynamics(self.dynamics).acceleration
-        failure = check_start(self.dynamics, self.levels, place, guesses)
-        if failure is not None:
-            return failure
-        found = start_acceleration(self, place, guesses)
+        found = plain_start(problem.system, place, guesses, self.work) or self._looked_at(place, guesses)
         if isinstance(found, Failure):
             return found
+        self.dynamics, self.first = found
         self.form = form = forms.make_form(self.form_name, self.dynamics)
-        self.first = found
-        self.start = form.start(place.q, place.v, found.vdot, found.lam, found.mu)
+        self.start = form.start(place.q, place.v, self.first.vdot, self.first.lam, self.first.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
         vector = (form.size,)
         matrix = (form.size, form.size) if form.pattern is None else (form.pattern.rows.size,)
@@ -150,6 +144,23 @@ class Run:
         if self.request.dense_output:
             self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
+
+    def _looked_at(self, place: Place, guesses: Guesses) -> tuple[Dynamics, Acceleration] | Failure:
+        """The dynamics, and accelerations and multipliers of a start that may be bad or unusual."""
+        self.dynamics = dynamics_for(self.problem.system, place)
+        failure = check_start(self.dynamics, self.levels, place, guesses)
+        found = failure or start_acceleration(self, place, guesses)
+        return found if isinstance(found, Failure) else (self.dynamics, found)
+
+    @property
+    def levels(self) -> ConstraintLevels:
+        """Of all constraints."""
+        return of_dynamics(unreduced(self.dynamics)).levels
+
+    @property
+    def acceleration(self) -> AccelerationLevel:
+        """Of those that are solved with."""
+        return of_dynamics(self.dynamics).acceleration
 
     def look_ahead(self, lost: float) -> None:
         """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).

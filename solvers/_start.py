@@ -27,7 +27,7 @@ from hhtbench.lowering import (
     singular_at,
     unreduced,
 )
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.regular import with_full_matrices
@@ -61,7 +61,10 @@ class Solving(Protocol):
     """What belongs to one solve, whoever steps."""
 
     dynamics: Dynamics
-    acceleration: AccelerationLevel
+
+    @property
+    def acceleration(self) -> AccelerationLevel:
+        """Of the constraints that are solved with."""
 
     @property
     def work(self) -> Work:
@@ -121,7 +124,7 @@ _of_dynamics = Cache(64)
 
 def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     """Remembered of a dynamics that is remembered itself."""
-    found: OfDynamics = _of_dynamics.find(ById(dynamics), lambda: OfDynamics(dynamics))
+    found: OfDynamics = _of_dynamics.find(by_id(dynamics), lambda: OfDynamics(dynamics))
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive, route_of
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along
 from hhtbench.protocol import DERIVATIVES, PATTERNS, SIGNATURES, declared
 
@@ -140,7 +140,7 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     if route_of(dynamics) == "numpy":
         compare()
     else:
-        _compared.find(ById(dynamics), compare)
+        _compared.find(by_id(dynamics), compare)
 
 
 def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 
 Tree = TypeVar("Tree")  #: a pytree of parameters and of what is no number: a dynamics
 _jitted = Cache(4096)
@@ -36,7 +36,7 @@ class Flat(NamedTuple):
 
 def flat_function(function: Callable[Concatenate[Tree, ...], Any], tree: Tree, *static: Hashable) -> Flat:
     """``function(tree, *static, *arrays)`` taken apart."""
-    parts: _Flattened = _flattened.find(ById(tree), lambda: _flatten(tree))
+    parts: _Flattened = _flattened.find(by_id(tree), lambda: _flatten(tree))
 
     def of_parameters(flat: Any, *arguments: Any) -> Any:
         return function(eqx.combine(parts.unravel(flat), parts.rest), *static, *arguments)

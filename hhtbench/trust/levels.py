@@ -40,19 +40,13 @@ def violated(
     t, q, v = rows
     if not levels.structure.constrained or not t.size:
         return ""
-    largest, at_time = 0.0, 0.0
-    for i in np.unique(np.linspace(0, t.size - 1, CHECKED_ROWS).astype(int)):
-        check_time()
-        try:
-            at = levels.at(float(t[i]), q[i], v[i])
-        except NonFiniteValue as error:
-            return f"constraints: {error}."
-        velocity = at.scaled_velocity(problem.scales.v)[at.position.size :]
-        worst = float(np.max(np.concatenate([at.scaled_position(problem.scales.q), velocity])))
-        if not worst <= largest:  # NaN counts as larger than all
-            largest, at_time = worst, float(t[i])
-        if np.isnan(worst):
-            break
+    some = np.arange(t.size) if t.size <= CHECKED_ROWS else np.unique(np.linspace(0, t.size - 1, CHECKED_ROWS).astype(int))
+    try:
+        found = _over_sizes(levels, problem, (t[some], q[some], v[some]), check_time)
+    except NonFiniteValue as error:
+        return f"constraints: {error}."
+    i = int(np.argmax(found))  # the first that is not a number, if there is one
+    largest, at_time = float(found[i]), float(t[some[i]])
     bound = believable(request)
     if largest <= bound:
         return ""
@@ -60,3 +54,20 @@ def violated(
         f"constraints: A constraint is violated by up to {largest:.2g} of its size, most at t = {at_time:.17g}; "
         f"up to {bound:.2g} is believed."
     )
+
+
+def _over_sizes(
+    levels: ConstraintLevels, problem: Problem, rows: tuple[Vector, Matrix, Matrix], check_time: Callable[[], None]
+) -> Vector:
+    """The largest of |g| and |k| at every row (k,), each over what its row of the Jacobian makes of the typical sizes."""
+    n, scales = levels.structure.n, problem.scales
+    s_q, s_v = np.full(n, scales.q, dtype=np.float64), np.full(n, scales.v, dtype=np.float64)
+    values, sizes = [], []
+    for t, q, v in zip(rows[0].tolist(), *rows[1:], strict=True):
+        check_time()
+        at = levels.at(t, q, v)
+        values.append(np.concatenate([at.position, at.velocity]))
+        sizes.append(np.concatenate([np.abs(at.position_jacobian) @ s_q, np.abs(at.velocity_jacobian) @ s_v]))
+    size = np.array(sizes)
+    worst: Vector = np.max(np.abs(values) / np.where(size > 0.0, size, 1.0), axis=1)
+    return worst

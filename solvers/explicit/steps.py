@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, route_of, unreduced
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
 from solvers._run import Halt, Run
@@ -43,7 +43,7 @@ class CompiledSteps:
 
     def __init__(self, run: Run, name: str) -> None:
         dynamics, method = run.dynamics, coefficients(name)
-        blank, mass, self._codes = _known.find(ById(dynamics), lambda: _places(dynamics))
+        blank, mass, self._codes = _known.find(by_id(dynamics), lambda: _places(dynamics))
         s, size = dynamics.structure, run.form.size
         self.run, self.method = run, method
         run.work.library["steps_rejected_error"] = 0

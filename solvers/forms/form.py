@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure, route_of
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import Pattern
 from solvers.forms.functions import dae_functions, ode_functions
 from solvers.forms.layout import RECIPES, SOURCES, Layout
@@ -145,7 +145,7 @@ def make_form(name: str, dynamics: Dynamics) -> Form:
     ProblemError
         There is no form of that name, or the system does not have it: see :func:`refusal`.
     """
-    made: Form = _made.find((name, ById(dynamics)), lambda: _make_form(name, dynamics))
+    made: Form = _made.find((name, by_id(dynamics)), lambda: _make_form(name, dynamics))
     return made
 
 

@@ -14,7 +14,7 @@ from hhtbench.arguments import real_number
 from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem, System
-from hhtbench.request import Request, make_request
+from hhtbench.request import Request, make_request, with_tolerance
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, Place
@@ -86,7 +86,8 @@ class HHT:
 
         ``lam_guess`` (m,) and ``mu_guess`` (p,) pick the root where the reaction is nonlinear.  The other keywords
         are those of :class:`~hhtbench.request.Request`: ``step`` or ``steps``, or ``rtol`` and ``atol``, which is a
-        number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of the start.
+        number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of the start.  With none of
+        them ``rtol = 1e-4``, which the message says.
 
         Returns
         -------
@@ -97,13 +98,14 @@ class HHT:
             are put onto both levels of the constraints, (H47); where none is near a row, ``message`` says so.
         """
         began = time.perf_counter()
-        asked = make_request(**request)
+        asked, note = with_tolerance(make_request(**request))
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         steps = planned(asked, place.q.size, t0, t1)
         with self._alone(), timed(asked.max_seconds, began) as clock:
             integration = Integration(self, asked, steps, t1, place, guesses, clock)
-            return solved(integration.solution, integration.left_over)
+            found = solved(integration.solution, integration.left_over)
+        return replace(found, message=f"{found.message} {note}") if note else found
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
@@ -131,7 +133,7 @@ class HHT:
         h = None if step is None else real_number("step", step, unit=" [s]")
         if h == 0.0:
             raise ProblemError("step must not be zero.")
-        asked = make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol)
+        asked, note = with_tolerance(make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol))
         check_accuracy(asked, place.q.size)
         with self._alone(), timed(None) as clock:
             first, work = h or self.options.control.first_step, Work(clock=clock)
@@ -141,7 +143,7 @@ class HHT:
             if isinstance(started, Failure):
                 self._message = started.message
                 return started.status
-            self._engine, self._message = started.engine, started.note
+            self._engine, self._message = started.engine, f"{started.note} {note}".strip()
             tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
             self._integrator = begun(place, started.state, h, tolerances, len(self.events))
         return Status.success

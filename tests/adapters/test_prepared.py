@@ -38,6 +38,15 @@ def test_a_changed_parameter_of_a_prepared_system_is_a_new_preparation(solver):
     assert swinging(system, solver) == first
 
 
+@pytest.mark.parametrize("solver", ["hht", *SOLVERS[:-1]])  # collocation interpolates otherwise where it has more rows
+def test_the_multipliers_of_a_row_depend_on_no_other_row(solver):
+    """Neither on how many there are, nor on what was solved before."""
+    times = np.linspace(0.0, 0.1, 41)
+    problem = hb.Problem(name="x", system=Sprung(), t_span=(0.0, 0.1), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    few, many, again = (hb.solve(problem, solver, rtol=1e-5, t_eval=t) for t in (times[::10], times, times[::10]))
+    assert few.lam.tobytes() == again.lam.tobytes() == many.lam[::10].tobytes()
+
+
 @pytest.mark.parametrize("solver", ["ida", "cvode"])
 @pytest.mark.parametrize("limit", [{}, {"max_num_steps": 1}], ids=str)
 def test_a_solve_leaves_nothing_to_the_garbage_collector(solver, limit):

@@ -36,7 +36,6 @@ BAD_REQUESTS = [
     ({"steps": [0.5, np.nan]}, "steps"),
     ({"step": 0.1, "steps": 10}, "step and steps"),
     ({"step": 0.1, "rtol": 1e-6}, "exclude"),
-    ({}, "tolerances"),
     ({"rtol": 0.0}, "rtol"),
     ({"step": 0.1, "max_num_steps": 0}, "max_num_steps"),
     ({"step": 0.1, "max_num_steps": 1.5}, "max_num_steps"),

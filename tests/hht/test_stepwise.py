@@ -128,7 +128,6 @@ def never(*arguments):
 @pytest.mark.parametrize(
     ("how", "text"),
     [
-        ({}, "step=h"),
         ({"step": 0.0}, "step"),
         ({"step": 0.1, "rtol": 1e-3}, "exclude"),
         ({"rtol": 0.0}, "rtol"),
@@ -136,9 +135,17 @@ def never(*arguments):
     ],
     ids=str,
 )
-def test_a_start_without_steps_or_tolerances_is_refused_before_any_callback(how, text):
+def test_a_start_with_wrong_steps_or_tolerances_is_refused_before_any_callback(how, text):
     with pytest.raises(hb.ProblemError, match=text):
         HHT(NumpySystem(force=never)).init_step(0.0, Q0, V0, **how)
+
+
+def test_steps_by_hand_without_a_step_or_tolerances_take_plain_accuracy_and_say_so():
+    told, asked = HHT(SYSTEMS["jax"]), HHT(SYSTEMS["jax"])
+    assert told.init_step(0.0, Q0, V0) is asked.init_step(0.0, Q0, V0, rtol=1e-4) is Status.success
+    assert told.message == "No tolerance was given: rtol = 0.0001 was taken."
+    assert told.step(1.0) is asked.step(1.0) is Status.success
+    assert bits(told.state) == bits(asked.state)
 
 
 @pytest.mark.parametrize("accuracy", ACCURACY)

@@ -79,6 +79,12 @@ def test_without_tolerances_and_steps_plain_accuracy_is_taken_and_said():
     assert told.success
     assert told.q.tolist() == asked.q.tolist()
     assert told.message == f"{asked.message} No tolerance was given: rtol = 0.0001 was taken."
+    problem = hhtbench.load_problem("simple_pendulum")
+    itself, same = (
+        hhtbench.HHT(problem.system).solve(problem.t_span, problem.q0, problem.v0, **given) for given in ({}, {"rtol": 1e-4})
+    )
+    assert itself.q.tolist() == same.q.tolist()
+    assert itself.message == told.message
     declined = solve("simple_pendulum", "rattle")
     assert declined.status is Status.declined  # a solver of prescribed steps still asks for them
     assert "step" in declined.message

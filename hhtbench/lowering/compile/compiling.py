@@ -22,7 +22,7 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import ById, Cache, use_disk_cache
+from hhtbench.lowering.caching import Cache, by_id, use_disk_cache
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
@@ -113,7 +113,7 @@ def compile_function(
         raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
-    key = (function, ById(dynamics), static, wanted)
+    key = (function, by_id(dynamics), static, wanted)
     compiled: _Compiled = _callables.find(key, lambda: _Compiled(function, dynamics, static, wanted))
     return compiled.call
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
@@ -23,7 +23,7 @@ from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
 
 FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
-_compared_by_identity: set[type] = set()
+_ways: dict[type, Callable[[Any], Hashable]] = {}  # of comparing values, by their kind
 _derived = Cache(64)  # reading a structure costs a trace for each function of the system
 
 
@@ -47,9 +47,9 @@ def derive(
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
-    if isinstance(system, System):
-        key = ById(system), parameters_of(system), np.shape(q), ignored
-        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))
+    if issubclass(type(system), System):  # of an object equinox would be asked for its class
+        key = by_id(system), parameters_of(system), np.shape(q), ignored
+        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))  # type: ignore[arg-type] # it is one
         return found
     if isinstance(system, NumpySystem):
         _expect_force(system)
@@ -62,19 +62,26 @@ def parameters_of(value: Any) -> Hashable:
 
     Of what a function or another object in a field refers to nothing can be seen.
     """
-    kind = type(value)
-    if kind in _compared_by_identity:
-        return ById(value)
-    if isinstance(value, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes()
-    if issubclass(kind, (eqx.Module, NumpySystem)):  # of an object equinox would be asked for its class
-        value = object.__getattribute__(value, "__dict__")  # equinox looks at every attribute that is asked for
-    if isinstance(value, dict):
-        return tuple(value), tuple(map(parameters_of, value.values()))
-    if isinstance(value, (tuple, list)):
-        return tuple(map(parameters_of, value))
-    _compared_by_identity.add(kind)  # to ask what it is not takes longer than all else here
-    return ById(value)
+    return _ways.get(type(value), _found_way)(value)
+
+
+def _found_way(value: Any) -> Hashable:
+    """:func:`parameters_of` of the first value of its kind: to ask for kinds takes longer than all else here."""
+    kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
+    way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id)
+    return way(value)
+
+
+def _of_values(values: Iterable[Any]) -> Hashable:
+    return tuple([_ways.get(type(value), _found_way)(value) for value in values])
+
+
+COMPARED: tuple[tuple[Any, Callable[[Any], Hashable]], ...] = (
+    (np.ndarray, lambda x: (x.shape, x.dtype.str, x.tobytes())),
+    ((eqx.Module, NumpySystem), lambda x: parameters_of(object.__getattribute__(x, "__dict__"))),
+    (dict, lambda x: (tuple(x), _of_values(x.values()))),
+    ((tuple, list), _of_values),
+)
 
 
 def _expect_force(system: System | NumpySystem) -> None:
@@ -143,7 +150,7 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
         constant = mass_as_matrix(mass, structure.n, np)
         return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
 
-    key = ById(system), parameters_of(system), structure, ignored
+    key = by_id(system), parameters_of(system), structure, ignored
     found: NumpyDynamics = _derived.find(key, made)
     return found
 

@@ -21,6 +21,7 @@ import equinox as eqx
 from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.mass import full
 
+plain_attributes = object.__getattribute__  # equinox looks at every attribute in Python, in case a method goes to ``jit``
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one
 
 
@@ -238,6 +239,7 @@ class Dynamics:
 class Wrapper(eqx.Module, Dynamics):
     """Some functions of a dynamics, ``inner``, changed; the rest is passed through."""
 
+    __getattribute__ = plain_attributes
     wraps: ClassVar[bool] = True
     inner: Dynamics
 

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import compile_function
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper, plain_attributes
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
@@ -34,6 +34,7 @@ _entries = Cache(16)  # of masses: tracing takes a second
 class JaxDynamics(eqx.Module, Dynamics):
     """Every term of the equations of motion; a pytree, so parameters are traced, not baked in."""
 
+    __getattribute__ = plain_attributes
     system: System
     structure: Structure = eqx.field(static=True)
     ignored: tuple[str, ...] = eqx.field(static=True, default=())
@@ -168,7 +169,7 @@ def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
         s = origin.structure
         if s.n + s.m + s.p < SMALL:
             return None
-        entries = _entries.find(ById(origin), lambda: _entries_of(origin))
+        entries = _entries.find(by_id(origin), lambda: _entries_of(origin))
         return (
             None
             if entries is None

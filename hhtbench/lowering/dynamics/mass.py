@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.banded import factor_banded, solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
 
@@ -213,7 +213,7 @@ def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     if mass is None:
         singular, entries = _judged(np.asarray(compile_function(mass_at, dynamics)(t, q)))
     else:
-        singular, entries = _constant.find(ById(mass), lambda: _judged(np.asarray(mass)))
+        singular, entries = _constant.find(by_id(mass), lambda: _judged(np.asarray(mass)))
     if entries:  # the equations are solved as they stand
         text = f"mass_matrix is not symmetric: {entries}. It is used as it is; a kinetic energy has a symmetric one."
         warnings.warn(text, UserWarning, stacklevel=1)

@@ -22,7 +22,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import mass_at
@@ -79,7 +79,7 @@ def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedD
 
 def _remembered(dynamics: Dynamics, how: Hashable, change: Callable[[], Wrapper]) -> Any:
     """``dynamics`` as it was changed before in the same way: what was prepared for that serves again."""
-    return _changed.find((ById(dynamics), how), change)
+    return _changed.find((by_id(dynamics), how), change)
 
 
 def unreduced(dynamics: Dynamics) -> Dynamics:

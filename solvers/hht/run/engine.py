@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from solvers.hht.events.event import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.functions import MachineCode, functions_for
-from solvers.hht.run.history import columns
+from solvers.hht.run.history import row_layout
 from solvers.hht.run.kkt import force_and_inverse_mass, force_over_mass
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
@@ -37,7 +38,6 @@ class Engine:
     """Steps of one method for one system.
 
     Beside the loops' memory it keeps that declared derivatives were given up, for good, and counts what is evaluated.
-
     """
 
     def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
@@ -50,7 +50,6 @@ class Engine:
         source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
         force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
         self.bare_force = compile_function(force, source)  #: not counted
-        self._force = work.counted(self.bare_force, residuals=self.points)
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
         self.declared = known.declared  #: derivatives
@@ -59,7 +58,6 @@ class Engine:
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
         self.distrusts = False  #: whether the declared derivatives were given up
-        self._loops: Loops | None = None
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
@@ -72,17 +70,14 @@ class Engine:
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
         self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
-        self._force = work.counted(self.bare_force, residuals=self.points)
-        if self._loops is not None:
-            self._loops.again(work)
+        if "loops" in self.__dict__:
+            self.loops.again(work)
         return self
 
-    @property
+    @cached_property
     def loops(self) -> Loops:
         """Made when they are first needed."""
-        if self._loops is None:
-            self._loops = Loops(self, self._events)
-        return self._loops
+        return Loops(self, self._events)
 
     @property
     def why(self) -> str:
@@ -104,7 +99,7 @@ class Engine:
             F or M holds NaN or infinity.
         """
         n = self.structure.n
-        packed = self._force(t, q, v)
+        packed = self.work.counted(self.bare_force, residuals=self.points)(t, q, v)
         if not np.isfinite(packed).all():
             explain_nonfinite(self.dynamics, t, q, v)
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
@@ -128,7 +123,8 @@ class Engine:
     def watch(self, events: tuple[Event, ...]) -> None:
         """Look at the functions of ``events`` in every step."""
         if events != self._events:
-            self._events, self._loops = events, None
+            self._events = events
+            self.__dict__.pop("loops", None)
 
     def march(
         self, state: State, plan: Plan, stop: float, lengths: Vector, ends: Vector, rows: Matrix, values: Vector | None
@@ -205,7 +201,7 @@ class Engine:
 
         Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
         """
-        loops, row, controlled = self.loops, np.zeros((1, columns(self.structure))), before.controlled
+        loops, row, controlled = self.loops, np.zeros((1, row_layout(self.structure).columns)), before.controlled
         if loops.held is not before:
             attempt = self.attempted()
             self._load(before, values, controlled=controlled)
@@ -229,7 +225,7 @@ class Engine:
         """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
         if not self.fallible:
             return False
-        declared_ones = self.functions, self._loops
+        declared_ones = self.functions, self.loops
         h, t1 = self.loops.section(mem.ATTEMPT)[[mem.H_TRIED, mem.T_END]].tolist()
         names, controlled = self.distrust(), state.controlled
         self.loops.load(replace(state, factorised=None), None, controlled=controlled, suspicious=False)
@@ -243,7 +239,7 @@ class Engine:
                 stacklevel=2,
             )
             return True
-        self.functions, self._loops = declared_ones
+        self.functions, self.loops = declared_ones
         self.fallible, self.distrusts, self._not_suspect = True, False, state
         return False
 
@@ -253,7 +249,8 @@ class Engine:
             return ""
         without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
         self.functions = functions_for(usable(without, self.place), self.method, self.linsolver)
-        self._loops, self.fallible, self.distrusts = None, False, True
+        self.__dict__.pop("loops", None)
+        self.fallible, self.distrusts = False, True
         return ", ".join(self.declared)
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, Structure, compile_function, native, route_of
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
@@ -298,7 +298,7 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
     """
     if route_of(dynamics) == "numpy":
         return _made(dynamics, method, linsolver)
-    key = ById(dynamics), replace(method, start="f0"), linsolver
+    key = by_id(dynamics), replace(method, start="f0"), linsolver
     return _known.find(key, lambda: _made(dynamics, method, linsolver))
 
 

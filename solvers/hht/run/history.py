@@ -19,7 +19,7 @@ from solvers.hht.events.event import Occurrence
 from solvers.hht.run.interpolate import interpolate
 
 GROWTH = 4  # times the rows there are
-ROOM = 64  # rows at first
+ROOM = 513  # rows at first: the start's, and those of a first call; untouched ones cost nothing
 KEPT = 24 * 2**20  # bytes of rows of steps, at most, where output times were asked for and not the steps
 BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
@@ -46,14 +46,13 @@ class History:
 
     def __init__(self, structure: Structure, start: Vector, events: int = 0, t_eval: Vector | None = None) -> None:
         """``start``: its row."""
-        self._n, self._m = structure.n, structure.m
-        self._parts, self._own = parts_of(structure), own_columns(structure)
-        self._rows = np.empty((ROOM, self._parts[-1].stop))
+        self._layout = layout = row_layout(structure)
+        self._rows = np.empty((ROOM, layout.columns))
         self._count = self._changes = self._dropped = 0
         self._elapsed, self._begin = 0.0, float(start[0])
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
-        self._sizes = np.zeros(2 * self._n)  # of the steps that were dropped
+        self._sizes = np.zeros(2 * layout.n)  # of the steps that were dropped
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -88,7 +87,7 @@ class History:
 
     def _columns(self, *which: int) -> list[Matrix]:
         """Of t, h, q, v, a, lam at both ends, mu those that are asked for."""
-        return [self._rows[: self._count, self._parts[i]] for i in which]
+        return [self._rows[: self._count, self._layout.parts[i]] for i in which]
 
     def _drop_steps(self, ahead: Vector) -> None:
         """Keep the output rows before the last step's end, which an event may change yet, and that end."""
@@ -105,8 +104,9 @@ class History:
 
     def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
+        n, m = self._layout.n, self._layout.m
         if self._ahead is None:
-            return OutputRows(self._rows[: self._count].take(self._own, axis=1), None, self._n, self._m), self._count
+            return OutputRows(self._rows[: self._count].take(self._layout.own, axis=1), None, n, m), self._count
         times, low, high = self._ahead, *sorted((float(self._rows[0, 0]), float(self._rows[self._count - 1, 0])))
         if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
             times = times[(times >= low) & (times <= high)]
@@ -115,17 +115,17 @@ class History:
         if self._output:
             asked += sum(len(part) for part, _ in self._output)
             rows, between = (np.concatenate(parts) for parts in zip(*self._output, (rows, between), strict=True))
-        return OutputRows(rows, between, self._n, self._m), asked
+        return OutputRows(rows, between, n, m), asked
 
     def _interpolated(self, times: Vector, enough: Callable[[], bool]) -> tuple[Matrix, Any]:
         """Rows [t, q, v, lam, mu] at ``times`` (k,), and which are between steps; fewer where there is ``enough()``."""
-        rows, between = np.empty((times.size, self._own.size)), np.empty(times.size, dtype=bool)
+        rows, between = np.empty((times.size, self._layout.own.size)), np.empty(times.size, dtype=bool)
         for first in range(0, times.size, BLOCK):
             if enough():
                 return rows[:first], between[:first]
             block = slice(first, first + BLOCK)
             asked = times[block].copy()  # of the caller's, which are read-only: compiled loops find those in a microsecond
-            interpolate(self._n, self._m, self._rows[: self._count], asked, rows[block], between[block])
+            self._layout.interpolate(self._rows[: self._count], asked, rows[block], between[block])
         return rows, between
 
     def sizes(self) -> Vector:
@@ -155,7 +155,7 @@ class History:
     def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
         rows = self._rows[: self._count][self._made()]
-        _, _, _, _, a, lam_start, lam_end, mu = self._parts
+        _, _, _, _, a, lam_start, lam_end, mu = self._layout.parts
         stages = {"a": rows[:, a], "lam_start": rows[:, lam_start], "lam_end": rows[:, lam_end], "mu_half": rows[:, mu]}
         return StepsData(t=rows[:, 0], h=rows[:, 1], **stages)
 
@@ -170,7 +170,7 @@ class History:
 
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
-        found, n = self._occurrences, self._n
+        found, n = self._occurrences, self._layout.n
         if not found:
             return {}
         return {
@@ -180,21 +180,17 @@ class History:
         }
 
 
-@lru_cache
-def parts_of(structure: Structure) -> tuple[slice, ...]:
-    """Where in a row t, h, q, v, a, lam at both ends and mu stand."""
-    n, m = structure.n, structure.m
-    ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
-    return tuple(map(slice, (0, *ends), ends))
+class RowLayout:
+    """What stands where in a row of a step, and in one of output; and what makes these of those."""
+
+    def __init__(self, structure: Structure) -> None:
+        n, m = structure.n, structure.m
+        ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
+        self.n, self.m, self.columns = n, m, ends[-1]
+        self.parts = tuple(map(slice, (0, *ends), ends))  #: t, h, q, v, a, lam at both ends and mu
+        every = np.arange(self.columns)
+        self.own = np.concatenate([every[self.parts[i]] for i in (0, 2, 3, 6, 7)])  #: t, q, v, lam at the end and mu
+        self.interpolate = interpolate.following(n, m)  #: threads share it: it keeps nothing
 
 
-@lru_cache
-def own_columns(structure: Structure) -> Any:
-    """Which columns of a row a row of output has: t, q, v, lam at the end and mu."""
-    parts, every = parts_of(structure), np.arange(columns(structure))
-    return np.concatenate([every[parts[i]] for i in (0, 2, 3, 6, 7)])
-
-
-def columns(structure: Structure) -> int:
-    """Of a row."""
-    return int(parts_of(structure)[-1].stop)
+row_layout = lru_cache(RowLayout)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from hhtbench.lowering.caching import ById
+from hhtbench.lowering.caching import by_id
 from hhtbench.lowering.dynamics.derive import parameters_of
 from hhtbench.protocol import NumpySystem, System
 from solvers.hht.options import HHTOptions
@@ -19,7 +19,7 @@ _lock = threading.Lock()
 
 def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, controlled: bool) -> Any:
     """What an engine for ``system`` with ``n`` coordinates depends on; parameters that their owner may change by bytes."""
-    return ById(system), parameters_of(system), n, controlled, options
+    return by_id(system), parameters_of(system), n, controlled, options
 
 
 def take(purpose: Any) -> Engine | None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Dynamics, Native, NotNative, native, route_of
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
@@ -173,7 +173,7 @@ def kkt_of(dynamics: Dynamics) -> Entries | None:
 
     None where there is no machine code for them, or Python would factorise their matrix.
     """
-    found: list[Entries] = _known.find(ById(dynamics), lambda: _kkt_of(products_of(dynamics) or dynamics))
+    found: list[Entries] = _known.find(by_id(dynamics), lambda: _kkt_of(products_of(dynamics) or dynamics))
     return found[0] if found else None
 
 

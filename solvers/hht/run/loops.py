@@ -68,10 +68,12 @@ class Loops:
         self._put(codes)
         self.events.fill(z)
         self._blank = z.w.copy()
-        self._kept, self._parts = state_sections(z)
+        kept, self._parts = state_sections(z)
+        self._state, self._number, self._variable = z.w[kept], self.section(mem.NUMBER), bool(z.i[mem.VARIABLE])
         self._row = row_places(z)
         self._entries: dict[Any, Callable[..., Any]] = {}
-        looks_closer = engine.structure.constrained and not z.i[mem.C_KKT]  # acceleration levels are Python's
+        self.has_level = bool(z.i[mem.C_KKT])  #: the acceleration level, of full matrices
+        looks_closer = engine.structure.constrained and not self.has_level  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
         self._place, self._multipliers = self.section(mem.PLACE), [self.section(name) for name in (mem.LAM, mem.MU)]
         self._counts = integer_view(z, mem.COUNTED)
@@ -83,7 +85,7 @@ class Loops:
         self.callbacks.take_cause()
         self.callbacks.take_nonfinite()
         self.z.w[:] = self._blank
-        self._counts[:] = 0
+        self._counts.fill(0)
 
     def section(self, name: int) -> Vector:
         """A section of the memory, for reading and writing."""
@@ -145,8 +147,8 @@ class Loops:
 
     def store(self, *, controlled: bool) -> State:
         """The state that the loops left in their memory."""
-        kept = KeptState(self.z.w[self._kept].copy(), self._parts, bool(self.z.i[mem.VARIABLE]), controlled)
-        t, h, size_q, size_v = kept.part(mem.NUMBER)[:4].tolist()
+        kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
+        t, h, size_q, size_v, _, _ = self._number.tolist()
         self.held = State.read_later(kept.read, t=t, h=h or None, size_q=size_q, size_v=size_v, controlled=controlled)
         return self.held
 
@@ -182,10 +184,11 @@ class Loops:
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""
-        tally, counts = self.work.tally, self._counts
-        for i in counts.nonzero()[0].tolist():
-            tally[mem.COUNTS[i]] += int(counts[i])
-        counts[:] = 0
+        tally = self.work.tally
+        for name, count in zip(mem.COUNTS, self._counts.tolist(), strict=True):
+            if count:
+                tally[name] += count
+        self._counts.fill(0)
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:
         """Say how the next steps are made, with as many evaluations as they take."""

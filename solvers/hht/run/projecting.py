@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
-from hhtbench.lowering.caching import ById, Cache
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, VariableMass, matrix_free
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
@@ -89,7 +89,7 @@ def put(
 
 def _memory_for(functions: Functions) -> Places | None:
     """For :func:`project`; None where there is no machine code for it."""
-    found: Places | None = _known.find(ById(functions), lambda: _memory(functions))
+    found: Places | None = _known.find(by_id(functions), lambda: _memory(functions))
     return found
 
 

@@ -47,7 +47,7 @@ def _by_blocks(engine: Engine, rows: Matrix, done: Any) -> Callable[[slice], Any
     functions, loops = engine.functions, engine.loops
     if engine.plain or not isinstance(functions, MachineCode):
         return None
-    if loops.z.i[mem.C_KKT]:
+    if loops.has_level:
         return lambda block: loops.call_noting(recover, rows[block], done[block])
     entries = kkt_of(functions.dynamics) if len(rows) >= FEW else None
     if entries is None:  # more operations than pay, say

@@ -104,7 +104,7 @@ class Integration:
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
         which = rows.between
-        if which is None or not which.any():
+        if which is None or not np.count_nonzero(which):  # in a fifth of the time of any()
             return ""
         q, v = rows.q[which], rows.v[which]
         unmet = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
@@ -167,8 +167,7 @@ def end_times(tspan: Any) -> tuple[float, float]:
         tspan = real_vector("tspan", tspan)
     if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
         raise ProblemError(f"tspan must be two times (t0, t1) [s]; got {tspan!r}.")
-    t0, t1 = (real_number(f"tspan[{i}]", t, unit=" [s]") for i, t in enumerate(tspan))
-    return t0, t1
+    return real_number("tspan[0]", tspan[0], unit=" [s]"), real_number("tspan[1]", tspan[1], unit=" [s]")
 
 
 def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
@@ -183,15 +182,13 @@ def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
 
 
 def check_accuracy(request: Request, n: int) -> None:
-    """Raise unless ``request`` says how the steps of a system with ``n`` coordinates are found.
+    """Raise unless the tolerances of ``request``, if it has any, fit a system with ``n`` coordinates.
 
     Raises
     ------
     ProblemError
-        It has neither steps nor tolerances, or those are of a wrong shape.
+        Its tolerances are of a wrong shape, or zero.
     """
-    if not request.fixed and request.rtol is None and request.atol is None:
-        raise ProblemError("HHT takes step=h, steps=N or steps=array of lengths [s], or tolerances: rtol=1e-4.")
     if request.atol is None and request.rtol is not None and has_zero(request.rtol):
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")
     for name, value in (("rtol", request.rtol), ("atol", request.atol)):

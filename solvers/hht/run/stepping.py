@@ -22,7 +22,7 @@ from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.history import columns
+from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
@@ -119,7 +119,7 @@ def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
 
 def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
     before, stop = integrator.state, goal.ahead * math.inf if goal.tstop is None else goal.tstop
-    rows = np.zeros((1, columns(stepper.engine.structure)))
+    rows = np.zeros((1, row_layout(stepper.engine.structure).columns))
     accepted = stepper.advance(before, integrator.watch, stop, rows, _horizon(integrator, goal))
     after = stepper.after_events(accepted)
     status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
@@ -170,7 +170,7 @@ class Onward:
 
     def __init__(self, engine: Engine, plan: Plan, direction: float) -> None:
         self._loops, self._work, self._plan = engine.loops, engine.work, plan
-        z, self._row = engine.loops.z, np.zeros((1, columns(engine.structure)))
+        z, self._row = engine.loops.z, np.zeros((1, row_layout(engine.structure).columns))
         self._length, self._end = np.zeros(1), np.zeros(1)
         self._counts = integer_view(z, mem.COUNTED)  # since the last State
         stop = math.copysign(math.inf, direction)
