@@ -159,6 +159,18 @@ class Conjugate(MatrixFree):
         return -self.velocity_column(t, q, v, mu)
 
 
+class ConjugateVariable(Conjugate, VariableMass):
+    """The same for a mass of few entries that varies."""
+
+
+def conjugate(products: MatrixFree) -> Conjugate:
+    """``products`` with those reactions."""
+    inner, mass, inverse = products.inner, products.constant_mass, products.inverse_mass
+    if isinstance(products, VariableMass):
+        return ConjugateVariable(inner, mass, inverse, entries=products.entries)
+    return Conjugate(inner, mass, inverse)
+
+
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
