@@ -42,18 +42,17 @@ class Part(NamedTuple):
     function: str
     which: int | None  #: of a pair of matrices; None: it gives one
     pattern: str
-    size: str = ""  #: letter of the multipliers or of the constraints that there must be
 
 
 PARTS = {
     "force_q": Part("force_jacobians", 0, "force_q"),
     "force_v": Part("force_jacobians", 1, "force_v"),
-    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian", "m"),
-    "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian", "m"),
-    "reaction_q": Part("reaction_jacobians", 0, "reaction_q", "m"),
-    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian", "p"),
-    "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q", "p"),
-    "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v", "p"),
+    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian"),
+    "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian"),
+    "reaction_q": Part("reaction_jacobians", 0, "reaction_q"),
+    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian"),
+    "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q"),
+    "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v"),
     "mass_matrix": Part("mass", None, "mass_matrix"),
     "mass_product_jacobian": Part("mass_product_jacobian", None, "mass_product_jacobian"),
 }

@@ -26,7 +26,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view
 
 FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
-LARGEST = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
+LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
 
 
@@ -195,7 +195,7 @@ def kkt_code(dynamics: Dynamics) -> Entries:
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
-    if size > LARGEST and dynamics.matrices:
+    if size > LARGEST_KKT and dynamics.matrices:
         raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
     if not dynamics.matrices:
