@@ -17,6 +17,7 @@ from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import address, call, finite, indices, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.projection import onto_constraints
+from solvers.hht.step.stopping import weighted_rms
 
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
@@ -98,7 +99,7 @@ def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
         return ended
     for j in range(size):
         scale[j] = atol[j] + abs(y[j]) * rtol[j]
-    large, fast = weighted(y, scale), weighted(slopes[0], scale)
+    large, fast = weighted_rms(y, scale), weighted_rms(slopes[0], scale)
     h = min(1e-6 if large < 1e-5 or fast < 1e-5 else 0.01 * large / fast, abs(stop))
     signed = math.copysign(h, stop)
     for j in range(size):
@@ -109,20 +110,11 @@ def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
     if ended == mem.CONVERGED:
         for j in range(size):
             slopes[1, j] -= slopes[0, j]
-        bent = weighted(slopes[1], scale) / h
+        bent = weighted_rms(slopes[1], scale) / h
         largest = max(fast, bent)
         suggested = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -k.exponent
     control[mem.H_NEXT] = min(100 * h, suggested, abs(stop))
     return mem.CONVERGED
-
-
-@compiled
-def weighted(x: Any, scale: Any) -> Any:
-    """Root mean square of ``x`` over ``scale``."""
-    total = 0.0
-    for i in range(x.size):
-        total += (x[i] / scale[i]) ** 2
-    return math.sqrt(total / x.size)
 
 
 @compiled

@@ -59,7 +59,7 @@ class CompiledSteps:
             stage=np.zeros(size),
             end=np.zeros(size),
             mass=mass.copy(),
-            sizes=sizes_of(run.problem.scales.q, run.problem.scales.v, s.n),
+            sizes=typical_sizes(run.problem.scales.q, run.problem.scales.v, s.n),
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
         )
@@ -137,7 +137,7 @@ def _places(dynamics: Dynamics) -> Places:
     return places_of(dynamics)
 
 
-def sizes_of(q: Any, v: Any, n: int) -> Vector:
+def typical_sizes(q: Any, v: Any, n: int) -> Vector:
     """(2n,) from typical sizes of q and v, each a number or (n,)."""
     sizes = np.empty(2 * n)
     sizes[:n], sizes[n:] = q, v

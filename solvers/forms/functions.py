@@ -1,13 +1,18 @@
 """Which code computes a form's functions: one table for all libraries.
 
-====================================  ========================================  ====================================
-system                                residual F, right-hand side y'            Jacobians
-====================================  ========================================  ====================================
-plain callables                       NumPy                                     full matrices, NumPy
-up to FULL unknowns n + m + p         code of full matrices                     full matrices, the same
-larger, constant (sparse) mass        code of products                          entries, likewise; dy'/dy is full
-larger, any other                     code of full matrices                     full matrices, the same
-====================================  ========================================  ====================================
+===================================  =======================================  =======================================
+system                               residual F, right-hand side y'           Jacobians
+===================================  =======================================  =======================================
+plain callables                      NumPy                                    full matrices, NumPy
+up to FULL unknowns n + m + p        code of full matrices                    full matrices, the same
+larger, mass of few entries          code of products                         entries, likewise; dy'/dy of constrained
+                                                                              systems is full
+larger, any other mass               code of full matrices                    full matrices, the same; dy'/dy by XLA
+===================================  =======================================  =======================================
+
+A mass of few entries is the identity, diagonal, or regular with entries in a narrow band.  One that varies is taken so from
+:data:`~hhtbench.lowering.dynamics.jax_dynamics.SMALL` unknowns on, and not in the underlying ODE of a system without
+constraints, whose y' is divided by it.
 
 Code is machine code, of more than 5,000 operations in loops, or XLA's where that would be too long or does not know a
 primitive.  The accelerations of larger constrained systems are solved with the entries of the KKT matrix, by

@@ -20,7 +20,7 @@ from solvers.hht.equations.corrections import residual_and_end, residual_and_ent
 from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import functions, idle, kkt
-from solvers.hht.run.functions import LARGEST, SparseCode, layout_of
+from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
 
 ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
@@ -55,7 +55,7 @@ def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
     products = matrix_free(dynamics_of(problem))
     layout = layout_of(products, method)
     arguments = arguments_of(problem, layout)
-    assert layout.size > LARGEST
+    assert layout.size > LARGEST_STEP
     pattern = find_pattern(step_residual_and_ends, products, method, layout, example=arguments)
     for function, more in ((residual_and_end, ()), (residual_and_entries, (pattern,))):
         shapes = tuple(np.shape(argument) for argument in arguments)
@@ -152,7 +152,7 @@ def bar_moved(tend, **accuracy):
 def test_a_bar_moves_the_same_by_the_entries_of_its_mass_and_by_full_matrices(accuracy, monkeypatch):
     hht, sparse = bar_moved(2e-3, **accuracy)
     assert "machine code, band matrix" in hht.engine_used
-    monkeypatch.setattr(functions, "products_of", lambda *_: None)
+    monkeypatch.setattr(functions, "step_products", lambda *_: None)
     monkeypatch.setattr(functions, "_known", Cache(16))
     monkeypatch.setattr(idle, "_idle", [])
     hht, full = bar_moved(2e-3, **accuracy)

@@ -92,18 +92,22 @@ def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: An
     return found
 
 
+def together(function: Callable[[Any], Any], x: Any) -> Any:
+    """``function`` of every entry of x (k,), all at once: the shortest trace."""
+    return jax.vmap(function)(x)
+
+
 def value_and_entries(
-    dynamics: Compilable, function: Callable[..., Any], static: tuple[Any, ...], colours: int, *arguments: Any
+    dynamics: Compilable, function: Callable[..., Any], static: tuple[Any, ...], each: Any, colours: int, *arguments: Any
 ) -> Any:
     """Values (rows,) and derivative entries (entries,) of ``function(dynamics, *static, x, *rest)`` by x, one vector.
 
     ``arguments`` are the colour of every column (size,), the place of every entry (entries,), x and the rest.  One
-    directional derivative per colour, all of them together: cost and memory are those of ``colours`` evaluations.
+    directional derivative per colour: ``each`` (function, colours) takes them together, or one after the other.
     """
     colour, places, x, *rest = arguments
     value, along = jax.linearize(lambda y: function(dynamics, *static, y, *rest), x)
-    seeds = (colour[None, :] == jnp.arange(colours)[:, None]).astype(x.dtype)
-    compressed = jax.vmap(along)(seeds)
+    compressed = each(lambda k: along((colour == k).astype(x.dtype)), jnp.arange(colours))
     return jnp.concatenate([value, jnp.take(compressed, places, mode="clip")])  # they are inside: no other mode is cheaper
 
 
@@ -112,7 +116,7 @@ def by_pattern(
 ) -> Any:
     """:func:`value_and_entries` with the pattern written into the code; ``arguments`` are x and the rest."""
     where = jnp.asarray(pattern.colour), jnp.asarray(pattern.places)
-    return value_and_entries(dynamics, function, static, pattern.colours, *where, *arguments)
+    return value_and_entries(dynamics, function, static, together, pattern.colours, *where, *arguments)
 
 
 class Coloured:
@@ -126,7 +130,8 @@ class Coloured:
 
     def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern = find_pattern(function, dynamics, *static, example=example)
-        compiled = compile_function(value_and_entries, dynamics, function, static, self.pattern.colours, route="xla")
+        how = jax.lax.map, self.pattern.colours  # together, those of a large system leave the cache
+        compiled = compile_function(value_and_entries, dynamics, function, static, *how, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
         self.packed = partial(compiled, *where)
 

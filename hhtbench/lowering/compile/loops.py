@@ -28,7 +28,6 @@ from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
 FloatArray = Annotated[Any, np.dtype(np.float64), 1]
 FloatMatrix = Annotated[Any, np.dtype(np.float64), 2]
 IntArray = Annotated[Any, np.dtype(np.int64), 1]
-IntMatrix = Annotated[Any, np.dtype(np.int64), 2]
 BoolArray = Annotated[Any, np.dtype(np.bool_), 1]
 
 ENTRY = "hhtbench_loop"  #: the name of an entry in its object code

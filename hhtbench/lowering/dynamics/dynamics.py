@@ -32,9 +32,8 @@ class Structure:
     n: int  #: coordinates
     m: int  #: position constraints
     p: int  #: velocity constraints
-    mass: (
-        str  #: "identity", "constant", "variable"; of products instead of matrices "sparse": its entries are few, M^-1 fills
-    )
+    #: "identity", "constant", "variable"; of products instead of matrices "sparse": its entries are few, M^-1 fills
+    mass: str
     force_uses_q: bool = True  #: False: F_q is zero and not computed
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed

@@ -158,15 +158,11 @@ def _at(place: int, shape: Shape) -> np.ndarray:
     return np.ndarray(shape, np.float64, memory)
 
 
-class ForeignDynamics(eqx.Module, Dynamics):
-    """The functions of a dynamics of plain callables, to be traced; see :class:`~.jax_dynamics.JaxDynamics`."""
+class Called(eqx.Module, Dynamics):
+    """The functions of a dynamics of plain callables, to be traced."""
 
     addresses: Any  #: (functions,) float64 with the bits of their addresses
-    structure: Structure = eqx.field(static=True)
     callbacks: Callbacks = eqx.field(static=True)
-    own: tuple[str, ...] = eqx.field(static=True)  #: the functions that are called; the rest are derived from them
-    constant_mass: Any = None  #: (n, n) when the mass is a constant
-    inverse_mass: Any = None  #: (n, n) its inverse, likewise
 
     @property
     def system(self) -> Any:
@@ -177,6 +173,15 @@ class ForeignDynamics(eqx.Module, Dynamics):
     def xp(self) -> Any:
         """The array namespace of this dynamics."""
         return jnp
+
+
+class ForeignDynamics(Called):
+    """By full matrices; see :class:`~.jax_dynamics.JaxDynamics`."""
+
+    structure: Structure = eqx.field(static=True)
+    own: tuple[str, ...] = eqx.field(static=True)  #: the functions that are called; the rest are derived from them
+    constant_mass: Any = None  #: (n, n) when the mass is a constant
+    inverse_mass: Any = None  #: (n, n) its inverse, likewise
 
     def gives(self, name: str) -> bool:
         """Whether ``name`` is called."""
@@ -206,7 +211,7 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
     derived = {name for name in ("reaction", "velocity_reaction") if declared(dynamics.system, name) is None}
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)
     own = tuple(name for name in FUNCTIONS if name not in derived and (name != "mass" or s.mass == "variable"))
-    return ForeignDynamics(bits, s, callbacks, own, *masses)
+    return ForeignDynamics(bits, callbacks, s, own, *masses)
 
 
 def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
-from hhtbench.lowering.dynamics.foreign import SIZES, Callbacks, foreign_p
+from hhtbench.lowering.dynamics.foreign import SIZES, Callbacks, Called, foreign_p
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
@@ -42,18 +42,17 @@ class Part(NamedTuple):
     function: str
     which: int | None  #: of a pair of matrices; None: it gives one
     pattern: str
-    size: str = ""  #: letter of the multipliers or of the constraints that there must be
 
 
 PARTS = {
     "force_q": Part("force_jacobians", 0, "force_q"),
     "force_v": Part("force_jacobians", 1, "force_v"),
-    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian", "m"),
-    "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian", "m"),
-    "reaction_q": Part("reaction_jacobians", 0, "reaction_q", "m"),
-    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian", "p"),
-    "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q", "p"),
-    "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v", "p"),
+    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian"),
+    "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian"),
+    "reaction_q": Part("reaction_jacobians", 0, "reaction_q"),
+    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian"),
+    "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q"),
+    "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v"),
     "mass_matrix": Part("mass", None, "mass_matrix"),
     "mass_product_jacobian": Part("mass_product_jacobian", None, "mass_product_jacobian"),
 }
@@ -69,7 +68,7 @@ DERIVATIVES = {  # of functions: for an argument by its place the part, and its 
 
 
 @dataclass(frozen=True, eq=False)
-class Called:
+class Function:
     """A function as it is called: compared by identity."""
 
     dynamics: Any  #: for sizes and patterns only
@@ -77,14 +76,14 @@ class Called:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def evaluated(called: Called, addresses: Any, *arguments: Any) -> Any:
+def evaluated(called: Function, addresses: Any, *arguments: Any) -> Any:
     """The value of a function of the system."""
     size = getattr(called.dynamics.structure, VALUES[called.name])
     return foreign_p.bind(addresses[NAMES.index(called.name)], *arguments, shape=(size,))
 
 
 @evaluated.defjvp
-def _differential(called: Called, primals: Any, tangents: Any) -> Any:
+def _differential(called: Function, primals: Any, tangents: Any) -> Any:
     (addresses, *arguments), (_, *along) = primals, tangents
     value, dynamics = evaluated(called, *primals), called.dynamics
     change = jnp.zeros_like(value)
@@ -102,12 +101,10 @@ def _differential(called: Called, primals: Any, tangents: Any) -> Any:
 NAMES = (*VALUES, *PARTS)
 
 
-class ForeignProducts(eqx.Module, Dynamics):
-    """The functions of a dynamics of plain callables as products, to be traced; of all patterns and default reactions."""
+class ForeignProducts(Called):
+    """As products; of all patterns and default reactions."""
 
-    addresses: Any  #: (functions,) float64 with the bits of their addresses
     whole: Structure = eqx.field(static=True)
-    callbacks: Callbacks = eqx.field(static=True)
     patterns: Patterns
     constant_mass: Diagonal | Sparse | None = None  #: None: the identity, or it varies
     inverse_mass: Diagonal | BandInverse | None = None
@@ -122,14 +119,6 @@ class ForeignProducts(eqx.Module, Dynamics):
         return False
 
     @property
-    def system(self) -> Any:
-        return self.callbacks.system
-
-    @property
-    def xp(self) -> Any:
-        return jnp
-
-    @property
     def dependencies(self) -> Dynamics:
         return Dependencies(self, self.patterns, None if self.entries is None else self.entries.columns)
 
@@ -139,7 +128,7 @@ class ForeignProducts(eqx.Module, Dynamics):
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
         floats = [jnp.asarray(argument, dtype=float) for argument in (t, *arguments)]
-        return evaluated(Called(self, name), self.addresses, *floats)
+        return evaluated(Function(self, name), self.addresses, *floats)
 
     def part(self, addresses: Any, name: str, *arguments: Any) -> Any:
         """Entries of a matrix, in the order of its pattern."""
@@ -205,7 +194,7 @@ def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
     callbacks = Callbacks(dynamics.system)
     bits = np.array([_address(dynamics, name, patterns, callbacks) for name in NAMES], dtype=np.uint64).view(np.float64)
     structure = replace(s, mass="sparse") if sparse else s
-    return ForeignProducts(bits, structure, callbacks, patterns, mass, inverse, entries)
+    return ForeignProducts(bits, callbacks, structure, patterns, mass, inverse, entries)
 
 
 def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callbacks) -> int:

@@ -160,28 +160,37 @@ class Conjugate(MatrixFree):
         return -self.velocity_column(t, q, v, mu)
 
 
+class ConjugateVariable(Conjugate, VariableMass):
+    """The same for a mass of few entries that varies."""
+
+
+def conjugate(products: MatrixFree) -> Conjugate:
+    """``products`` with those reactions."""
+    inner, mass, inverse = products.inner, products.constant_mass, products.inverse_mass
+    if isinstance(products, VariableMass):
+        return ConjugateVariable(inner, mass, inverse, entries=products.entries)
+    return Conjugate(inner, mass, inverse)
+
+
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
     if not isinstance(origin, JaxDynamics):
         return None
+    own = cast("JaxDynamics | ReducedDynamics", dynamics)
     if dynamics.structure.mass == "variable":
         s = origin.structure
         if s.n + s.m + s.p < SMALL:
             return None
         entries = _entries.find(by_id(origin), lambda: _entries_of(origin))
-        return (
-            None
-            if entries is None
-            else VariableMass(cast("JaxDynamics | ReducedDynamics", dynamics), None, None, entries=entries)
-        )
-    mass, inverse, reduced = dynamics.constant_mass, dynamics.inverse_mass, cast("JaxDynamics | ReducedDynamics", dynamics)
+        return None if entries is None else VariableMass(own, None, None, entries=entries)
+    mass, inverse = dynamics.constant_mass, dynamics.inverse_mass
     if mass is None:
-        return MatrixFree(reduced, None, None)
+        return MatrixFree(own, None, None)
     if not isinstance(mass, Diagonal | Sparse):
         mass = compact(mass, jnp)
         inverse = mass.inverse() if isinstance(mass, Diagonal | Sparse) else None
-    return None if inverse is None else MatrixFree(reduced, mass, inverse)
+    return None if inverse is None else MatrixFree(own, mass, inverse)
 
 
 def _entries_of(dynamics: JaxDynamics) -> Entries | None:

@@ -132,9 +132,8 @@ class Entries(eqx.Module):
     columns: Any  #: (n, k) of every row, as in :class:`Sparse`
     filled: Any  #: (n, k) False for the entries that repeat the last
     order: Any  #: (n,) the coordinate in each place of the band
-    places: (
-        Any  #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
-    )
+    #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
+    places: Any
 
     @property
     def pattern(self) -> Any:

@@ -18,21 +18,14 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
-from hhtbench.lowering.scalar_compiler.emit import needed, needs
+from hhtbench.lowering.scalar_compiler.emit import CALLS, needed, needs
 from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 
 RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
 FOLDED = (0.0, 1.0, -1.0)  # parameter values that make operations vanish
-CHEAP = (
-    "constant",
-    "parameter",
-    "argument",
-    "solve",
-    "banded",
-    "foreign",
-)  # cost no operation, or are no numbers themselves
+CHEAP = "constant", "parameter", "argument", *CALLS  # cost no operation, or are no numbers themselves
 
 Shapes = tuple[tuple[int, ...], ...]
 

@@ -8,7 +8,7 @@ from typing import Any
 from solvers.hht.equations.formulas import EPS, GAUSS, ROUNDOFF
 from solvers.hht.linear.matrix import respond
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, cubic
+from solvers.hht.loops.compiled import compiled, cubic, roundoff_of
 from solvers.hht.loops.sections import address, call, part, put, view
 from solvers.hht.step.stopping import weigh, weighted_rms
 
@@ -92,12 +92,11 @@ def levels_inside(z: Any, h: Any) -> None:
 
 @compiled
 def roundoff(z: Any, h: Any) -> Any:
-    """The size of the roundoff of q and v, (H26); in a step of h [s] v is also a difference of q over h."""
+    """The size of the roundoff of q and v in a step of h [s], (H26)."""
     n, q, v, error = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.ERROR)
     relative, _ = weigh(z, q, v)
     for i in range(n):
-        error[i] = EPS * abs(q[i])
-        error[n + i] = max(EPS * abs(v[i]), error[i] / abs(h))
+        error[i], error[n + i] = roundoff_of(q[i], v[i], h)
     return weighted_rms(error, part(z, mem.WEIGHTS)) / relative
 
 

@@ -109,7 +109,7 @@ class ByError(Plan):
         change, h = memory.acceleration - memory.earlier, min(left, self.options.max_step)
         moves = float(np.abs(change).max()) > STILL * float(np.abs(memory.acceleration).max())
         with np.errstate(all="ignore"):
-            error = tolerances.size(state, h**3 / 12 * change / memory.last, np.zeros_like(change))  # (H27)
+            error = tolerances.size(state, state, np.pad(h**3 / 12 * change / memory.last, (0, change.size)))  # (H27)
         crawls = state.h is not None and memory.h_next < CRAWL * left
         if not crawls and not (moves and error > 1.0):
             return None

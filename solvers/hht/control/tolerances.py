@@ -12,8 +12,9 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.equations.formulas import CERTAIN, EPS, NOTHING, allowed, relative_part, relative_tolerance, rms
+from solvers.hht.equations.formulas import CERTAIN, EPS, relative_tolerance, roundoff_of
 from solvers.hht.step.state import State
+from solvers.hht.step.stopping import weigh_part, weighted_rms
 
 
 @dataclass(frozen=True)
@@ -28,28 +29,18 @@ class Tolerances:
         """The smallest relative one."""
         return float(self.rtol.min())
 
-    def weights(self, before: State, after: State) -> Vector:
-        """(2n,) largest allowed errors of q and v over the step."""
-        return np.asarray(
-            allowed(self.rtol, self.atol, np.concatenate([before.q, before.v]), np.concatenate([after.q, after.v]))
-        )
-
-    def relative(self, state: State) -> float:
-        """The tolerance as a number without unit: the smallest of weight over typical size, of q and of v, at most 1."""
-        n = state.q.size
-        sizes = (state.size_q, self.rtol[:n], self.atol[:n]), (state.size_v, self.rtol[n:], self.atol[n:])
-        parts = [float(relative_part(*part).min()) if part[0] > NOTHING else math.inf for part in sizes]
-        return relative_tolerance(*parts)
-
-    def size(self, state: State, q: Vector, v: Vector) -> float:
-        """Of errors ``q`` and ``v`` (n,) at ``state`` over what is allowed of a step, (H26)."""
-        return rms(np.concatenate([q, v]) / self.weights(state, state)) / math.sqrt(self.relative(state))
+    def size(self, before: State, after: State, error: Vector) -> float:
+        """Of the ``error`` (2n,) of q and v of a step over what is allowed, (H26)."""
+        n, weights = after.q.size, np.empty_like(self.rtol)
+        of_q = weigh_part(self.rtol[:n], self.atol[:n], before.q, after.q, after.size_q, weights[:n])
+        of_v = weigh_part(self.rtol[n:], self.atol[n:], before.v, after.v, after.size_v, weights[n:])
+        with np.errstate(over="ignore"):
+            return float(weighted_rms(error, weights) / math.sqrt(relative_tolerance(of_q, of_v)))
 
     def roundoff(self, state: State, h: float = math.inf) -> float:
-        """The same of the roundoff of q and v: in a step of h [s] v is also a difference of q over h."""
-        q = EPS * np.abs(state.q)
+        """The same of the roundoff of q and v, in a step of h [s]."""
         with np.errstate(over="ignore"):
-            return self.size(state, q, np.maximum(EPS * np.abs(state.v), q / abs(h)))
+            return self.size(state, state, np.concatenate(roundoff_of(state.q, state.v, h)))
 
     @property
     def above_roundoff(self) -> bool:

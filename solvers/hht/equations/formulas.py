@@ -100,9 +100,9 @@ def relative_tolerance(of_q: float, of_v: float) -> float:
     return max(TINY, min(1.0, of_q, of_v))
 
 
-def rms(x: Any) -> float:
-    """Root mean square of ``x``; infinity where it holds what is not finite."""
-    return math.sqrt(float(np.sum(x * x)) / x.size) if np.isfinite(x).all() else math.inf
+def roundoff_of(q: Any, v: Any, h: float) -> tuple[Any, Any]:
+    """Roundoff of q and of v, which in a step of h [s] is also a difference of q over h."""
+    return EPS * np.abs(q), np.maximum(EPS * np.abs(v), EPS * np.abs(q) / abs(h))
 
 
 def spacing(x: float) -> float:

@@ -86,11 +86,7 @@ def factorise(z: Any, slot: Any) -> Any:
 @compiled
 def factor_band(z: Any, slot: Any, entries: Any) -> Any:
     """Blocks of bands, and what couples them."""
-    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
-    for k in range(storage.size):
-        storage[k] = 0.0
-    for k in range(inside.size):
-        storage[places[k]] = entries[inside[k]]
+    storage = stored(z, slot, entries)
     blocks = indices(z, mem.BLOCKS)
     least, most = factor_blocks(storage, indices(z, mem.PIVOTS + slot), blocks)
     outside, couplings, record = indices(z, mem.OUTSIDE), part(z, mem.COUPLINGS + slot), part(z, mem.RECORD + slot)
@@ -102,14 +98,21 @@ def factor_band(z: Any, slot: Any, entries: Any) -> Any:
     return mem.CONVERGED if least > 0.0 else mem.SINGULAR
 
 
-@compiled
-def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
-    """LAPACK's LU with partial pivoting of the full matrix, column by column."""
+@inlined
+def stored(z: Any, slot: Any, entries: Any) -> Any:
+    """The matrix of these ``entries`` where its factors will be."""
     inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
         storage[places[k]] = entries[inside[k]]
+    return storage
+
+
+@compiled
+def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
+    """LAPACK's LU with partial pivoting of the full matrix, column by column."""
+    storage = stored(z, slot, entries)
     order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + slot), index_address(z, mem.PIVOTS + slot)
     invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, order + 8 * mem.INFO))
     size, record, least, most, rank = z.i[mem.SIZE], part(z, mem.RECORD + slot), abs(storage[0]), 0.0, 0

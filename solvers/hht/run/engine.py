@@ -85,11 +85,6 @@ class Engine:
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
         return f"{'plain Python' if self.plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
 
-    @property
-    def runs_alone(self) -> bool:
-        """Whether steps are machine code that calls no function of the system in Python."""
-        return self.functions.alone and not self.plain
-
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
         """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
 

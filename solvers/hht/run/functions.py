@@ -40,7 +40,7 @@ from solvers.hht.loops.memory import Memory, Sizes, copied
 from solvers.hht.run.kkt import level_functions
 from solvers.hht.step.newton import NewtonOptions
 
-LARGEST = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
+LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 LONGEST = 50_000  # unknowns of a step beyond which no function of it is machine code: its graph has a million nodes
 SPARSE = NewtonOptions(max_iterations=25)
 FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
@@ -65,7 +65,7 @@ class Functions:
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
         self.newton = NewtonOptions()
-        self._sizes = sizes_of(s)
+        self._sizes = memory_sizes(s)
         self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
         self._codes: dict[str, Code] = {}
         self._of_error: dict[str, Code] = {}
@@ -203,9 +203,9 @@ class SparseCode(MachineCode):
     """Machine code of a large system, without a full matrix."""
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
-        products = products_of(dynamics, method)
+        products = step_products(dynamics, method)
         if products is None:
-            raise NotNative(f"more than {LARGEST} unknowns, and {FULL}")
+            raise NotNative(f"more than {LARGEST_STEP} unknowns, and {FULL}")
         super().__init__(products, method, layout_of(products, method), linsolver)
 
     def _starts_alone(self) -> bool:
@@ -270,11 +270,11 @@ class PythonFunctions(Functions):
         """The dynamics without full matrices, its layout and the entries of a sparse matrix; or why there are none."""
         if linsolver == "dense" or (linsolver == "auto" and layout.size < SMALL):
             return f"below {SMALL} unknowns"
-        products = products_of(dynamics, method)
+        products = step_products(dynamics, method)
         if not isinstance(products, MatrixFree):
             return FULL
         layout = layout_of(products, method)
-        example = np.zeros(layout.size), np.zeros(Sizes(**sizes_of(layout.structure), size=0).given)
+        example = np.zeros(layout.size), np.zeros(Sizes(**memory_sizes(layout.structure), size=0).given)
         static = replace(method, start="f0"), layout
         try:
             coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
@@ -284,7 +284,7 @@ class PythonFunctions(Functions):
         return analysis.reason if analysis.kind == "dense" else (products, layout, coloured)
 
 
-def products_of(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
+def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
     """``dynamics`` without dense matrices; None: there are some, or ``method`` needs M^-1, and that is full."""
     products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
     fills = products is not None and products.structure.mass == "sparse" and method.equations != "hht"
@@ -305,14 +305,14 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
     try:
-        if layout.size > LARGEST:
+        if layout.size > LARGEST_STEP:
             return SparseCode(dynamics, method, layout, linsolver)
         return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)
 
 
-def sizes_of(s: Structure) -> dict[str, Any]:
+def memory_sizes(s: Structure) -> dict[str, Any]:
     """Those of the loops' memory that follow from the structure."""
     return {"n": s.n, "m": s.m, "p": s.p, "inverse_mass": s.n * s.n if s.mass == "variable" else 0}
 

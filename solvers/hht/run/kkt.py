@@ -21,12 +21,12 @@ from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import declared
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.local_error import levels
-from solvers.hht.linear.analysis import Analysis, address_of, chosen, of_pattern
+from solvers.hht.linear.analysis import Analysis, address_of, chosen
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view
 
 FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
-LARGEST = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
+LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
 
 
@@ -102,8 +102,6 @@ def by_entries(dynamics: Dynamics) -> Places:
         z = allocate(Sizes(n=s.n, m=0, p=0, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0))
         _call(z, codes)
         return Places(z, np.zeros(0), codes)
-    if s.m and s.p:  # at the position level the rows of k would hold q too
-        raise NotNative("constraints of both kinds")
     if reacts_across(dynamics) and not isinstance(dynamics, Conjugate):
         raise NotNative("a declared reaction")
     entries = kkt_of(dynamics)
@@ -197,15 +195,22 @@ def kkt_code(dynamics: Dynamics) -> Entries:
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
-    if size > LARGEST and dynamics.matrices:
+    if size > LARGEST_KKT and dynamics.matrices:
         raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
     if not dynamics.matrices:
         pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
-        return Entries(native(kkt_entries, dynamics, pattern, shapes=shapes), of_pattern(pattern, size, "auto"))
-    code = native(kkt_terms, dynamics, shapes=shapes)
-    flat = np.union1d(code.varying, np.flatnonzero(code.constants))
-    flat = flat[flat >= size]
-    slots = np.concatenate([np.arange(size), flat])
-    found = Analysis(size, flat // size - 1, flat % size, 0, slots, np.zeros(slots.size))
-    return Entries(code, chosen(found, "auto", measured=False))
+        code = native(kkt_entries, dynamics, pattern, shapes=shapes)
+        places = np.stack([pattern.rows, pattern.columns, np.arange(size, size + pattern.rows.size)])
+    else:
+        code = native(kkt_terms, dynamics, shapes=shapes)
+        flat = np.union1d(code.varying, np.flatnonzero(code.constants))
+        flat = flat[flat >= size]
+        places = np.stack([flat // size - 1, flat % size, flat])
+    if s.m and s.p:  # a place on the diagonal for rows of k: at the position level they are those of the identity
+        held = np.arange(s.n + s.m, size)
+        places = np.concatenate([places, np.stack([held, held, 0 * held])], axis=1)
+    rows, columns, slots = places[:, np.lexsort(places[1::-1])]
+    slots = np.concatenate([np.arange(size), slots])
+    found = Analysis(size, rows, columns, 0, slots, np.zeros(slots.size))
+    return Entries(code, chosen(found, "auto", measured=not dynamics.matrices))

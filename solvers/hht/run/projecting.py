@@ -13,14 +13,14 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, VariableMass, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, conjugate
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
-from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, reacts_across
+from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
 from solvers.hht.run.rows import FEW, FIRST, in_blocks
 from solvers.hht.step.projection import project
 
@@ -97,30 +97,23 @@ def _memory(functions: Functions) -> Places | None:
     if not isinstance(functions, MachineCode):
         return None
     try:
-        found = _found(functions)
+        full = functions.level_codes()  # the way of the steps' functions
+        found = of_full_matrices(functions.dynamics) if full else smallest_changes(functions.dynamics)
     except NotNative:
         return None
     found.memory.i[mem.CALLS_PYTHON] = functions.callbacks is not None
     return found
 
 
-def _found(functions: Functions) -> Places:
-    """By the way of the steps' functions; along declared reactions no change is the smallest."""
-    dynamics = functions.dynamics
-    if functions.level_codes():
-        return of_full_matrices(dynamics)
-    return by_entries(conjugate(dynamics)) if reacts_across(dynamics) and not dynamics.matrices else places_of(dynamics)
-
-
-def conjugate(dynamics: Dynamics) -> Conjugate:
-    """``dynamics`` with reactions normal to the constraints.
+def smallest_changes(dynamics: Dynamics) -> Places:
+    """Those along which projections move: along declared reactions no change is the smallest.
 
     Raises
     ------
     NotNative
-        Its functions are full matrices, or its mass varies.
+        The functions cannot be machine code.
     """
-    products = dynamics if isinstance(dynamics, MatrixFree) else matrix_free(dynamics)
-    if products is None or isinstance(products, VariableMass):
-        raise NotNative("full matrices, or a mass that varies")
-    return Conjugate(products.inner, products.constant_mass, products.inverse_mass)
+    products = dynamics if isinstance(dynamics, MatrixFree) else products_of(dynamics)
+    if products is None or not reacts_across(dynamics):
+        return places_of(dynamics)
+    return by_entries(conjugate(products))

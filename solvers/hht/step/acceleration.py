@@ -97,7 +97,7 @@ def newton(z: Any) -> Any:
 def newton_by_entries(z: Any) -> Any:
     """The same by the entries of the matrix: 1.0, or 0.0."""
     compute_entries(z)
-    if not (factor_entries(z) and solve_entries(z)):
+    if not (factor_entries(z, z.i[mem.SIZE]) and solve_entries(z)):
         return 0.0
     step_back(z)
     return 1.0

@@ -34,17 +34,25 @@ def add_row_sizes(z: Any, typical: Any) -> None:
 
 
 @compiled
-def factor_entries(z: Any) -> Any:
-    """Factors of the matrix in COMPUTED, rows and columns scaled to size one; False where it is singular, or not finite."""
+def factor_entries(z: Any, first: Any) -> Any:
+    """Factors of the matrix in COMPUTED, rows and columns scaled to size one; False where it is singular, or not finite.
+
+    Of the ``first`` rows and columns; the others are those of the identity.
+    """
     terms, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
     of_row, of_column = part(z, mem.SOLUTION), part(z, mem.RIGHT)
+    entries, rows, columns = terms[size:], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
     for k in range(slots.size):
         terms[k] = computed[slots[k]]
+    for k in range(rows.size):
+        if max(rows[k], columns[k]) >= first:
+            entries[k] = 1.0 if rows[k] == columns[k] else 0.0
+        elif rows[k] == columns[k] >= z.i[mem.N]:
+            entries[k] = 0.0  # there for the identity only
     if not finite(terms):
         return False
-    entries = terms[size:]
-    scale_to_one(entries, indices(z, mem.ENTRY_ROWS), of_row)
-    scale_to_one(entries, indices(z, mem.ENTRY_COLUMNS), of_column)
+    scale_to_one(entries, rows, of_row)
+    scale_to_one(entries, columns, of_column)
     for i in range(size):
         if of_row[i] == 0.0 or of_column[i] == 0.0:
             return False

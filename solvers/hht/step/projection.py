@@ -145,10 +145,10 @@ def jacobian_row(z: Any, i: Any) -> Any:
 @compiled
 def factor(z: Any, mass: Any, position: Any) -> Any:
     """Factors of [[M, C^T], [C, 0]] at PLACE, C the rows of a level; False where they are dependent."""
-    if by_entries(z):
-        return factor_entries(z)
     n, m, p, terms, levels = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.LEVEL_TERMS), part(z, mem.START_LEVELS)
     size = n + m + p
+    if by_entries(z):
+        return factor_entries(z, n + m if position else size)
     for i in range(size, size * (1 + size)):
         terms[i] = 0.0
     for i in range(n):

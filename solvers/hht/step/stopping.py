@@ -86,23 +86,28 @@ def imbalance(z: Any) -> None:
 @compiled
 def weigh(z: Any, q1: Any, v1: Any) -> Any:
     """Put what is allowed of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
-    n, q, v, number, weights = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.NUMBER), part(z, mem.WEIGHTS)
+    n, number, weights = z.i[mem.N], part(z, mem.NUMBER), part(z, mem.WEIGHTS)
     rtol, atol = part(z, mem.RTOL), part(z, mem.ATOL)
-    of_q = of_v = math.inf
     size_q, size_v = max(number[mem.SIZE_Q], largest(q1)), max(number[mem.SIZE_V], largest(v1))
-    for i in range(n):
-        weights[i] = allowed(rtol[i], atol[i], q[i], q1[i])
-        weights[n + i] = allowed(rtol[n + i], atol[n + i], v[i], v1[i])
-        if size_q > NOTHING:
-            of_q = min(of_q, relative_part(size_q, rtol[i], atol[i]))
-        if size_v > NOTHING:
-            of_v = min(of_v, relative_part(size_v, rtol[n + i], atol[n + i]))
+    of_q = weigh_part(rtol[:n], atol[:n], part(z, mem.Q), q1, size_q, weights[:n])
+    of_v = weigh_part(rtol[n:], atol[n:], part(z, mem.V), v1, size_v, weights[n:])
     return math.sqrt(relative_tolerance(of_q, of_v)), size_q
 
 
 @compiled
+def weigh_part(rtol: Any, atol: Any, before: Any, after: Any, size: Any, weights: Any) -> Any:
+    """Put what is allowed of q, or of v, of that ``size`` into ``weights`` (n,); returns the relative tolerance."""
+    least = math.inf
+    for i in range(weights.size):
+        weights[i] = allowed(rtol[i], atol[i], before[i], after[i])
+        if size > NOTHING:
+            least = min(least, relative_part(size, rtol[i], atol[i]))
+    return least
+
+
+@compiled
 def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``, as ``formulas.rms``; infinity where it is not finite."""
+    """Root mean square of x over ``weights``; infinity where it is not finite."""
     total = 0.0
     for i in range(x.size):
         total += (x[i] / weights[i]) ** 2

@@ -5,7 +5,6 @@ The estimate is compared with the local error itself, computed by another method
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -238,9 +237,7 @@ def _ratio(problem: Problem, tolerances: Tolerances, before: State, after: State
     if after.memory is None or after.memory.error is None:
         raise RuntimeError(f"{problem.name}: the step to {after.t:g} has no estimate")
     true = np.concatenate([after.q, after.v]) - local_solution(problem, before, after.t)
-    size = true / tolerances.weights(before, after)
-    allowed = math.sqrt(tolerances.relative(after))
-    return after.memory.error / (math.sqrt(float(size @ size) / size.size) / allowed)
+    return after.memory.error / tolerances.size(before, after, true)
 
 
 def local_solution(problem: Problem, state: State, t1: float) -> Vector:
