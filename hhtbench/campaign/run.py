@@ -40,6 +40,8 @@ TIMED = (
     "disturbed",
 )  #: of ``timing``, null until the timing pass
 
+PLUGINS = (Exception, SystemExit, KeyboardInterrupt)  #: the last: SIGINT raises none in a worker, so nobody pressed Ctrl-C
+
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
 
 
@@ -144,7 +146,7 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
     started, cpu = time.perf_counter(), time.process_time()
     try:
         solution = solver.solve(problem, request)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this cell only
+    except PLUGINS as error:  # a plugin's or a user's: it costs this cell only
         raised = error
     finally:
         cost = time.perf_counter() - started, time.process_time() - cpu

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
-from hhtbench.campaign.run import run_cell, status_of, text_of
+from hhtbench.campaign.run import PLUGINS, run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.reference import reference_of
@@ -29,6 +29,7 @@ SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 def serve(descriptor: int, parent: int) -> None:
     """Answer tasks until the pipe closes; ``parent`` is the process that must be alive."""
     _end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends the worker from outside; KeyboardInterrupt is a plugin's own
     faulthandler.enable(all_threads=False)  # a crash names its line on stderr
     os.set_inheritable(descriptor, False)
     connection = Connection(descriptor)
@@ -64,7 +65,7 @@ class _Bench:
         """One task; never raises what a plugin or a user's function raised."""
         try:
             return self._do(task)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - it costs this task only
+        except PLUGINS as error:  # it costs this task only
             if task["repeats"]:
                 return {"note": text_of(error)}
             return {"status": status_of(error).label, "message": text_of(error)}

@@ -173,17 +173,26 @@ def load_rows(path: str | Path) -> list[RunRow]:
     Raises
     ------
     ProblemError
-        There is no such file, or it is no store of this version.
+        There is no such file, it is no store of this version, or it is damaged and none of its rows can be read.
     """
+    rows, losses = sound_rows(path)
+    if losses:
+        warnings.warn(losses, stacklevel=2)
+    return rows
+
+
+def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
+    """Rows as :func:`load_rows` gives them, and what could not be read, in words, "" where all could."""
     file = store_file(path)
     if not file.is_file():
         raise ProblemError(f"there is no store {path}.")
     reading = _look(file)
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
-    if not reading.whole:
-        warnings.warn(f"{path} is damaged: {reading.losses}; run the campaign again.", stacklevel=2)
-    return [row for _, row in reading.sound]
+    losses = "" if reading.whole else f"{path} is damaged: {reading.losses}; run the campaign again."
+    if losses and not reading.sound:
+        raise ProblemError(losses)
+    return [row for _, row in reading.sound], losses
 
 
 def _look(path: Path) -> Reading | None:
