@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import FAILED, json_option, require_folder, shown, write_json
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import read_evidence
+from hhtbench.output import FAILED, json_option, require_folder, shown, write_json
 from hhtbench.report import write_comparison
 from hhtbench.store import sound_rows
 

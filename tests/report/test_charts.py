@@ -85,12 +85,14 @@ def test_acceleration_level_is_drawn_where_it_was_measured_and_else_the_note_is_
 
 
 def test_caption_says_at_how_many_times_errors_were_compared():
-    rows = law("ida", 50.0, 4)
-    for row in rows:
-        row.metrics["errors"]["points"] = 1
-    assert "compared at 1 time only" in _charts(rows)["work-time"].caption
-    rows[0].metrics["errors"]["points"] = 51
-    assert "largest over 1 to 51 compared times" in _charts(rows)["work-time"].caption
+    def caption(*points):
+        rows = law("ida", 50.0, 4, settings=(1e-1, 1e-2, 1e-3, 1e-4))
+        for row, count in zip(rows, points, strict=True):
+            row.metrics["errors"]["points"] = count
+        return _charts(rows)["work-time"].caption
+
+    assert "compared at 1 time only" in caption(1, 1, 1, 1)
+    assert "largest over 1 to 51 compared times" in caption(51, 1, 1, 1)
 
 
 def test_declined_runs_of_a_solver_share_one_mark_at_the_right_edge():
@@ -158,13 +160,14 @@ def test_ticks_stop_where_the_strip_of_failures_begins():
 
 
 def test_limit_of_the_reference_is_drawn_where_errors_come_near_it():
-    rows = law("ida", 50.0, 4)
-    for row in rows:
-        row.metrics["errors"]["digits"] = 6
-    assert "the reference cannot judge below" in [a.text for a in _drawn(_charts(rows)["work-time"]).layout.annotations]
-    for row in rows:
-        row.metrics["errors"]["digits"] = 12
-    assert not _drawn(_charts(rows)["work-time"]).layout.annotations
+    def annotations(digits):
+        rows = law("ida", 50.0, 4)
+        for row in rows:
+            row.metrics["errors"]["digits"] = digits
+        return [annotation.text for annotation in _drawn(_charts(rows)["work-time"]).layout.annotations]
+
+    assert "the reference cannot judge below" in annotations(6)
+    assert not annotations(12)
 
 
 def test_drift_over_time_keeps_its_largest_value_when_thinned_and_zero_can_be_drawn():
