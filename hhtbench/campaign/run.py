@@ -95,9 +95,12 @@ def without_output(problem: Problem, request: Request) -> Request:
 
 
 def run_cell(
-    problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase
+    problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase, draw: int = 0
 ) -> dict[str, Any]:
-    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair."""
+    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair.
+
+    ``draw`` chooses what of the result is looked at closely.
+    """
     phase(WARM_UP)
     request = request_of(problem, asked)
     reason = solver.accepts(problem, request)
@@ -119,7 +122,7 @@ def run_cell(
         counters = _counted(problem, solver, request, counters, phase)
     at_steps = _at_steps(problem, solver, request, outcome, phase)
     phase(MEASURING)
-    judgement = _judged(problem, request, outcome, work, at_steps)
+    judgement = _judged(problem, request, outcome, work, at_steps, draw)
     measured = measure(problem, outcome.solution, None if at_steps is None else at_steps.solution)
     return {
         **row,
@@ -192,7 +195,9 @@ def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outco
     return again if again.status in ends and again.solution is not None else None
 
 
-def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None) -> Judged:
+def _judged(
+    problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None, draw: int
+) -> Judged:
     """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
@@ -202,7 +207,7 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})
     if at_steps is not None and at_steps.status is Status.unreliable:
         return Judged({"status": at_steps.status.label, "message": f"{at_steps.message} (with output at every step)"})
-    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps))
+    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps), draw=draw)
     doubt = found.doubt
     if not doubt and work.solution is not None:
         doubt = ends_elsewhere(problem, request, outcome.solution, work.solution)

@@ -10,6 +10,7 @@ import os
 import resource
 import signal
 import sys
+import zlib
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -88,7 +89,9 @@ class _Bench:
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._phase)
-        return run_cell(problem, solver, task["request"], warm, self._phase)
+        asked = {name: task["request"].get(name) for name in ("rtol", "atol", "step", "steps")}
+        draw = zlib.crc32(json.dumps([*names, asked]).encode())  # of what is in the cell's key, without the sources
+        return run_cell(problem, solver, task["request"], warm, self._phase, draw)
 
     def _phase(self, name: str) -> None:
         self._connection.send_bytes(json.dumps({"phase": name}).encode())
