@@ -9,7 +9,6 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from plotly.offline import get_plotlyjs
 from tabulate import tabulate
 
 from hhtbench import analysis
@@ -20,11 +19,11 @@ from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content, Part, content_of
+from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.frame import Chart
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text
-from hhtbench.report.page import embedded
 from hhtbench.report.speed_page import PAGE as SPEED
 from hhtbench.report.speed_page import write_speed
 from hhtbench.report.tables import Table
@@ -85,6 +84,7 @@ def _page(content: Content, command: str, evidence: Evidence | None, curves: boo
     links = [f'<a href="#{anchor(part.name)}">{escape(part.name)}</a>' for part in content.parts]
     links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
     links += [f'<a href="{page}">{escape(name)}</a>' for page, name in others.items()]
+    drawings = Drawings()
     texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
     return Template(texts["html"]).substitute(
         title=escape(TITLE),
@@ -97,13 +97,12 @@ def _page(content: Content, command: str, evidence: Evidence | None, curves: boo
         against=html_table(content.against),
         drift=html_table(content.drift),
         legend=legend(styles),
-        sections="\n".join(_problem_section(content.rows, part, styles) for part in content.parts),
+        sections="\n".join(_problem_section(content.rows, part, styles, drawings) for part in content.parts),
         failures=html_table(content.failures),
         machine=_machine(content.rows),
         command=escape(command),
         created=escape(_created(content.rows)),
-        plotly=get_plotlyjs(),
-        script=texts["js"],
+        scripts=drawings.scripts(texts["js"]),
     )
 
 
@@ -134,9 +133,12 @@ def _prose(text: str) -> str:
     return re.sub(r"\d+e-\d+", r'<span class="number">\g<0></span>', escape(text))
 
 
-def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, SolverStyle]) -> str:
+def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, SolverStyle], drawings: Drawings) -> str:
     charts = problem_charts(rows, part.name)
-    drawn = "\n".join(_figure(part.name, chart, styles) for chart in charts) or "<p>No run left anything to draw.</p>"
+    drawn = (
+        "\n".join(_figure(part.name, chart, drawings.box(draw(chart, styles))) for chart in charts)
+        or "<p>No run left anything to draw.</p>"
+    )
     everything = runs.all_runs(rows, part.name)
     built = "\n".join(html_table(table, caption) for caption, table in part.tables.items())
     return f"""\
@@ -153,11 +155,11 @@ def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, Solve
 </section>"""
 
 
-def _figure(problem: str, chart: Chart, styles: dict[str, SolverStyle]) -> str:
+def _figure(problem: str, chart: Chart, box: str) -> str:
     return f"""\
 <figure id="{anchor(f"{problem}-{chart.id}")}">
 <h3>{escape(chart.title)}</h3>
-<div class="plot"><script type="application/json">{embedded(draw(chart, styles))}</script></div>
+{box}
 <figcaption class="caption">{escape(chart.caption)}</figcaption>
 </figure>"""
 

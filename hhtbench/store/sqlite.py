@@ -15,13 +15,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hhtbench.errors import ProblemError
-from hhtbench.store.columns import COLUMNS, hash_of, row_of, shown, texts_of
+from hhtbench.store.columns import COLUMNS, PACKED, hash_of, row_of, shown, texts_of
 from hhtbench.store.files import store_file, take_lock
 from hhtbench.store.reading import ERRORS, VERSION, Reading, damage, read, refuse_other_version
 from hhtbench.store.rows import RunRow
 
+KINDS = {name: "BLOB" if name == PACKED else "TEXT" for name in COLUMNS}
 SCHEMA = (
-    f"CREATE TABLE IF NOT EXISTS runs ({', '.join(f'{name} TEXT NOT NULL' for name in COLUMNS)}, "
+    f"CREATE TABLE IF NOT EXISTS runs ({', '.join(f'{name} {kind} NOT NULL' for name, kind in KINDS.items())}, "
     "sha256 TEXT NOT NULL, PRIMARY KEY (key), UNIQUE (identity))",
     "CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value TEXT NOT NULL)",
 )
@@ -173,7 +174,7 @@ def load_rows(path: str | Path) -> list[RunRow]:
     Raises
     ------
     ProblemError
-        There is no such file, it is no store of this version, or it is damaged and none of its rows can be read.
+        There is no such file, or it is no store of this version.
     """
     rows, losses = sound_rows(path)
     if losses:
@@ -190,8 +191,6 @@ def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
     losses = "" if reading.whole else f"{path} is damaged: {reading.losses}; run the campaign again."
-    if losses and not reading.sound:
-        raise ProblemError(losses)
     return [row for _, row in reading.sound], losses
 
 
