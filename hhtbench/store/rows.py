@@ -54,9 +54,9 @@ class RunRow:
         For plots, each at most 100 points of six digits.  ``drift``: ``{"t", "position", "velocity", "energy", "invariants":
         {name: [...]}}``, thinned so that the largest value in each span of time stays; a level that does not exist is
         absent.  ``acceleration``: ``{"t", "value"}`` or absent.  ``errors``: ``{"t", "q", "v", "lam", "mu"}`` scaled errors
-        at the compared times, components as in ``metrics``; absent like ``metrics["errors"]``.  ``multipliers``: ``{"t", "lam":
-        [[...] per time], "mu": [[...] per time]}`` at the output rows, at most 12 components of each.  ``states``: ``{"t",
-        "q", "v"}`` at up to 11 of them, whole, for comparing runs two by two.  ``steps``:
+        at the compared times, components as in ``metrics``; absent like ``metrics["errors"]``.  ``multipliers``: ``{"t",
+        "lam": [[...] per time], "mu": [[...] per time]}`` at the output rows, at most 12 components of each.  ``states``:
+        ``{"t", "q", "v"}`` at up to 11 of them, whole, for comparing runs two by two.  ``steps``:
         ``{"t", "h"}`` ends and lengths of internal steps; absent where the solver keeps none.
 
     ``counters``
