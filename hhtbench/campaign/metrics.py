@@ -87,7 +87,7 @@ def _add_drift(
     series["drift"] = spans(found.t, {name: values for name, values in curves.items() if values is not None})
     series["drift"]["invariants"] = {k: v for k, v in spans(found.t, found.invariants).items() if k != "t"}
     if found.acceleration is not None:
-        series["acceleration"] = spans(found.own_t, {"value": found.acceleration})
+        series["acceleration"] = spans(found.acceleration.t, {"value": found.acceleration.value})
     if found.h is not None and found.h.size:
         series["steps"] = spans(found.t[1:], {"h": found.h}, np.minimum)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, Status, System, load_solver
+from hhtbench.campaign import drift
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
 from hhtbench.evidence import plain
 from hhtbench.result import DenseOutput
@@ -174,6 +175,15 @@ def test_the_acceleration_level_is_judged_at_every_step():
     found = measure(circle(), solution(carried=0.5), at_steps)
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     assert len(found.series["acceleration"]["t"]) == 41
+
+
+def test_the_acceleration_level_of_many_steps_is_judged_at_some_from_the_first_to_the_last(monkeypatch):
+    monkeypatch.setattr(drift, "MOST_OWN", 10)
+    at_steps = solution(t=np.linspace(0, 1, 41), carried=0.75)
+    found = measure(circle(), solution(carried=0.5), at_steps)
+    assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
+    times = found.series["acceleration"]["t"]
+    assert (len(times), times[0], times[-1]) == (10, 0.0, 1.0)
 
 
 def test_the_multipliers_that_the_solver_holds_have_an_error_of_their_own():
