@@ -5,6 +5,7 @@
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (12 minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (long: an hour and more)
+# make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
 # make clean    remove what these made
@@ -25,7 +26,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test validate faults picture loops clean
+.PHONY: bench bench-chain bench-engine test validate faults docs picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -57,6 +58,10 @@ validate: $(STAMP)
 
 faults: $(STAMP)
 	$(BIN)/python -m tests.faults --jobs $(JOBS) --sound
+
+docs: $(STAMP)
+	@$(PIP) install sphinx==9.0.4 furo==2025.12.19 myst-parser==5.2.0 sphinx-gallery==0.22.1
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 picture: bench
 	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \

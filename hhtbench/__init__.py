@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from hhtbench.campaign.public import Runs, run
     from hhtbench.checks import check
     from hhtbench.description import describe
+    from hhtbench.drift import Drift, measure_drift
     from hhtbench.equations import Equations
     from hhtbench.errors import NotFoundError, ProblemError, Stop
+    from hhtbench.lagrange import from_sympy
     from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
     from hhtbench.registry import (
         list_problems,
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "HHT",
     "Counters",
+    "Drift",
     "Equations",
     "Event",
     "Motion",
@@ -48,12 +51,14 @@ __all__ = [
     "__version__",
     "check",
     "describe",
+    "from_sympy",
     "list_problems",
     "list_solvers",
     "list_verifications",
     "load_problem",
     "load_solver",
     "load_verification",
+    "measure_drift",
     "parameter",
     "plan_steps",
     "run",
@@ -65,8 +70,10 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "campaign.public": ("Runs", "run"),
     "checks": ("check",),
     "description": ("describe",),
+    "drift": ("Drift", "measure_drift"),
     "equations": ("Equations",),
     "errors": ("NotFoundError", "ProblemError", "Stop"),
+    "lagrange": ("from_sympy",),
     "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
     "registry": (
         *("list_problems", "list_solvers", "list_verifications"),

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.accuracy import solve_to
 from hhtbench.counting import Clock, handed_over
+from hhtbench.drift import measure_drift
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem, Solver
@@ -23,7 +24,15 @@ RTOL = 1e-4  #: where a request has neither tolerances nor steps: plain engineer
 
 
 def solve(
-    problem: Problem | str, solver: Solver | str = "hht", *, accuracy: float | None = None, **request: Any
+    problem: Problem | str,
+    solver: Solver | str = "hht",
+    *,
+    accuracy: float | None = None,
+    events: Any = None,
+    t_span: tuple[float, float] | None = None,
+    q0: Any = None,
+    v0: Any = None,
+    **request: Any,
 ) -> Solution:
     """Integrate ``problem`` with ``solver``.
 
@@ -39,6 +48,11 @@ def solve(
     accuracy
         Largest error of q and v, scaled by the problem's scales, at the output times: the solver is run until finer runs
         show that it is kept (:func:`hhtbench.accuracy.solve_to`).  None: tolerances or steps as requested, for one run.
+    events
+        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list, for solvers that have events (HHT and what shares
+        its loop; others decline).
+    t_span, q0, v0
+        Another interval or start than the problem's; its references and closed solution belong to its own.
     request
         Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
         tolerances nor steps ``rtol = 1e-4``, which the message says.
@@ -59,18 +73,27 @@ def solve(
     if accuracy is None and not asked.fixed and asked.rtol is None and asked.atol is None:
         asked, note = replace(asked, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
     clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
-    loaded, chosen = load_problem(problem), load_solver(solver)
+    loaded, chosen = load_problem(problem).starting(t_span, q0, v0), load_solver(solver)
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)
     if asked.t_eval is not None:
         check_output_times(asked.t_eval, *loaded.t_span)
+    if events is not None:
+        if not hasattr(chosen, "with_events"):
+            return _nothing(loaded, Status.declined, f"{chosen.name} has no events; hht has.")
+        chosen = chosen.with_events(events)
     with handed_over(clock):
         try:
             if accuracy is not None:
-                return solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen, clock=clock))
-            found = _once(loaded, chosen, asked, clock)
+                found = solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen, clock=clock))
+            else:
+                found = _once(loaded, chosen, asked, clock)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
-    return replace(found, message=f"{found.message} {note}") if note and found.status is not Status.declined else found
+    if found.status is Status.declined:
+        return found
+    return replace(
+        found, message=f"{found.message} {note}" if note else found.message, drift_of=partial(measure_drift, loaded)
+    )
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

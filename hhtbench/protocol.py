@@ -304,12 +304,23 @@ class Problem:
             if value is not None:
                 object.__setattr__(self, name, real_vector(name, value))
 
+    def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
+        """This problem over another interval or from another start, without what is known of its own motion.
+
+        That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
+        """
+        given: dict[str, Any] = {
+            name: value for name, value in (("t_span", t_span), ("q0", q0), ("v0", v0)) if value is not None
+        }
+        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None) if given else self
+
 
 class Solver(Protocol):
     """What the bench knows of a solver.
 
-    It may have more: ``warm_up(problem, request)`` compiles, ``count(problem, request)`` gives the Counters of an untimed
-    run, and with a true ``judges_itself`` ``hb.solve`` returns its results as they are; a campaign judges them all the same.
+    It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
+    ``count(problem, request)`` gives the Counters of an untimed run, and with a true ``judges_itself`` ``hb.solve`` returns
+    its results as they are; a campaign judges them all the same.
     """
 
     name: str

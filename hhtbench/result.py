@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import enum
+import html
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.plotting import plot_solution
+from hhtbench.saved import read_arrays, write_arrays
+
+ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
+OF_FUNCTIONS = ("interpolant", "projection", "drift_of")  #: its fields that call functions
 
 
 class Status(enum.Enum):
@@ -166,6 +173,7 @@ class Solution:
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
     interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = None  #: what puts it onto the constraints; not pickled
+    drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
 
@@ -192,15 +200,62 @@ class Solution:
             raise ValueError("this solution came without its system's functions, as from a pickle: project=True needs them.")
         return self.projection(t, found)
 
+    def drift(self) -> Any:
+        """How far the solution leaves constraints, energy and invariants: a :class:`hhtbench.drift.Drift`.
+
+        Over the internal steps where they are known, else over the rows; None without rows.
+        """
+        if self.drift_of is None:
+            raise ValueError(
+                "this solution came without its problem's functions; hhtbench.measure_drift(problem, solution)."
+            )
+        return self.drift_of(self)
+
+    def plot(self) -> Any:
+        """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
+
+        Drift where the problem's functions are at hand, as after ``hb.solve``.
+        """
+        return plot_solution(self, None if self.drift_of is None else self.drift_of(self))
+
+    def to_pandas(self) -> Any:
+        """A pandas data frame, one row per time: ``t``, ``q[0]`` ..., ``v[0]`` ..., ``lam[0]`` ..., ``mu[0]`` ...."""
+        try:
+            from pandas import DataFrame
+        except ModuleNotFoundError as missing:
+            raise ModuleNotFoundError("to_pandas needs pandas: pip install pandas.") from missing
+        columns = {f"{name}[{i}]": getattr(self, name)[:, i] for name in ROWS for i in range(getattr(self, name).shape[1])}
+        return DataFrame({"t": self.t, **columns})
+
+    def save(self, path: str | Path) -> Path:
+        """Write everything but dense output to an ``.npz`` file of plain arrays and one text; returns its path."""
+        return write_arrays(path, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in OF_FUNCTIONS})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """What :meth:`save` has written.  Raises ``ProblemError`` where the file is none of these."""
+        return cls(**read_arrays(path, (Status, Counters, StepsData, ErrorEstimate, DenseOutput)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "drift_of": None}
+
+    def _repr_html_(self) -> str:
+        rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]
+        return f"<table style='text-align:left'>{''.join(rows)}</table>"
+
     def __repr__(self) -> str:
+        rows = self._told()
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
+
+    def _told(self) -> list[tuple[str, str]]:
+        """Names and values of what a reader is shown."""
         rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
         rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]
         if self.t_events:
             rows.append(("t_events", f"{', '.join(str(np.size(t)) for t in self.t_events)} events"))
         counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
-        rows += [(name, "not reported" if value is None else str(value)) for name, value in counted]
-        width = max(len(name) for name, _ in rows)
-        return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
+        return rows + [(name, "not reported" if value is None else str(value)) for name, value in counted]
 
 
 def _span(t: Vector) -> str:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import hhtbench as hb
 
+mpl.use("agg")
 DOCS = Path(__file__).parent.parent / "docs"
 
 
@@ -28,10 +32,24 @@ def rk4():
 
 
 def test_every_page_has_code_that_is_run():
-    assert {file.name for file in DOCS.glob("*.md")} == {
+    assert {file.name for file in DOCS.glob("*.md") if "```python" in file.read_text(encoding="utf-8")} == {
         *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md"),
         "mechanisms.md",  # in tests/mechanics
     }
+
+
+@pytest.mark.parametrize("script", sorted(file.name for file in (DOCS / "gallery").glob("plot_*.py")))
+def test_every_script_of_the_gallery_draws_a_finite_picture(script, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    plt.close("all")
+    runpy.run_path(str(DOCS / "gallery" / script))
+    lines = [line for axes in plt.gcf().axes for line in axes.get_lines()]
+    assert lines
+    assert all(np.isfinite(np.asarray(line.get_ydata(), dtype=float)).any() for line in lines)
+    told = capsys.readouterr().out
+    assert told
+    assert "failed" not in told
+    plt.close("all")
 
 
 @pytest.mark.parametrize("name", ["jay_negrut_pendulum", "knife_edge", "rolling_disk3d_steady"])

@@ -17,8 +17,8 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.campaign.accuracy import same_time
-from hhtbench.campaign.drift import keeps_steps
 from hhtbench.campaign.metrics import counters_of, measure
+from hhtbench.drift import keeps_steps
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times

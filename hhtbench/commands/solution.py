@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,14 +46,6 @@ def as_dict(solution: Solution) -> dict[str, Any]:
     """Status, message, counters and rows as plain Python values but for the arrays."""
     arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
     return {"status": solution.status.label, "message": solution.message, "counters": vars(solution.counters), **arrays}
-
-
-def save_solution(solution: Solution, path: Path) -> Path:
-    """Write the arrays, status and message as ``.npz``; returns the file's path."""
-    file = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
-    arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
-    np.savez(file, status=solution.status.label, message=solution.message, **arrays)
-    return file
 
 
 def _known_end(problem: Problem) -> tuple[str, dict[str, Any]]:

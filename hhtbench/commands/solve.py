@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from hhtbench.api import solve
-from hhtbench.commands.solution import as_dict, end_state, errors_at_end, save_solution
+from hhtbench.commands.solution import as_dict, end_state, errors_at_end
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.registry import load_problem
 
@@ -26,7 +26,7 @@ from hhtbench.registry import load_problem
 @click.option("--max-evaluations", type=int, help="Most residual evaluations.")
 @click.option("--max-seconds", type=float, help="Most wall-clock time [s].")
 @json_option
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Write t, q, v, lam, mu to this .npz file.")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Save the solution to this .npz file.")
 def solve_command(problem: str, solver: str, output: Path | None, json_file: Path | None, **request: Any) -> None:
     """Integrate PROBLEM; print status, counters, end state and, where it is known, the error."""
     require_folder(output)
@@ -39,5 +39,5 @@ def solve_command(problem: str, solver: str, output: Path | None, json_file: Pat
             click.echo(f"\n{text}")
     write_json(as_dict(solution), json_file)
     if output is not None:
-        click.echo(f"\nwritten: {save_solution(solution, output)}")
+        click.echo(f"\nwritten: {solution.save(output)}")
     sys.exit(0 if solution.success else FAILED)

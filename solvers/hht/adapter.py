@@ -26,6 +26,7 @@ class HHTSolver:
     name: str
     options: Mapping[str, Any]
     integrator: type[HHT] = HHT
+    events: Any = None
     smooth_error: ClassVar[bool] = True  #: a smooth function of step and tolerance: two runs extrapolate to a better one
     judges_itself: ClassVar[bool] = True  #: its steps hold the constraints, and its rows are those that were asked for
 
@@ -50,11 +51,16 @@ class HHTSolver:
         if not request.fixed and request.atol is None:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-        return self.integrator(problem.system, **options).solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+        integrator = self.integrator(problem.system, events=self.events, **options)
+        return integrator.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+
+    def with_events(self, events: Any) -> HHTSolver:
+        """This solver looking for ``events``, as :class:`~solvers.hht.solver.HHT` takes them."""
+        return replace(self, events=events)
 
     def stepper(self, problem: Problem, request: Request) -> HHT:
         """The integrator at the start of ``problem``, to be stepped by hand, saved and resumed."""
-        made = self.integrator(problem.system, **{**self.options, **request.options})
+        made = self.integrator(problem.system, events=self.events, **{**self.options, **request.options})
         t0, t1 = problem.t_span
         step = plan_steps(request, t0, t1).length(0) if request.fixed else None
         atol = None if request.fixed else absolute_tolerances(problem, request)

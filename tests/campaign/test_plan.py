@@ -57,7 +57,7 @@ def test_numerics_of_the_bench_are_behind_every_cell_and_its_surface_is_not(outs
     behind = sources.SourceReader().behind(parse_spec("fall"), parse_spec("told"))
     inner = {
         "hhtbench.lowering.dynamics.kkt",
-        "hhtbench.campaign.drift",
+        "hhtbench.drift.measure",
         "hhtbench.campaign.run",
         "hhtbench.request",
         "outside.shared",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
-from types import SimpleNamespace
 
 import pytest
 
@@ -37,12 +35,10 @@ def test_a_csv_file_holds_the_table(runs, tmp_path):
     assert list(read[0]) == list(runs.table()[0])
 
 
-def test_a_data_frame_is_made_by_pandas(runs, monkeypatch):
-    frame = SimpleNamespace(DataFrame=lambda rows, columns: (rows, columns))
-    monkeypatch.setitem(sys.modules, "pandas", frame)
-    rows, columns = runs.to_pandas()
-    assert rows == runs.table()
-    assert columns == list(rows[0])
+def test_a_data_frame_holds_the_table(runs):
+    frame = runs.to_pandas()
+    assert list(frame) == list(runs.table()[0])
+    assert frame["error"].tolist() == [row["error"] for row in runs.table()]
 
 
 def test_a_store_is_resumed(outside, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.campaign.drift import measure_drift
+from hhtbench.drift import measure_drift
 from hhtbench.lowering.caching import Cache
 from solvers.hht import HHT
 from solvers.hht.run import functions, idle

@@ -19,7 +19,7 @@ import numpy as np
 
 from hhtbench import Problem, Request, Solution, Status
 from hhtbench.campaign.accuracy import compare
-from hhtbench.campaign.drift import keeps_steps
+from hhtbench.drift import keeps_steps
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem, load_solver
 from hhtbench.trust.judge import Judgement, Steps, judge

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.campaign.energy import (
+from hhtbench.drift.energy import (
     Balance,
     Fed,
     balance,
