@@ -129,4 +129,4 @@ def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, mon
     if code:  # a motion from a start that is off by as little as is believed: only the others show it
         assert "Beside 1" in result.output
     elif more:  # its rows are not believed, so that it takes no part
-        assert "Straight, unreliable: equations of motion" in text
+        assert "Straight, unreliable: constraints" in text
