@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, Status, System, load_solver
-from hhtbench.campaign import drift
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
+from hhtbench.drift import measure as drift
 from hhtbench.evidence import plain
 from hhtbench.result import DenseOutput
 from tests.adapters import scenes
