@@ -193,15 +193,9 @@ class NumpySystem:
         unknown = sorted(set(declared) - set(DECLARABLE))
         if unknown:
             raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.")
-        patterns = declared.get("sparsity") or {}
-        if not isinstance(patterns, Mapping):
-            raise TypeError(f"sparsity must map names ({', '.join(PATTERNS)}) to patterns; got {type(patterns).__name__}.")
-        strange = sorted(set(patterns) - set(PATTERNS))
-        if strange:
-            raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
-        if patterns:  # SciPy's sparse matrices are patterns too
-            full = {name: x.toarray() if hasattr(x, "toarray") else x for name, x in patterns.items()}
-            declared["sparsity"] = {name: np.asarray(x, dtype=bool) for name, x in full.items()}
+        patterns = checked_patterns(declared.get("sparsity"))
+        if patterns:
+            declared["sparsity"] = {name: full_pattern(x) for name, x in patterns.items()}
         for name, value in {"force": force, **declared}.items():
             if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
                 raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")
@@ -216,6 +210,29 @@ class NumpySystem:
 def declared(system: System | NumpySystem, name: str) -> Any:
     """What ``system`` declares under ``name``, or None."""
     return getattr(system, name, None)
+
+
+def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
+    """What is declared as ``sparsity``: patterns by name, arrays or SciPy's sparse matrices; {} for None.
+
+    Raises
+    ------
+    TypeError, ProblemError
+        It is no mapping, or has a name that is not in ``PATTERNS``.
+    """
+    if sparsity is None:
+        return {}
+    if not isinstance(sparsity, Mapping):
+        raise TypeError(f"sparsity must map names ({', '.join(PATTERNS)}) to patterns; got {type(sparsity).__name__}.")
+    strange = sorted(set(sparsity) - set(PATTERNS))
+    if strange:
+        raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
+    return sparsity
+
+
+def full_pattern(pattern: Any) -> np.ndarray:
+    """An array or one of SciPy's sparse matrices as an array of booleans."""
+    return np.asarray(pattern.toarray() if hasattr(pattern, "toarray") else pattern, dtype=bool)
 
 
 class Motion(NamedTuple):

@@ -17,7 +17,7 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along
-from hhtbench.protocol import DERIVATIVES, PATTERNS, SIGNATURES, declared
+from hhtbench.protocol import DERIVATIVES, PATTERNS, SIGNATURES, checked_patterns, declared, full_pattern
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
@@ -121,10 +121,11 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
 
     Raises
     ------
-    ProblemError
-        A pattern is not known by that name, has the wrong shape or lacks an entry; the text names pattern and rows.
+    TypeError, ProblemError
+        They are no mapping; a pattern is not known by its name, has the wrong shape or lacks an entry: the text names
+        pattern and rows.
     """
-    if not declared(dynamics.system, "sparsity"):
+    if not checked_patterns(declared(dynamics.system, "sparsity")):
         return
 
     def compare() -> None:
@@ -146,9 +147,7 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
 def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
     direction = np.cos(np.arange(1.0, q.size + 1))
     compared, s = _patterned(dynamics, t, q, v), dynamics.structure
-    for name, pattern in declared(dynamics.system, "sparsity").items():
-        if name not in PATTERNS:
-            raise ProblemError(f"sparsity does not know {name}; known: {', '.join(PATTERNS)}.")
+    for name, pattern in checked_patterns(declared(dynamics.system, "sparsity")).items():
         rows, columns = (getattr(s, letter) for letter in PATTERNS[name])
         if np.shape(pattern) != (rows, columns):
             raise ProblemError(f"sparsity[{name!r}] must have shape {(rows, columns)}; got {np.shape(pattern)}.")
@@ -156,7 +155,7 @@ def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> Non
             continue
         function, at = compared[name]
         seen = derivative_along(lambda e, f=function, x=at: f(x + e * direction), 0.0, at, direction)  # type: ignore[misc]
-        found = derivative(function, at, 4, pattern) @ direction
+        found = derivative(function, at, 4, full_pattern(pattern)) @ direction
         off = np.abs(found - seen) > MISSED * max(1.0, float(np.max(np.abs(seen), initial=0.0)))
         if off.any():
             raise ProblemError(

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
+from importlib.resources import files
 from pathlib import Path
-
-import plotly.graph_objects as go
 
 from hhtbench import analysis
 from hhtbench.analysis import Point
 from hhtbench.report import colours
 from hhtbench.report.chart import draw
 from hhtbench.report.charts import STATE_ERROR, problem_charts
+from hhtbench.report.drawings import Drawings
 from hhtbench.report.frame import Chart
 from hhtbench.report.marks import curves_of
 from hhtbench.report.series import LEAST_DRIFT
@@ -27,7 +27,8 @@ PAGE = """\
 pre {{ overflow-x: auto; font-size: 13px }}</style></head>
 <body><h1>{title}</h1><p><b>{sentence}</b></p>
 {figures}
-<pre>{table}</pre></body></html>
+<pre>{table}</pre>
+{scripts}</body></html>
 """
 
 
@@ -39,34 +40,31 @@ def trade_charts(rows: Sequence[RunRow]) -> list[Chart]:
     return charts + ([drift] if drift.traces else [])
 
 
-def figures(rows: Sequence[RunRow]) -> list[go.Figure]:
-    """The charts as plotly figures, each with its title and a legend."""
-    styles = colours.solver_styles(analysis.entries(rows))
-    found = []
-    for chart in trade_charts(rows):
-        figure = draw(chart, styles)
-        named = {trace.entry for trace in chart.traces}
-        figure.for_each_trace(
-            lambda trace, named=named: trace.update(showlegend=trace.name in named and trace.mode != "markers")
-        )
-        figure.update_layout(title={"text": chart.title}, showlegend=True, margin={"t": 60})
-        found.append(figure)
-    return found
-
-
 def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, file: Path) -> None:
     """One HTML file that fetches nothing."""
-    drawn = figures(rows)
-    parts = [one.to_html(full_html=False, include_plotlyjs=index == 0) for index, one in enumerate(drawn)]
+    styles, drawings = colours.solver_styles(analysis.entries(rows)), Drawings()
+    boxes = [_box(chart, styles, drawings) for chart in trade_charts(rows)]
     text = PAGE.format(
         title=escape(title),
         font=colours.FONT,
         text=colours.TEXT,
         sentence=escape(sentence),
-        figures="\n".join(parts) or "<p>No run left anything to draw.</p>",
+        figures="\n".join(boxes) or "<p>No run left anything to draw.</p>",
         table=escape(table),
+        scripts=drawings.scripts(files("hhtbench.report").joinpath("draw_all.js").read_text(encoding="utf-8")),
     )
     file.write_text(text, encoding="utf-8")
+
+
+def _box(chart: Chart, styles: Mapping[str, colours.SolverStyle], drawings: Drawings) -> str:
+    """Title and place of a chart, whose legend names each solver once."""
+    figure = draw(chart, dict(styles))
+    named = {trace.entry for trace in chart.traces}
+    for trace in figure["data"]:
+        trace["showlegend"] = trace["name"] in named and trace["mode"] != "markers"
+    figure["layout"] |= {"title": {"text": escape(chart.title)}, "showlegend": True}
+    figure["layout"]["margin"] |= {"t": 60}
+    return drawings.box(figure, figure["layout"]["height"])
 
 
 def _against_drift(runs: Sequence[Point]) -> Chart:

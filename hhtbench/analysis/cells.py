@@ -14,6 +14,7 @@ SUBJECT = "hht"  # the family that the comparison is about
 TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
 NEAR = 10.0  # errors within this factor of one another are called equal
 MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
+KEPT = "_point"  # no field: it is neither compared nor written
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
@@ -130,7 +131,15 @@ def state_error(row: RunRow) -> float | None:
 
 
 def point(row: RunRow) -> Point:
-    """The row, reduced."""
+    """The row, reduced; kept with it as ``functools.cached_property`` keeps a value: a report asks a hundred times."""
+    kept: dict[str, Any] = vars(row)
+    if KEPT not in kept:
+        kept[KEPT] = _reduced(row)
+    found: Point = kept[KEPT]
+    return found
+
+
+def _reduced(row: RunRow) -> Point:
     alone = number(row.timing, "best_s")
     digits = number(row.metrics, "errors", "digits")
     compared = number(row.metrics, "errors", "points")

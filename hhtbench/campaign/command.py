@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -21,9 +22,11 @@ from hhtbench.campaign.campaign import Done, Progress, run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.plan import Campaign, Grid, restrict
+from hhtbench.campaign.public import Runs
 from hhtbench.campaign.references import auto_references
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
+from hhtbench.output import json_option, require_folder, write_json
 from hhtbench.registry import load_solver
 from hhtbench.result import Status
 from hhtbench.specs import parse_spec
@@ -63,8 +66,10 @@ FAILURE = click.Choice([ANY, *STATUS.choices])
     "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Who runs the cells."
 )
 @click.option("--scheduler", help="Address of Dask's scheduler, tcp://HOST:PORT.")
+@json_option
 def run_command(
     file: Path,
+    json_file: Path | None,
     jobs: int | None,
     timing: bool,
     retry: tuple[str, ...],
@@ -80,6 +85,7 @@ def run_command(
     """
     if (executor == "dask") != (scheduler is not None):
         raise click.UsageError("--executor dask and --scheduler ADDRESS belong together.")
+    require_folder(json_file)
     resume = f"interrupted; what is done is in {file}. This goes on from there:\n{_command_line()}"
     with ends_at_once(resume):
         campaign = _campaign(**chosen)
@@ -108,6 +114,7 @@ def run_command(
         click.echo(f"\n{resume}", err=True)
         sys.exit(interrupted.code)
     click.echo(_summary(done, file))
+    write_json(_facts(done, file, store.repairs), json_file)
     sys.exit(1 if any(_fails(row, fail_on) for row in done.rows) else 0)
 
 
@@ -237,6 +244,20 @@ def _summary(done: Done, file: Path) -> str:
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     work = f"{done.ran} run now, {done.timed} timed now"
     return "\n".join([*shown, f"{done.cells} cells: {ended} ({work}); rows in {file}"])
+
+
+def _facts(done: Done, file: Path, repairs: Sequence[str]) -> dict[str, Any]:
+    """The same as plain values, and the numbers of every cell."""
+    return {
+        "store": str(file),
+        "repairs": list(repairs),
+        "cells": done.cells,
+        "run": done.ran,
+        "timed": done.timed,
+        "ended": Counter(row.status for row in done.rows),
+        "contradictions": [{"problem": row.problem, "solver": row.solver, **row.request} for row in done.contradictions],
+        "rows": Runs(done.rows).table(),
+    }
 
 
 def _failures(rows: list[RunRow]) -> list[str]:

@@ -14,7 +14,8 @@ from hhtbench.evidence import plain
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution
 
-MOST_POINTS = 200  # of a curve: what a plot can show
+MOST_POINTS = 100  # of a curve: what a plot can show
+DIGITS = 6  # significant ones of a curve: a plot shows three
 MOST_COMPONENTS = 12  # of the multipliers' curves
 MOST_STATES, MOST_NUMBERS = 11, 20_000  # rows of states, and numbers in them: for comparing runs two by two
 
@@ -46,7 +47,16 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
             part(problem, solution, at_steps, metrics, series)
         except Exception as error:  # noqa: BLE001 - a user's function: the solve itself stands
             notes.append(f"{part.__name__.removeprefix('_add_')} not measured: {type(error).__name__}: {error}")
-    return Measured(metrics=plain(metrics), series=plain(series), note="; ".join(notes))
+    return Measured(metrics=plain(metrics), series=_for_plots(plain(series)), note="; ".join(notes))
+
+
+def _for_plots(series: Any) -> Any:
+    """The same with fewer digits, a third of the text; states keep theirs, since runs are compared by them."""
+    if isinstance(series, dict):
+        return {name: value if name == "states" else _for_plots(value) for name, value in series.items()}
+    if isinstance(series, list):
+        return [_for_plots(value) for value in series]
+    return float(f"{series:.{DIGITS}g}") if isinstance(series, float) else series
 
 
 def counters_of(counters: Counters) -> dict[str, Any]:
@@ -77,7 +87,7 @@ def _add_drift(
     series["drift"] = spans(found.t, {name: values for name, values in curves.items() if values is not None})
     series["drift"]["invariants"] = {k: v for k, v in spans(found.t, found.invariants).items() if k != "t"}
     if found.acceleration is not None:
-        series["acceleration"] = spans(found.own_t, {"value": found.acceleration})
+        series["acceleration"] = spans(found.acceleration.t, {"value": found.acceleration.value})
     if found.h is not None and found.h.size:
         series["steps"] = spans(found.t[1:], {"h": found.h}, np.minimum)
 

@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from hhtbench.analysis.cells import Rules
 from hhtbench.arguments import positive_integer
+from hhtbench.campaign.alike import find_alike
 from hhtbench.campaign.sources import SourceReader
 from hhtbench.errors import NotFoundError, ProblemError
 from hhtbench.request import make_request
@@ -162,10 +163,20 @@ def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
 
 
 def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:
+    """Of specs that mean the same the first stands for all."""
+    problems, solvers = _first_alike(campaign, "problem"), _first_alike(campaign, "solver")
     for grid in campaign.grids:
-        for problem in dict.fromkeys(map(canonical, grid.problems)):
-            for solver in dict.fromkeys(map(canonical, grid.solvers)):
+        for problem in dict.fromkeys(problems[canonical(text)] for text in grid.problems):
+            for solver in dict.fromkeys(solvers[canonical(text)] for text in grid.solvers):
                 yield grid, problem, solver
+
+
+def _first_alike(campaign: Campaign, kind: Literal["problem", "solver"]) -> dict[str, str]:
+    """Of every spec of the campaign the first one that means the same."""
+    firsts: dict[str, str] = {}
+    for text in dict.fromkeys(canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")):
+        firsts[text] = find_alike(kind, text, dict.fromkeys(firsts.values())) or text
+    return firsts
 
 
 def _rules(campaign: Campaign) -> Rules:
@@ -207,12 +218,7 @@ def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]
     NotFoundError
         One of them is not in the campaign; the text names the closest that is.
     """
-    chosen = {"problem": [canonical(text) for text in problems], "solver": [canonical(text) for text in solvers]}
-    for kind, texts in chosen.items():
-        there = [canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")]
-        for text in texts:
-            if text not in there:
-                raise NotFoundError(_not_in_campaign(kind, text, list(dict.fromkeys(there))))
+    chosen = {"problem": _chosen(campaign, "problem", problems), "solver": _chosen(campaign, "solver", solvers)}
 
     def kept(texts: tuple[str, ...], some: list[str]) -> tuple[str, ...]:
         return tuple(text for text in texts if not some or canonical(text) in some)
@@ -222,6 +228,16 @@ def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]
         for grid in campaign.grids
     )
     return replace(campaign, grids=tuple(grids))
+
+
+def _chosen(campaign: Campaign, kind: Literal["problem", "solver"], texts: Sequence[str]) -> list[str]:
+    """The campaign's own canonical specs of these."""
+    there = list(dict.fromkeys(canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")))
+    found = [(text, find_alike(kind, text, there)) for text in texts]
+    for text, known in found:
+        if known is None:
+            raise NotFoundError(_not_in_campaign(kind, canonical(text), there))
+    return [known for _, known in found if known is not None]
 
 
 def _not_in_campaign(kind: str, text: str, there: list[str]) -> str:

@@ -40,6 +40,8 @@ TIMED = (
     "disturbed",
 )  #: of ``timing``, null until the timing pass
 
+PLUGINS = (Exception, SystemExit, KeyboardInterrupt)  #: the last: SIGINT raises none in a worker, so nobody pressed Ctrl-C
+
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
 
 
@@ -93,9 +95,12 @@ def without_output(problem: Problem, request: Request) -> Request:
 
 
 def run_cell(
-    problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase
+    problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase, draw: int = 0
 ) -> dict[str, Any]:
-    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair."""
+    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair.
+
+    ``draw`` chooses what of the result is looked at closely.
+    """
     phase(WARM_UP)
     request = request_of(problem, asked)
     reason = solver.accepts(problem, request)
@@ -117,7 +122,7 @@ def run_cell(
         counters = _counted(problem, solver, request, counters, phase)
     at_steps = _at_steps(problem, solver, request, outcome, phase)
     phase(MEASURING)
-    judgement = _judged(problem, request, outcome, work, at_steps)
+    judgement = _judged(problem, request, outcome, work, at_steps, draw)
     measured = measure(problem, outcome.solution, None if at_steps is None else at_steps.solution)
     return {
         **row,
@@ -144,7 +149,7 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
     started, cpu = time.perf_counter(), time.process_time()
     try:
         solution = solver.solve(problem, request)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's or a user's: it costs this cell only
+    except PLUGINS as error:  # a plugin's or a user's: it costs this cell only
         raised = error
     finally:
         cost = time.perf_counter() - started, time.process_time() - cpu
@@ -190,7 +195,9 @@ def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outco
     return again if again.status in ends and again.solution is not None else None
 
 
-def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None) -> Judged:
+def _judged(
+    problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None, draw: int
+) -> Judged:
     """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
@@ -200,7 +207,7 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})
     if at_steps is not None and at_steps.status is Status.unreliable:
         return Judged({"status": at_steps.status.label, "message": f"{at_steps.message} (with output at every step)"})
-    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps))
+    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps), draw=draw)
     doubt = found.doubt
     if not doubt and work.solution is not None:
         doubt = ends_elsewhere(problem, request, outcome.solution, work.solution)

@@ -10,13 +10,14 @@ import os
 import resource
 import signal
 import sys
+import zlib
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
-from hhtbench.campaign.run import run_cell, status_of, text_of
+from hhtbench.campaign.run import PLUGINS, run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.reference import reference_of
@@ -29,6 +30,7 @@ SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 def serve(descriptor: int, parent: int) -> None:
     """Answer tasks until the pipe closes; ``parent`` is the process that must be alive."""
     _end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends the worker from outside; KeyboardInterrupt is a plugin's own
     faulthandler.enable(all_threads=False)  # a crash names its line on stderr
     os.set_inheritable(descriptor, False)
     connection = Connection(descriptor)
@@ -64,7 +66,7 @@ class _Bench:
         """One task; never raises what a plugin or a user's function raised."""
         try:
             return self._do(task)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - it costs this task only
+        except PLUGINS as error:  # it costs this task only
             if task["repeats"]:
                 return {"note": text_of(error)}
             return {"status": status_of(error).label, "message": text_of(error)}
@@ -87,7 +89,9 @@ class _Bench:
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._phase)
-        return run_cell(problem, solver, task["request"], warm, self._phase)
+        asked = {name: task["request"].get(name) for name in ("rtol", "atol", "step", "steps")}
+        draw = zlib.crc32(json.dumps([*names, asked]).encode())  # of what is in the cell's key, without the sources
+        return run_cell(problem, solver, task["request"], warm, self._phase, draw)
 
     def _phase(self, name: str) -> None:
         self._connection.send_bytes(json.dumps({"phase": name}).encode())

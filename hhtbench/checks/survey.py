@@ -11,8 +11,19 @@ import numpy as np
 
 from hhtbench.arguments import real_values
 from hhtbench.checks.rows import attempt, not_measured, yes_or_fault
+from hhtbench.errors import ProblemError
 from hhtbench.evidence import Row
-from hhtbench.protocol import DECLARABLE, DERIVATIVES, PATTERNS, PHYSICS, SIGNATURES, Problem, System, declared
+from hhtbench.protocol import (
+    DECLARABLE,
+    DERIVATIVES,
+    PATTERNS,
+    PHYSICS,
+    SIGNATURES,
+    Problem,
+    System,
+    checked_patterns,
+    declared,
+)
 
 MEASURED = ("energy", "power", "invariants")  # no solver uses them
 MEANING = {"m": "constraints", "p": "velocity constraints"}
@@ -150,11 +161,11 @@ def _field_fault(mass: Any, n: int) -> str:
 
 
 def _pattern_fault(sparsity: Any, sizes: dict[str, int | None]) -> str:
-    if not hasattr(sparsity, "items"):
-        return f"got {type(sparsity).__name__}, not a mapping"
-    for name, pattern in sparsity.items():
-        if name not in PATTERNS:
-            return f"{name} is no derivative with a pattern; known: {', '.join(PATTERNS)}"
+    try:
+        patterns = checked_patterns(sparsity)
+    except (TypeError, ProblemError) as error:
+        return str(error)
+    for name, pattern in patterns.items():
         expected = tuple(sizes[x] for x in PATTERNS[name])
         if np.shape(pattern) != expected:
             return f"{name} must have shape {expected}; got {np.shape(pattern)}"

@@ -9,8 +9,8 @@ import click
 
 from hhtbench.campaign.machine import usable_cores
 from hhtbench.checks import check
-from hhtbench.commands.common import FAILED, conclude, json_option, require_folder
 from hhtbench.library import check_all
+from hhtbench.output import FAILED, conclude, json_option, require_folder
 from hhtbench.registry import load_problem
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import json_option, write_json
 from hhtbench.description import describe
+from hhtbench.output import json_option, write_json
 from hhtbench.registry import load_problem
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from hhtbench import plugins
-from hhtbench.commands.common import json_option, write_json
+from hhtbench.output import json_option, write_json
 
 KINDS = ("problem", "solver", "verification", "reference")
 

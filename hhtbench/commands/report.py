@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import shown
+from hhtbench.errors import ProblemError
 from hhtbench.evidence import read_evidence
+from hhtbench.output import FAILED, json_option, require_folder, shown, write_json
 from hhtbench.report import write_comparison
-from hhtbench.store import load_rows
+from hhtbench.store import sound_rows
 
 
 @click.command("report")
@@ -17,10 +19,22 @@ from hhtbench.store import load_rows
 @click.option(
     "--folder", required=True, type=click.Path(file_okay=False, path_type=Path), help="Write index.html and report.md here."
 )
-def report_command(store: Path, folder: Path) -> None:
-    """Write the comparison of a campaign; a verification in the folder is shown with it."""
+@json_option
+def report_command(store: Path, folder: Path, json_file: Path | None) -> None:
+    """Write the comparison of a campaign; a verification in the folder is shown with it.
+
+    Rows of a damaged store that cannot be read are named, on the page too; the exit code is then 1.
+    """
+    require_folder(json_file)
+    rows, losses = sound_rows(store)
+    if losses and not rows:
+        raise ProblemError(losses)
     claims = folder / "evidence.json"
     evidence = read_evidence(claims) if claims.is_file() else None
     command = f"hhtbench report --store {shown(store)} --folder {shown(folder)}"
-    write_comparison(load_rows(store), folder, command, evidence)
+    content = write_comparison(rows, folder, command, evidence, losses)
+    write_json(content.as_dict(), json_file)
     click.echo(f"written: {folder / 'index.html'}")
+    if losses:
+        click.echo(f"Error: {losses}", err=True)
+        sys.exit(FAILED)

@@ -9,7 +9,7 @@ import click
 
 from hhtbench.advice.selecting import select
 from hhtbench.analysis.fronts import MEASURES
-from hhtbench.commands.common import FAILED, json_option, require_folder, write_json
+from hhtbench.output import FAILED, json_option, require_folder, write_json
 
 
 @click.command("select")

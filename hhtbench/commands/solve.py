@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from hhtbench.api import solve
-from hhtbench.commands.common import FAILED, json_option, require_folder, write_json
 from hhtbench.commands.solution import as_dict, end_state, errors_at_end
+from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.registry import load_problem
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import FAILED, json_option, require_folder, write_json
+from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.studies.selection import study_selection
 
 

@@ -12,7 +12,7 @@ from hhtbench.advice.trading import SECONDS, trade
 from hhtbench.advice.wish import accuracies_of
 from hhtbench.analysis.fronts import MEASURES
 from hhtbench.campaign.command import split_specs
-from hhtbench.commands.common import FAILED, json_option, require_folder, write_json
+from hhtbench.output import FAILED, json_option, require_folder, write_json
 
 
 @click.command("trade")

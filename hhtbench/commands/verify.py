@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from hhtbench.commands.common import conclude, json_option, require_folder, shown
+from hhtbench.output import conclude, json_option, require_folder, shown
 from hhtbench.registry import load_verification
 from hhtbench.report import write_report
 

@@ -29,6 +29,7 @@ from hhtbench.result import Solution
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
+MOST_OWN = 5000  # states at which the acceleration level is looked at, each by a linear system of its own
 CHUNK = 256  # states per call: one compiled shape for all lengths
 
 
@@ -41,6 +42,14 @@ class Own:
     v: Matrix  #: (r, n)
     lam: Matrix  #: (r, m)
     mu: Matrix  #: (r, p)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Drift at one level."""
+
+    t: Vector  #: (r,) [s]
+    value: Vector  #: (r,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,14 +65,14 @@ class Drift:
     energy: Vector | None  #: (k,) change of the energy that the declared power does not account for
     energy_note: str | None  #: why there is none although an energy is declared
     invariants: dict[str, Vector]  #: name -> (k,)
-    own_t: Vector  #: (r,) times at which the solver holds multipliers of its own [s]
-    acceleration: Vector | None  #: (r,)
+    acceleration: Level | None  #: at times at which the solver holds multipliers of its own
     acceleration_note: str | None  #: why there is none although the system is constrained
 
     def metrics(self) -> dict[str, Any]:
         """``metrics["drift"]`` of a row."""
-        names = ("position", "velocity", "acceleration", "energy")
-        largest = {name: None if getattr(self, name) is None else np.max(getattr(self, name)) for name in names}
+        values = {name: getattr(self, name) for name in ("position", "velocity", "energy")}
+        values["acceleration"] = None if self.acceleration is None else self.acceleration.value
+        largest = {name: None if value is None else np.max(value) for name, value in values.items()}
         invariants = {name: np.max(values) for name, values in self.invariants.items()}
         return {
             **largest,
@@ -111,7 +120,6 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
         energy=energy.drift,
         energy_note=energy.note,
         invariants={name: _change(kept[:, i]) for i, name in enumerate(names)},
-        own_t=np.zeros(0) if own is None else own.t,
         acceleration=acceleration,
         acceleration_note=note,
     )
@@ -212,8 +220,8 @@ def own_multipliers(solution: Solution, at_steps: Solution | None) -> Own | None
     return Own(steps.t, at.q, at.v, steps.lam_end, steps.mu_half)
 
 
-def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Vector | None, str | None]:
-    """Drift at the acceleration level at every state of ``own``, or None and the reason.
+def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, str | None]:
+    """Drift at the acceleration level at states of ``own``, at most ``MOST_OWN`` evenly spread, or None and the reason.
 
     Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning
     point, any error is as large as they are.
@@ -223,14 +231,15 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Vector | None, s
         return None, NO_MULTIPLIERS
     if own.t.size == 0 or own.lam.shape != (own.t.size, s.m) or own.mu.shape != (own.t.size, s.p):
         return None, "the solver's own multipliers do not fit its rows"
+    some = np.unique(np.linspace(0, own.t.size - 1, MOST_OWN).astype(int))
     try:
-        terms = _in_chunks(row_terms, dynamics, (), (own.t, own.q, own.v, own.lam, own.mu))
+        terms = _in_chunks(row_terms, dynamics, (), tuple(part[some] for part in (own.t, own.q, own.v, own.lam, own.mu)))
     except np.linalg.LinAlgError:
         return None, SINGULAR_MASS
     if not np.isfinite(terms).all():
         return None, SINGULAR_MASS
     imbalance, sizes = np.split(terms, 2, axis=1)
-    return np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1), None
+    return Level(own.t[some], np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1)), None
 
 
 def _energy(dynamics: Dynamics, states: tuple[Vector, Matrix, Matrix], energies: Matrix) -> Balance:

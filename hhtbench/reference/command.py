@@ -13,6 +13,7 @@ from tabulate import tabulate
 
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, Row
+from hhtbench.output import FAILED, conclude, json_option, require_folder, write_json
 from hhtbench.processes import worker_processes
 from hhtbench.reference.certify import Certificate, certify
 from hhtbench.reference.files import read_certificate, write_certificate
@@ -36,25 +37,31 @@ plan_option = click.option(
 @plan_option
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for NAME.json.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes.")
-def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: int) -> None:
+@json_option
+def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: int, json_file: Path | None) -> None:
     """Compute the references NAMES (all of the plan if none is named) and write them with their error bars."""
+    require_folder(json_file)
     entries = choose(registered_plans() if file is None else load_plan(file), names)
     out.mkdir(parents=True, exist_ok=True)
-    failed = 0
+    built: list[dict[str, Any]] = []
     with worker_processes(jobs, max_tasks_per_child=1) as pool:
         waiting = {pool.submit(certify, entry): entry for entry in entries}
         for done in as_completed(waiting):
             entry, error = waiting[done], done.exception()
             if error is not None:
-                failed += 1
-                click.echo(f"{entry.name}: {type(error).__name__}: {error}", err=True)
+                text = f"{type(error).__name__}: {error}"
+                built.append({"name": entry.name, "certified": False, "error": text})
+                click.echo(f"{entry.name}: {text}", err=True)
                 continue
             certificate = done.result()
-            failed += not certificate.certified
-            write_certificate(certificate, out)
+            digits = {name: certificate.digits(name) for name in certificate.values}
+            stored = str(write_certificate(certificate, out))
+            built.append({"name": entry.name, "certified": certificate.certified, "digits": digits, "file": stored})
             click.echo(_line(certificate))
+    write_json(built, json_file)
+    failed = sum(not one["certified"] for one in built)
     click.echo(f"{len(entries) - failed} of {len(entries)} references certified; files in {out}")
-    sys.exit(1 if failed else 0)
+    sys.exit(FAILED if failed else 0)
 
 
 @reference_command.command("check")
@@ -64,14 +71,16 @@ def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: in
     "--folder", type=click.Path(file_okay=False, path_type=Path), help="Stored references.  [default: the library's]"
 )
 @click.option("--sample", type=click.IntRange(min=1), default=SAMPLE, show_default=True, help="How many, if none is named.")
-def check_command(names: tuple[str, ...], file: Path | None, folder: Path | None, sample: int) -> None:
+@json_option
+def check_command(
+    names: tuple[str, ...], file: Path | None, folder: Path | None, sample: int, json_file: Path | None
+) -> None:
     """Compute references again, their confirmation included, and compare with the stored ones."""
+    require_folder(json_file)
     plan = registered_plans() if file is None else load_plan(file)
     entries = choose(plan, names) if names else list(plan.values())[:sample]
     evidence = Evidence(title="references", rows=tuple(row for entry in entries for row in _recomputed(entry, folder)))
-    click.echo(evidence.table())
-    click.echo(f"\n{evidence.summary}")
-    sys.exit(0 if evidence.passed else 1)
+    conclude(evidence, json_file)
 
 
 @reference_command.command("show")
@@ -79,9 +88,12 @@ def check_command(names: tuple[str, ...], file: Path | None, folder: Path | None
 @click.option(
     "--folder", type=click.Path(file_okay=False, path_type=Path), help="Stored references.  [default: the library's]"
 )
-def show_command(name: str, folder: Path | None) -> None:
+@json_option
+def show_command(name: str, folder: Path | None, json_file: Path | None) -> None:
     """Print what the reference NAME holds: digits, methods and error bars at the stated times."""
+    require_folder(json_file)
     stored = read_certificate(_folder(folder) / f"{name}.json")
+    write_json(stored, json_file)
     click.echo(f"{stored['spec']}: values of {stored['first']} at rtol {stored['rtol']:g}")
     if stored["note"]:
         click.echo(stored["note"])

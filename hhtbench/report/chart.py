@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from hhtbench.report import colours
 from hhtbench.report.colours import SolverStyle
@@ -29,34 +28,35 @@ STATUS_SYMBOLS = {
 OTHER_SYMBOL = "triangle-up-open"
 
 
-def draw(chart: Chart, styles: dict[str, SolverStyle]) -> go.Figure:
-    """The figure; its legend is the page's, which shows and hides a solver on all charts."""
+def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
+    """The figure as plotly.js takes it; its legend is the page's, which shows and hides a solver on all charts.
+
+    Not made by plotly.py's own classes, which look at every value for as long as all else of a report takes.
+    """
     frame = make_frame(chart)
-    figure = go.Figure()
-    for trace in chart.traces:
-        _add_trace(figure, trace, styles[trace.entry])
     order = {entry: index for index, entry in enumerate(styles)}
+    data = [_trace(trace, styles[trace.entry]) for trace in chart.traces]
     for mark in chart.marks:
-        _add_mark(figure, mark, styles[mark.entry], place_of(chart, frame, mark, order[mark.entry], len(order)))
+        place = place_of(chart, frame, mark, order[mark.entry], len(order))
+        data.append(_mark(mark, styles[mark.entry], place))
     x_axis = axis(chart.x_label, [frame.x[0], frame.right], chart.logarithmic_x)
     y_axis = axis(chart.y_label, [frame.y[0], frame.top], chart.logarithmic_y) | {"automargin": True}
     if chart.logarithmic_x:
         _end_ticks(x_axis, frame.x[1], frame.right)
     if chart.logarithmic_y:
         _end_ticks(y_axis, frame.y[1], frame.top)
-    figure.update_layout(
-        template="none",
-        height=HEIGHT,
-        margin={"l": 76, "r": 16, "t": 30, "b": 60},
-        font={"family": colours.FONT, "size": 14, "color": colours.TEXT},
-        showlegend=False,
-        hovermode="closest",
-        xaxis=x_axis,
-        yaxis=y_axis,
-        shapes=_strips(chart, frame),
-        annotations=_labels(chart, frame),
-    )
-    return figure
+    layout = {
+        "height": HEIGHT,
+        "margin": {"l": 76, "r": 16, "t": 30, "b": 60},
+        "font": {"family": colours.FONT, "size": 14, "color": colours.TEXT},
+        "showlegend": False,
+        "hovermode": "closest",
+        "xaxis": x_axis,
+        "yaxis": y_axis,
+        "shapes": _strips(chart, frame),
+        "annotations": _labels(chart, frame),
+    }
+    return {"data": data, "layout": layout}
 
 
 def _end_ticks(layout: dict[str, Any], end: float, strip: float) -> None:
@@ -70,8 +70,8 @@ def _end_ticks(layout: dict[str, Any], end: float, strip: float) -> None:
         layout.pop("minor", None)
 
 
-def _add_trace(figure: go.Figure, trace: Trace, style: SolverStyle) -> None:
-    look: dict[str, Any] = {"name": trace.entry, "line": style.line}
+def _trace(trace: Trace, style: SolverStyle) -> dict[str, Any]:
+    look: dict[str, Any] = {"type": "scatter", "name": trace.entry, "line": style.line}
     if trace.text:
         look |= {
             "mode": "lines+markers",
@@ -88,29 +88,25 @@ def _add_trace(figure: go.Figure, trace: Trace, style: SolverStyle) -> None:
             "x": np.asarray(trace.x, dtype=np.float32),  # packed by plotly: half the page
             "y": np.asarray(trace.y, dtype=np.float32),
         }
-    figure.add_scatter(**look)
+    return look
 
 
 def _rounded(value: float | None) -> float | None:
     return None if value is None else float(f"{value:.{NARROW_DIGITS}g}")
 
 
-def _add_mark(figure: go.Figure, mark: EdgeMark, style: SolverStyle, place: tuple[float, float]) -> None:
-    figure.add_scatter(
-        x=[place[0]],
-        y=[place[1]],
-        name=mark.entry,
-        mode="markers",
-        marker={
-            "symbol": _symbol(mark, style),
-            "size": 11,
-            "color": style.colour,
-            "line": {"width": 2},
-        },
-        text=[f"{mark.status}: {mark.text}"],
-        hovertemplate="<b>%{fullData.name}</b><br>%{text}<extra></extra>",
-        cliponaxis=False,
-    )
+def _mark(mark: EdgeMark, style: SolverStyle, place: tuple[float, float]) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "x": [place[0]],
+        "y": [place[1]],
+        "name": mark.entry,
+        "mode": "markers",
+        "marker": {"symbol": _symbol(mark, style), "size": 11, "color": style.colour, "line": {"width": 2}},
+        "text": [f"{mark.status}: {mark.text}"],
+        "hovertemplate": "<b>%{fullData.name}</b><br>%{text}<extra></extra>",
+        "cliponaxis": False,
+    }
 
 
 def _symbol(mark: EdgeMark, style: SolverStyle) -> str:

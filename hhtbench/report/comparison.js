@@ -1,7 +1,6 @@
 const hidden = new Set();
 const boxes = [...document.querySelectorAll(".plot")];
 const buttons = [...document.querySelectorAll(".legend .solver")];
-const config = {responsive: true, displaylogo: false, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 
 function visible(figure) {
   return figure.data.map(trace => !hidden.has(trace.name));
@@ -10,7 +9,7 @@ function visible(figure) {
 function draw(box) {
   if (box.dataset.drawn) return;
   box.dataset.drawn = "yes";
-  const figure = JSON.parse(box.querySelector("script").textContent);
+  const figure = figures[box.dataset.figure];
   const shown = visible(figure);
   figure.data.forEach((trace, index) => { trace.visible = shown[index]; });
   figure.layout.height = box.clientHeight;

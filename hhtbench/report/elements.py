@@ -21,6 +21,7 @@ def html_table(table: Table, caption: str = "") -> str:
 
 
 def _html_cell(cell: Cell) -> str:
-    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "short") if part)
+    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "") if part)
+    named = f' class="{classes}"' if classes else ""
     detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
-    return f'<td class="{classes}">{escape(cell.text)}{detail}</td>'
+    return f"<td{named}>{escape(cell.text)}{detail}</td>"

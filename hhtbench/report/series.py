@@ -16,7 +16,7 @@ from hhtbench.report.words import listed
 from hhtbench.store.rows import RunRow
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
-MOST_POINTS = 120  # of a series over time
+MOST_POINTS = 100  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
 SYMBOLS = {"lam": "λ", "mu": "μ"}
 

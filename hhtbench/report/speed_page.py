@@ -12,14 +12,13 @@ from string import Template
 from typing import Any
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
 from hhtbench.analysis import RACE_TARGETS, Race, problems, race
 from hhtbench.errors import ProblemError
 from hhtbench.report import colours
+from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.figures import axis
-from hhtbench.report.page import embedded
 from hhtbench.report.speed import SECTIONS
 from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, shares_table, summary
 from hhtbench.report.wording import anchor
@@ -66,7 +65,7 @@ def write_speed(folder: Path, command: str) -> bool:
 
 def speed_page(speed: Mapping[str, Any], command: str) -> str:
     """The text of the page."""
-    rows = contest_rows(speed)
+    rows, drawings = contest_rows(speed), Drawings()
     present = {key: section for key, section in SECTIONS.items() if speed.get(key)}
     absent = [section.title for key, section in SECTIONS.items() if key not in present]
     parts = [
@@ -76,7 +75,7 @@ def speed_page(speed: Mapping[str, Any], command: str) -> str:
     ]
     links = [f'<a href="#{key}">{escape(section.title)}</a>' for key, section in present.items()]
     if rows:
-        parts.append(_contest(rows, speed.get("duels") or []))
+        parts.append(_contest(rows, speed.get("duels") or [], drawings))
         links.append('<a href="#contest">At equal error, beside the reference solvers</a>')
     else:
         absent.append("At equal error, beside the reference solvers")
@@ -92,16 +91,18 @@ def speed_page(speed: Mapping[str, Any], command: str) -> str:
         made=escape(MADE),
         created=escape(str(speed.get("created", ""))[:10] or "an unknown date"),
         environment=escape(", ".join(f"{name} {value}" for name, value in speed["environment"].items())),
-        plotly=get_plotlyjs(),
+        scripts=drawings.scripts(texts["draw_all.js"]),
     )
 
 
-PARTS = ("speed.html", "comparison.css")
+PARTS = ("speed.html", "comparison.css", "draw_all.js")
 
 
-def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]]) -> str:
+def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]], drawings: Drawings) -> str:
     lines = race(rows)
-    figures = "\n".join(_figure([line for line in lines if line.target == target], target) for target in RACE_TARGETS)
+    figures = "\n".join(
+        _figure([line for line in lines if line.target == target], target, drawings) for target in RACE_TARGETS
+    )
     every = "\n".join(
         f'<details id="{anchor(name)}"><summary>Every solver on {escape(name)}</summary>\n'
         f"{html_table(everyone_table(rows, name))}</details>"
@@ -120,12 +121,12 @@ def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]]) -> str:
 {every}"""
 
 
-def _figure(lines: Sequence[Race], target: float) -> str:
+def _figure(lines: Sequence[Race], target: float, drawings: Drawings) -> str:
     figure = time_figure(lines)
     return f"""\
 <figure id="time-{target:.0e}">
 <h3>Time to reach an error of {target:.0e}</h3>
-<div class="plot" style="height:{figure.layout.height}px"><script type="application/json">{embedded(figure)}</script></div>
+{drawings.box(figure, figure.layout.height)}
 <figcaption class="caption">Left is faster. Who has no mark has no time at this error: the tables say why.</figcaption>
 </figure>"""
 

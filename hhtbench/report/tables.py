@@ -27,6 +27,11 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
 
+    def as_dicts(self) -> list[dict[str, str]]:
+        """One mapping a row, from header to text."""
+        texts = ([" ".join(filter(None, (cell.text, cell.detail))) for cell in row] for row in self.rows)
+        return [dict(zip(self.headers, row, strict=True)) for row in texts]
+
 
 def make_table(headers: Sequence[str], rows: Iterable[Sequence[str | Cell]], note: str = "") -> Table:
     """A table of strings and cells."""

@@ -12,7 +12,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.store.columns import COLUMNS, hash_of, row_of, shown
 from hhtbench.store.rows import RunRow
 
-VERSION = 1
+VERSION = 2
 ERRORS = (sqlite3.Error, UnicodeDecodeError)  # the second: Python cannot word SQLite's message about damaged names
 DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)  # the last: a table's name is not found
 MOST_NAMED = 8  # damaged rows that are told one by one

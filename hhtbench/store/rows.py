@@ -42,8 +42,9 @@ class RunRow:
         "invariants", "sampled", "points", "acceleration_note"}``, each a maximum over time.  ``position``: |g_i| /
         sum_j |g_q,ij| s_q,j.  ``velocity``: g_t + g_q v and k, over their row's size with s_v.  ``acceleration``:
         the constraints' second (k: first) derivative with the accelerations that follow from the multipliers the
-        solver itself holds, over the largest size of its terms in the run, at every step; null where it holds none,
-        which ``acceleration_note`` says (else null): those recovered from that very level would make it zero.
+        solver itself holds, over the largest size of its terms in the run, at every step, of more than 5,000 at as
+        many from the first to the last; null where it holds none, which ``acceleration_note`` says (else null): those
+        recovered from that very level would make it zero.
         ``_absolute``: max |g_i| and max |g_t + g_q v|_i or |k_i|, in their own units.  ``energy``: change since the
         start over the larger of its own and the kinetic energy's size.  ``invariants``: {name: change over the
         value at the start, or over 1 where that is zero}. Null (or {}) where the system has no such level or
@@ -51,12 +52,12 @@ class RunRow:
         ``points``: how many there were.
 
     ``series``
-        For plots, each at most 200 points.  ``drift``: ``{"t", "position", "velocity", "energy", "invariants": {name:
-        [...]}}``, thinned so that the largest value in each span of time stays; a level that does not exist is absent.
-        ``acceleration``: ``{"t", "value"}`` or absent.  ``errors``: ``{"t", "q", "v", "lam", "mu"}`` scaled errors at the
-        compared times, components as in ``metrics``; absent like ``metrics["errors"]``.  ``multipliers``: ``{"t", "lam":
-        [[...] per time], "mu": [[...] per time]}`` at the output rows, at most 12 components of each.  ``states``: ``{"t",
-        "q", "v"}`` at up to 11 of them, whole, for comparing runs two by two.  ``steps``:
+        For plots, each at most 100 points of six digits.  ``drift``: ``{"t", "position", "velocity", "energy", "invariants":
+        {name: [...]}}``, thinned so that the largest value in each span of time stays; a level that does not exist is
+        absent.  ``acceleration``: ``{"t", "value"}`` or absent.  ``errors``: ``{"t", "q", "v", "lam", "mu"}`` scaled errors
+        at the compared times, components as in ``metrics``; absent like ``metrics["errors"]``.  ``multipliers``: ``{"t",
+        "lam": [[...] per time], "mu": [[...] per time]}`` at the output rows, at most 12 components of each.  ``states``:
+        ``{"t", "q", "v"}`` at up to 11 of them, whole, for comparing runs two by two.  ``steps``:
         ``{"t", "h"}`` ends and lengths of internal steps; absent where the solver keeps none.
 
     ``counters``

@@ -15,13 +15,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hhtbench.errors import ProblemError
-from hhtbench.store.columns import COLUMNS, hash_of, row_of, shown, texts_of
+from hhtbench.store.columns import COLUMNS, PACKED, hash_of, row_of, shown, texts_of
 from hhtbench.store.files import store_file, take_lock
 from hhtbench.store.reading import ERRORS, VERSION, Reading, damage, read, refuse_other_version
 from hhtbench.store.rows import RunRow
 
+KINDS = {name: "BLOB" if name == PACKED else "TEXT" for name in COLUMNS}
 SCHEMA = (
-    f"CREATE TABLE IF NOT EXISTS runs ({', '.join(f'{name} TEXT NOT NULL' for name in COLUMNS)}, "
+    f"CREATE TABLE IF NOT EXISTS runs ({', '.join(f'{name} {kind} NOT NULL' for name, kind in KINDS.items())}, "
     "sha256 TEXT NOT NULL, PRIMARY KEY (key), UNIQUE (identity))",
     "CREATE TABLE IF NOT EXISTS meta (name TEXT PRIMARY KEY, value TEXT NOT NULL)",
 )
@@ -175,15 +176,22 @@ def load_rows(path: str | Path) -> list[RunRow]:
     ProblemError
         There is no such file, or it is no store of this version.
     """
+    rows, losses = sound_rows(path)
+    if losses:
+        warnings.warn(losses, stacklevel=2)
+    return rows
+
+
+def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
+    """Rows as :func:`load_rows` gives them, and what could not be read, in words, "" where all could."""
     file = store_file(path)
     if not file.is_file():
         raise ProblemError(f"there is no store {path}.")
     reading = _look(file)
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
-    if not reading.whole:
-        warnings.warn(f"{path} is damaged: {reading.losses}; run the campaign again.", stacklevel=2)
-    return [row for _, row in reading.sound]
+    losses = "" if reading.whole else f"{path} is damaged: {reading.losses}; run the campaign again."
+    return [row for _, row in reading.sound], losses
 
 
 def _look(path: Path) -> Reading | None:

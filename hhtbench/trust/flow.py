@@ -30,6 +30,7 @@ class Equations:
     def __init__(self, problem: Problem) -> None:
         t, q, v = problem.t_span[0], problem.q0, problem.v0
         dynamics: Any = derive(problem.system, t, q, v)
+        whole = dynamics
         self._levels: ConstraintLevels | None = None
         if dynamics.structure.constrained:
             rank = ConstraintLevels(dynamics, full=True).at(t, q, v).rank
@@ -38,6 +39,7 @@ class Equations:
                 raise NotJudged("its constraints are redundant, and a declared reaction may depend on every multiplier")
             dynamics, self._levels = reduced, ConstraintLevels(reduced, full=True)
         self._level, self._n = AccelerationLevel(dynamics), q.size
+        self._whole = self._level if whole is dynamics else AccelerationLevel(whole)  # with all of redundant constraints
         self._sizes = dynamics.structure.m, dynamics.structure.p
         self.linear = dynamics.structure.linear_reaction
         self._multipliers: Any = (None, None)
@@ -57,6 +59,30 @@ class Equations:
         rows = self._levels.at(t, y[:n].copy(), y[n:].copy()).rows
         parts = (rows[:m], change[:n], size[:n]), (rows, change[n:], size[n:])
         return np.concatenate([x - s * np.linalg.lstsq(c * s, c @ x)[0] if len(c) else x for c, x, s in parts])
+
+    def force(self, t: float, y: Vector) -> Vector:
+        """What acts but for the reactions, (n,)."""
+        return -self._left_over(self._level, t, y, np.zeros(sum(self._sizes)))
+
+    def reaction(self, t: float, y: Vector, multipliers: Any = None) -> Vector | None:
+        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,), or of those that the acceleration level needs.
+
+        None where these are not determined.
+        """
+        level = self._whole
+        if multipliers is None:
+            level, found = self._level, self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
+            if not found.converged:
+                return None
+            multipliers = found.lam, found.mu
+        given = np.concatenate(multipliers)
+        return self._left_over(level, t, y, 0.0 * given) - self._left_over(level, t, y, given)
+
+    def _left_over(self, level: AccelerationLevel, t: float, y: Vector, multipliers: Vector) -> Vector:
+        """Minus the forces and reactions of ``multipliers`` (m + p,) at no acceleration, (n,)."""
+        n = self._n
+        x = np.concatenate([np.zeros(n), multipliers])
+        return np.asarray(level.terms(t, y[:n].copy(), y[n:].copy(), x)[0][:n], dtype=np.float64)
 
     def __call__(self, t: float, y: Vector) -> Vector:
         """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""

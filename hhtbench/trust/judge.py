@@ -20,9 +20,11 @@ from hhtbench.trust.allowed import allowed_errors, sizes_of
 from hhtbench.trust.flow import Equations, NotJudged
 from hhtbench.trust.levels import CHECKED_ROWS, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
+from hhtbench.trust.reactions import wrong_reaction
 from hhtbench.trust.rows import doubt_about
+from hhtbench.trust.suspects import stand_out
 
-STARTS = (0.0, 0.4, 0.8)  # of the rows: where windows begin, beside the last but one
+DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
 
 
@@ -49,8 +51,11 @@ class Judgement:
         return {"motion": worst, "windows": judged, "not_judged": self.not_judged or None}
 
 
-def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None = None) -> Judgement:
-    """Every check in turn until one fails; a result that is no success is not judged."""
+def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None = None, *, draw: int = 0) -> Judgement:
+    """Every check in turn until one fails; a result that is no success is not judged.
+
+    ``draw`` chooses the rows at which some of the windows begin: nobody knows them before, the same number gives the same.
+    """
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
         return Judgement(doubt)
@@ -60,7 +65,7 @@ def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None
         if steps is not None and not doubt:
             some = np.unique(np.linspace(0, steps.t.size - 1, CHECKED_ROWS).astype(int))
             doubt = violated(levels, problem, request, (steps.t[some], *steps.states(some)))
-        return Judgement(doubt) if doubt else _motion(problem, request, solution, steps)
+        return Judgement(doubt) if doubt else _motion(problem, request, solution, steps, draw)
     except NotJudged as reason:
         return Judgement("", not_judged=str(reason))
     except Exception as error:  # noqa: BLE001 - a function of the problem, which has its own check
@@ -75,11 +80,12 @@ def _multipliers(levels: ConstraintLevels, solution: Solution) -> str:
     return ""
 
 
-def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps | None) -> Judgement:
+def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps | None, draw: int) -> Judgement:
     equations, size = Equations(problem), sizes_of(problem, solution.q, solution.v)
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
+    starts = _starts(solution, size, draw)
     windows = []
-    for rows, multipliers in _windows(problem, solution, steps):
+    for rows, multipliers in _windows(problem, solution, steps, size, starts):
         windows.append(follower.follow(rows, multipliers))
         if windows[-1].failed:
             break
@@ -87,6 +93,9 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     failed = [window for window in found if window.failed]
     if failed:
         return Judgement(_described(failed[0], request), found)
+    wrong = _wrong_reaction(follower, solution, starts)
+    if wrong:
+        return Judgement(wrong, found)
     if any(window.judged for window in found):
         return Judgement("", found)
     reasons = dict.fromkeys(window.unfinished for window in found if window.unfinished)
@@ -103,30 +112,54 @@ def _described(window: Window, request: Request) -> str:
     )
 
 
-def _windows(problem: Problem, solution: Solution, steps: Steps | None) -> Iterator[tuple[Rows, Multipliers]]:
-    """Rows of a few windows, from the last one on: output rows and steps together, each from an output row on.
+def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
+    """Output rows at which windows begin: the first, the last but one, some that are drawn, and what stands out."""
+    count = solution.t.size
+    if count < 2:
+        return []
+    drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
+    return sorted({0, count - 2, *drawn, *stand_out(solution.t, solution.q, solution.v, size)})
 
-    They end at events, which may change the state.
+
+def _wrong_reaction(follower: Follower, solution: Solution, starts: list[int]) -> str:
+    """What is wrong with the multipliers of these rows, in words, or ""."""
+    for i in starts:
+        y, multipliers = np.concatenate([solution.q[i], solution.v[i]]), Multipliers(solution.lam[i], solution.mu[i])
+        wrong = wrong_reaction(follower, float(solution.t[i]), y, multipliers)
+        if wrong:
+            return wrong
+    return ""
+
+
+def _windows(
+    problem: Problem, solution: Solution, steps: Steps | None, size: Vector, starts: list[int]
+) -> Iterator[tuple[Rows, Multipliers]]:
+    """Rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin with.
+
+    They begin at the rows ``starts`` and where steps stand out from the others; they end at events, which may change the
+    state.
     """
     direction = -1.0 if problem.t_span[1] < problem.t_span[0] else 1.0
     jumps = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
-    count = solution.t.size
-    first = {count - 2, *(int(part * (count - 1)) for part in STARTS)}
-    for i in sorted(first, reverse=True):
-        if 0 <= i < count - 1:
-            rows = _rows(solution, steps, i, direction)
-            after = jumps[jumps >= direction * rows.t[0]]
-            kept = direction * rows.t < after[0] if after.size else np.ones(rows.t.size, dtype=bool)
-            rows = Rows(*(part[kept] for part in rows))
-            if rows.t.size > 1:
-                yield rows, Multipliers(solution.lam[i], solution.mu[i])
+    times = {float(solution.t[i]) for i in starts}
+    if steps is not None:
+        times |= {float(steps.t[k]) for k in stand_out(steps.t, *steps.states(np.arange(steps.t.size)), size)}
+    for start in sorted(times, key=lambda t: -direction * t):
+        rows = _rows(solution, steps, start, direction)
+        after = jumps[jumps >= direction * rows.t[0]]
+        kept = direction * rows.t < after[0] if after.size else np.ones(rows.t.size, dtype=bool)
+        rows = Rows(*(part[kept] for part in rows))
+        if rows.t.size > 1:
+            i = max(0, int(np.searchsorted(direction * solution.t, direction * start, "right")) - 1)
+            yield rows, Multipliers(solution.lam[i], solution.mu[i])
 
 
-def _rows(solution: Solution, steps: Steps | None, i: int, direction: float) -> Rows:
-    """Row i of the output and what follows it: rows of output, and the next steps."""
+def _rows(solution: Solution, steps: Steps | None, start: float, direction: float) -> Rows:
+    """From ``start`` [s] on: rows of output, and the next steps."""
+    i = int(np.searchsorted(direction * solution.t, direction * start, "left"))
     parts = [(solution.t[i:], solution.q[i:], solution.v[i:])]
     if steps is not None:
-        begin = int(np.searchsorted(direction * steps.t, direction * solution.t[i], "left"))
+        begin = int(np.searchsorted(direction * steps.t, direction * start, "left"))
         some = np.arange(begin, min(begin + NEAR, steps.t.size))
         parts.append((steps.t[some], *steps.states(some)))
     t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -102,7 +102,7 @@ class Follower:
         more, why = _along(motion, t[k:], lambda i, y: self._distance(y - line[k + i]) >= LEFT)
         states = np.concatenate([states, more.reshape(-1, y.shape[1])])
         carried = np.zeros_like(states)
-        for sign in _signs(y.shape[1]):
+        for sign in signs(y.shape[1]):
             if not window.failed:
                 break
             self.equations.begin(MOST_EVALUATIONS, multipliers)
@@ -170,7 +170,7 @@ def _along(motion: Flow, times: Vector, enough: Callable[[int, Vector], bool] = 
     return np.array(states), ""
 
 
-def _signs(size: int) -> Iterator[Vector]:
+def signs(size: int) -> Iterator[Vector]:
     """Directions of disturbances, (size,) each: signs without an order."""
     index = np.arange(1.0, size + 1)
     for k in range(DISTURBED):

@@ -10,9 +10,9 @@ import click
 
 from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.command import terminal_progress
-from hhtbench.campaign.execute import Limits
-from hhtbench.campaign.machine import total_memory, usable_cores
+from hhtbench.campaign.execute import machine_limits
 from hhtbench.evidence import Evidence, Row
+from hhtbench.output import FAILED, json_option, require_folder
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem
 from hhtbench.specs import canonical
@@ -22,7 +22,6 @@ from hhtbench.validation.plan import MAKERS, MAX_SECONDS, validation_campaign
 from hhtbench.validation.table import solvability
 from hhtbench.validation.verdict import Verdict, evidence_rows, judge
 
-MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated in the problem's own page
     "singular": "it passes through positions where its constraints lose rank",
     "nonlinear reaction": "its reaction is nonlinear in lam, so solvers of the underlying ODE decline it",
@@ -36,7 +35,7 @@ HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated 
     "--store", "file", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; resumed.  [default: none]"
 )
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables to this Markdown file.")
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows to this file.")
+@json_option
 @click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
 @click.option("--max-seconds", type=float, default=MAX_SECONDS, show_default=True, help="Most time of one solve [s].")
 def validate_command(
@@ -54,11 +53,13 @@ def validate_command(
     """
     if every == bool(problems):
         raise click.UsageError("name PROBLEMS, or give --all.")
+    require_folder(out)
+    require_folder(json_file)
     plan = registered_plans() if every else {}
     specs = tuple(validated_spec(name, plan) for name in list_problems()) if every else problems
     reasons = {canonical(spec): reason for spec in specs if (reason := _reason(spec))}
     with tempfile.TemporaryDirectory() as folder:
-        rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs or usable_cores(), max_seconds)
+        rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs, max_seconds)
     compared = [compare_rows(canonical(spec), load_problem(spec), rows) for spec in specs]
     verdicts = judge(row for entry in compared for row in entry.rows)
     command = "hhtbench validate " + ("--all" if every else " ".join(f'"{spec}"' for spec in problems))
@@ -74,11 +75,11 @@ def validate_command(
         if row.passed is False:
             click.echo(f"{row.claim}: {row.measured}")
     click.echo(evidence.summary)
-    sys.exit(0 if evidence.passed else 1)
+    sys.exit(0 if evidence.passed else FAILED)
 
 
-def _run(specs: tuple[str, ...], file: Path, jobs: int, max_seconds: float) -> tuple[RunRow, ...]:
-    limits = Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
+def _run(specs: tuple[str, ...], file: Path, jobs: int | None, max_seconds: float) -> tuple[RunRow, ...]:
+    limits = machine_limits(jobs)
     with Store(file) as store:
         campaign = validation_campaign(specs, max_seconds)
         return run_campaign(campaign, store, limits=limits, timing=False, progress=terminal_progress()).rows

@@ -88,6 +88,8 @@ SOLVER = """\
                 os._exit(7)
             if self.does == "raise":
                 raise self.unpicklable("no more")
+            if self.does == "interrupt":
+                raise KeyboardInterrupt("by the plugin")
             if self.does == "memory_error":
                 raise MemoryError("none left")
             if self.does == "hang":

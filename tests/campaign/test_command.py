@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,13 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
     store = tmp_path / "runs.db"
     options = ["--problems", "fall", "--solvers", "told(does=good), told(does=decline), hht"]
     options += ["--rtol", "1e-3", "--steps", "8 16"]
-    result = CliRunner().invoke(main, ["run", *options, "--store", str(store), "--jobs", "1"])
+    result = CliRunner().invoke(
+        main, ["run", *options, "--store", str(store), "--jobs", "1", "--json", str(tmp_path / "run.json")]
+    )
     assert result.exit_code == 0, result.output
+    told = json.loads((tmp_path / "run.json").read_text())
+    assert (told["cells"], told["run"], told["ended"]) == (9, 9, {"success": 6, "declined": 3})
+    assert told["rows"][0]["error"] == pytest.approx(1e-3)
     assert "9 cells: 6 success, 3 declined (9 run now, 6 timed now)" in result.output
     assert "it never takes anything" in result.output
     rows = load_rows(store)

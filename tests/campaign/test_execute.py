@@ -27,6 +27,7 @@ ENDS = {
     "exit": "crashed",
     "fork": "crashed",
     "raise": "user_exception",
+    "interrupt": "user_exception",
     "memory_error": "out_of_memory",
     "eat": "out_of_memory",
     "hang": "deadline",
@@ -65,6 +66,7 @@ def test_a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only(
     assert "signal SIGSEGV" in messages["segv"] and "misbehave" in messages["segv"]  # the line, from faulthandler
     assert "exit code 7" in messages["exit"]
     assert "no more" in messages["raise"] and "told.py" in messages["raise"]
+    assert messages["interrupt"].startswith("KeyboardInterrupt: by the plugin (raised in told.py")
     assert "did not end within" in messages["hang"] and "the solve" in messages["hang"]
     assert "GiB" in messages["eat"]
     assert "not finite" in messages["nan"]

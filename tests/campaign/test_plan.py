@@ -181,13 +181,22 @@ def test_a_pair_that_is_refined_has_the_campaigns_rules_in_every_request(outside
     [
         (["andrew"], [], r"no problem 'andrew'\. Did you mean andrews\? It has: "),
         (["andrews", "nosuch"], [], r"no problem 'nosuch'\. It has: .*andrews"),
-        ([], ["hht(alpha=-0.3)", "ida"], r"no solver 'ida'\. Did you mean ida\(form='ggl'\)\?"),
+        ([], ["hht(alpha=-0.3)", "minimal"], r"no solver 'minimal'\. Did you mean minimal\("),
         (["andrews"], ["scipy(method=radau)"], r"Did you mean scipy\(method='Radau'\)\?"),
     ],
 )
 def test_what_is_not_in_a_campaign_is_told_with_the_closest_that_is(problems: list[str], solvers: list[str], said: str):
     with pytest.raises(NotFoundError, match=said):
         restrict(named_campaign("quick"), problems, solvers)
+
+
+def test_specs_that_write_out_a_default_and_specs_that_do_not_are_the_same_cells(outside: Path):
+    quick = restrict(named_campaign("quick"), ["andrews"], ["projected"])
+    assert {solver for grid in quick.grids for solver in grid.solvers} == {"projected(method=DOP853)"}
+    twice = Grid(problems=("fall", "fall(t_end=1.0)"), solvers=("projected", "projected(method=DOP853)"), rtol=(1e-3,))
+    assert [(cell.problem, cell.solver) for cell in plan_cells(Campaign(grids=(twice,)))] == [("fall", "projected")]
+    other = Grid(problems=("fall", "fall(t_end=2.0)"), solvers=("projected", "projected(method=RK23)"), rtol=(1e-3,))
+    assert len(plan_cells(Campaign(grids=(other,)))) == 4
 
 
 def test_a_users_folder_of_a_distributions_name_changes_no_key(

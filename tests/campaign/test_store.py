@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import sqlite3
 import subprocess
@@ -25,7 +26,7 @@ ROW = RunRow(
     status="success",
     message="there",
     metrics={"t_end": 1.0},
-    series={"drift": {"t": [0.0, 1.0] * 200}},
+    series={"drift": {"t": [random.Random(i).random() for i in range(150)]}},
     timing={"repeats": None},
     created="2026-01-01T00:00:00+00:00",
 )
@@ -73,6 +74,14 @@ def test_rows_that_are_written_again_keep_their_places(tmp_path: Path):
     rows = load_rows(path)
     assert [row.key for row in rows] == ["k0", "k1", "new", "k3"]
     assert rows[1].timing == {"repeats": 3}
+
+
+def test_curves_are_packed(tmp_path: Path):
+    row = replace(ROW, series={"drift": {"t": [0.125 * i for i in range(20_000)]}})
+    with Store(tmp_path / "runs.db") as store:
+        store.put(row, "cell")
+        assert store.get(row.key) == row
+    assert (tmp_path / "runs.db").stat().st_size < 0.5 * len(json.dumps(row.series))
 
 
 def test_a_number_that_is_not_finite_is_never_written(tmp_path: Path):
@@ -174,12 +183,12 @@ def test_a_newer_store_is_refused_and_left_as_it_is_by_reader_and_writer(tmp_pat
     path = tmp_path / "runs.db"
     fill(path, 3)
     with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE meta SET value = '2'")
+        connection.execute("UPDATE meta SET value = '3'")
         connection.execute("ALTER TABLE runs ADD COLUMN more TEXT")
         connection.execute("CREATE TABLE pairs (name TEXT)")
     before = path.read_bytes()
     for use in (load_rows, Store):
-        with pytest.raises(ProblemError, match="a store of version 2, this hhtbench knows version 1"):
+        with pytest.raises(ProblemError, match="a store of version 3, this hhtbench knows version 2"):
             use(path)
     assert path.read_bytes() == before
     assert not list(tmp_path.glob("runs.db.*-*"))
@@ -342,4 +351,4 @@ def test_rows_are_on_the_disk_when_put_returns(tmp_path: Path):
         assert store._connection.execute("PRAGMA journal_mode").fetchone()[0] == b"delete"
         store.put(ROW, "cell")
         assert load_rows(tmp_path / "runs.db") == [ROW]  # seen from another connection: committed
-    assert reading.VERSION == 1
+    assert reading.VERSION == 2

@@ -1,3 +1,4 @@
+import json
 import re
 
 import click
@@ -137,8 +138,10 @@ def test_motion_that_was_not_finished_is_labelled_in_the_terminal_and_under_the_
         return Course(t=t, q=q, source="ida", stopped="ida stopped at t = 2 s: step_too_small")
 
     monkeypatch.setattr(command, "find_course", partly)
-    result = show("rotor", "--out", str(tmp_path / "r.svg"))
+    result = show("rotor", "--out", str(tmp_path / "r.svg"), "--json", str(tmp_path / "r.json"))
     assert result.exit_code == 1
+    (told,) = json.loads((tmp_path / "r.json").read_text())["drawings"]
+    assert (told["t"], told["states"], told["failed"]) == ([0.0, 2.0], "ida", "ida stopped at t = 2 s: step_too_small")
     assert "ida stopped at t = 2 s: step_too_small" in result.output
     assert "t = 2 s: step_too_small" in (tmp_path / "r.svg").read_text()
 
@@ -154,8 +157,13 @@ def test_all_draws_every_registered_problem_and_names_those_it_cannot(rotor, tmp
     made = {"one": rotor(name="one"), "bare": rotor(name="bare", sketch=None), "two": rotor(name="two")}
     monkeypatch.setattr(command, "list_problems", lambda: list(made))
     monkeypatch.setattr(command, "load_problem", made.__getitem__)
-    result = CliRunner().invoke(cli.main, ["show", "--all", "--out", str(tmp_path / "t")])
+    result = CliRunner().invoke(
+        cli.main, ["show", "--all", "--out", str(tmp_path / "t"), "--json", str(tmp_path / "all.json")]
+    )
     assert result.exit_code == 1
+    told = {one["problem"]: one["failed"] for one in json.loads((tmp_path / "all.json").read_text())["drawings"]}
+    assert told == {"one": "", "bare": told["bare"], "two": ""}
+    assert "declares no sketch" in told["bare"]
     assert "bare: NOT DRAWN: ProblemError: bare declares no sketch" in result.output
     assert sorted(file.name for file in (tmp_path / "t").iterdir()) == ["one.png", "two.png"]
     with Image.open(tmp_path / "t" / "one.png") as picture:

@@ -7,6 +7,7 @@ import pickle
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import hhtbench as hb
 from solvers.hht import HHT
@@ -82,6 +83,36 @@ def test_a_right_pattern_changes_nothing():
     plain = HHT(pendulum()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
     patterned = HHT(pendulum(sparsity=full)).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
     np.testing.assert_allclose(patterned.q, plain.q, atol=1e-11)
+
+
+def patterned(patterns):
+    """A point on a circle as a JAX system that declares ``patterns``."""
+
+    class Patterned(hb.System):
+        sparsity = patterns
+
+        def force(self, t, q, v):
+            return jnp.array([0.0, -9.81])
+
+        def constraint(self, t, q):
+            return (q @ q - 1)[None] / 2
+
+    return Patterned()
+
+
+@pytest.mark.parametrize("kind", [sp.csr_matrix, sp.coo_array])
+def test_a_pattern_may_be_one_of_scipys_matrices_for_jax_systems_too(kind):
+    full, empty = kind(np.ones((1, 2), bool)), kind(np.zeros((2, 2), bool))
+    plain = HHT(pendulum()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
+    system = patterned({"constraint_jacobian": full, "force_q": empty})
+    np.testing.assert_allclose(HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=20).q, plain.q, atol=1e-9)
+    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):
+        HHT(patterned({"constraint_jacobian": kind([[True, False]])})).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
+
+
+def test_patterns_that_are_no_mapping_are_refused_for_jax_systems_too():
+    with pytest.raises(TypeError, match="sparsity must map names"):
+        HHT(patterned(5)).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
 
 
 def test_options_in_the_wrong_place_are_refused():

@@ -55,15 +55,18 @@ def test_build_writes_a_file_for_every_name_and_tells_its_digits(run, plan, tmp_
 
 
 def test_build_says_what_nobody_confirms_and_exits_with_one(run, plan, tmp_path):
-    built = run("build", "alone", "good", "--plan", plan, "--out", tmp_path / "new")
+    built = run("build", "alone", "good", "--plan", plan, "--out", tmp_path / "new", "--json", tmp_path / "built.json")
     assert built.exit_code == 1
+    told = {one["name"]: one for one in json.loads((tmp_path / "built.json").read_text())}
+    assert (told["alone"]["certified"], told["good"]["certified"], round(told["good"]["digits"]["q"])) == (False, True, 12)
     assert "NOT CERTIFIED" in built.output
     assert "1 of 2 references certified" in built.output
 
 
 def test_check_computes_the_sample_again(run, plan, tmp_path):
-    checked = run("check", "--sample", "1", "--plan", plan, "--folder", tmp_path / "kept")
+    checked = run("check", "--sample", "1", "--plan", plan, "--folder", tmp_path / "kept", "--json", tmp_path / "c.json")
     assert checked.exit_code == 0, checked.output
+    assert json.loads((tmp_path / "c.json").read_text())["passed"] is True
     assert "good/q" in checked.output
     assert "better/q" not in checked.output
     assert "3 of 3 claims hold" in checked.output
@@ -107,8 +110,10 @@ def test_missing_folder_is_named(run, plan, tmp_path):
 
 
 def test_show_prints_methods_note_and_bars_at_the_stated_times(run, plan, tmp_path):
-    shown = run("show", "good", "--folder", tmp_path / "kept")
+    shown = run("show", "good", "--folder", tmp_path / "kept", "--json", tmp_path / "good.json")
     assert shown.exit_code == 0, shown.output
+    told, kept = (json.loads(file.read_text()) for file in (tmp_path / "good.json", tmp_path / "kept" / "good.json"))
+    assert (told["bars"], told["confirmed_by"]) == (kept["bars"], kept["confirmed_by"])
     for text in ("a sentence why", "method=B", "1e-13", "5.0e-13"):
         assert text in shown.output
     assert [line.split()[0] for line in shown.output.splitlines()[-2:]] == ["0.5", "1"]

@@ -98,7 +98,7 @@ def test_only_the_last_row_lies():
 
 def test_events_may_change_the_state_between_windows():
     """A ball that bounces at 0.4 s: rows before and after are judged, the jump is not."""
-    t = np.linspace(0.0, 1.0, 5)  # so few that no piece between them is left out
+    t = np.linspace(0.0, 1.0, 501)
     before, after, at = t < 0.4, t >= 0.4, 0.4
     q, v = fall(t).q.copy(), fall(t).v.copy()
     v[after, 0] = 9.81 * 0.4 - 9.81 * (t[after] - at)
@@ -126,3 +126,44 @@ def test_multipliers_need_a_column_for_each_constraint():
     made = load_solver("hht").solve(pendulum, Request(rtol=1e-3))
     wrong = replace(made, lam=np.zeros((made.t.size, 3)))
     assert judge(pendulum, Request(rtol=1e-3), wrong).doubt.startswith("shapes: lam has 3 columns")
+
+
+def swing(rows: np.ndarray) -> Judgement:
+    """The pendulum by 401 rows: those with these numbers of a longer motion."""
+    problem = load_problem("simple_pendulum")
+    t0, t1 = problem.t_span
+    t = t0 + np.arange(411) * (t1 - t0) / 400
+    longer = replace(problem, t_span=(t0, float(t[-1])))
+    made = load_solver("projected").solve(longer, Request(t_eval=t, rtol=1e-6))
+    request = Request(t_eval=np.append(t[:400], t1), rtol=1e-6)
+    return judge(problem, request, replace(made, t=request.t_eval, **{x: getattr(made, x)[rows] for x in PARTS}))
+
+
+PARTS = ("q", "v", "lam", "mu")
+AS_THEY_ARE = np.arange(401)
+FROZEN = np.where((AS_THEY_ARE > 123) & (AS_THEY_ARE < 141), 123, AS_THEY_ARE)  # then it goes on as if nothing had been
+LEAPS = np.where(AS_THEY_ARE < 217, AS_THEY_ARE, AS_THEY_ARE + 2)  # from there on it is two rows ahead
+
+
+@pytest.mark.parametrize("rows", [FROZEN, LEAPS], ids=["frozen", "leaps"])
+def test_rows_that_freeze_or_leap_anywhere_among_hundreds_are_found(rows: np.ndarray):
+    assert swing(AS_THEY_ARE).doubt == ""
+    assert swing(rows).doubt.startswith("equations of motion: ")
+
+
+@pytest.mark.parametrize(("factor", "rtol"), [(0.0, 1e-3), (-1.0, 1e-3), (2.0, 1e-3), (1.01, 1e-8)])
+@pytest.mark.parametrize("name", ["simple_pendulum", "redundant_pendulum", "andrews"])
+def test_multipliers_that_do_not_make_the_accelerations_are_found(name: str, factor: float, rtol: float):
+    problem = load_problem(name)
+    request = Request(t_eval=np.linspace(*problem.t_span, 51), rtol=rtol)
+    made = load_solver("ida(form=ggl)").solve(problem, request)
+    assert judge(problem, request, made).doubt == ""
+    assert judge(problem, request, replace(made, lam=factor * made.lam)).doubt.startswith("multipliers: ")
+
+
+def test_the_same_draw_looks_at_the_same_rows_and_another_at_others():
+    problem = load_problem("simple_pendulum")
+    request = Request(t_eval=np.linspace(*problem.t_span, 401), rtol=1e-6)
+    made = load_solver("projected").solve(problem, request)
+    starts = [{window.start for window in judge(problem, request, made, draw=draw).windows} for draw in (3, 3, 4)]
+    assert starts[0] == starts[1] != starts[2]

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import Sparse
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
-from hhtbench.protocol import PATTERNS, declared
+from hhtbench.protocol import PATTERNS, checked_patterns, declared
 
 Patterns = dict[str, Any]  # by name: rows and columns (2, entries), ascending row by row
 NEEDED = {
@@ -28,7 +28,7 @@ NEEDED = {
 
 def patterns_of(dynamics: Dynamics) -> Patterns:
     """Those that are declared, for the rows that ``dynamics`` has, and those that follow."""
-    s, given = dynamics.structure, declared(dynamics.system, "sparsity") or {}
+    s, given = dynamics.structure, checked_patterns(declared(dynamics.system, "sparsity"))
     found: Any = {name: sp.csr_array(pattern, dtype=bool) for name, pattern in given.items()}
     if isinstance(dynamics, ReducedDynamics):
         kept = {"m": list(dynamics.position), "p": list(dynamics.velocity)}

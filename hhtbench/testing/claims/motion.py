@@ -50,7 +50,7 @@ def error_falls_with_the_step(subject: Subject, name: str) -> None:
     _expect_orders(subject, scene, *(errors(scene, subject.solved(scene, steps=steps)) for steps in STEPS[-2:]))
 
 
-@claim("order_of_changing_steps", "position", "velocity")
+@claim("order_of_changing_steps", "position", "velocity", "unconstrained")
 def error_falls_with_changing_steps(subject: Subject, name: str) -> None:
     """The same with steps that are prescribed one by one and change from each to the next."""
     scene = subject.scene(name)

@@ -1,4 +1,4 @@
-"""What several commands say and ask for."""
+"""What commands say and ask for: the option --json and its file, and a table of evidence with its exit code."""
 
 from __future__ import annotations
 

@@ -1,0 +1,44 @@
+"""Specs that mean the same although one writes out what the other leaves to the defaults."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from typing import Any, Literal
+
+from hhtbench import plugins
+from hhtbench.registry import load_solver
+from hhtbench.specs import canonical, parse_spec
+
+
+def find_alike(kind: Literal["problem", "solver"], text: str, among: Iterable[str]) -> str | None:
+    """The first of the canonical specs ``among`` that means what ``text`` means, or None.
+
+    Only specs of one registered name are compared; then its module is imported, but no problem is made and no file executed.
+    """
+    wanted = canonical(text)
+    some = list(among)
+    if wanted in some:
+        return wanted
+    target = parse_spec(wanted).target
+    return next((other for other in some if parse_spec(other).target == target and _alike(kind, wanted, other)), None)
+
+
+def _alike(kind: str, one: str, other: str) -> bool:
+    first, second = parse_spec(one), parse_spec(other)
+    if first.path is not None or first.arguments.keys() == second.arguments.keys():  # then a value differs
+        return False
+    try:
+        if kind == "solver":  # their options are compared by the solvers, whose factories may take any
+            return bool(load_solver(one) == load_solver(other))
+        return _arguments(one) == _arguments(other)
+    except Exception:  # noqa: BLE001 - a plugin's own, or a spec it cannot take: its cells tell
+        return False
+
+
+def _arguments(text: str) -> dict[str, Any]:
+    """All arguments of a problem's factory, as texts: 1 is not True."""
+    spec = parse_spec(text)
+    bound = inspect.signature(plugins.load("problem", spec.name)).bind(**spec.arguments)
+    bound.apply_defaults()
+    return {name: repr(value) for name, value in bound.arguments.items()}

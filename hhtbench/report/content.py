@@ -1,0 +1,90 @@
+"""What the comparison of a campaign says, before it is set as a page, as Markdown or as JSON: every table is made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from hhtbench import analysis
+from hhtbench.analysis import BOUNDS, Campaign
+from hhtbench.report import contest, runs
+from hhtbench.report.rules import rules
+from hhtbench.report.summary import older, problem_summary, summary
+from hhtbench.report.tables import Table
+from hhtbench.report.words import bounded
+from hhtbench.store.rows import RunRow
+
+RANKED: dict[str, Callable[[Sequence[RunRow], str, Campaign], Table]] = {
+    **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
+    "Cheapest solvers at a given error": contest.cheapest,
+}
+TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
+    "One run of every solver, side by side": runs.side_by_side,
+    "Counters of these runs": runs.counter_table,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """All about one problem but its charts."""
+
+    name: str
+    sentences: tuple[str, ...]
+    tables: Mapping[str, Table]  #: by caption
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content:
+    """Of one campaign."""
+
+    rows: tuple[RunRow, ...]  #: that are reported
+    losses: str  #: what could not be read, "" where all could
+    sentences: tuple[str, ...]
+    rules: tuple[str, ...]
+    balance: Table
+    against: Table
+    drift: Table
+    failures: Table
+    parts: tuple[Part, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain values: tables as lists of {column: text}."""
+        return {
+            "rows": len(self.rows),
+            "losses": self.losses,
+            "summary": list(self.sentences),
+            "rules": list(self.rules),
+            **{name: getattr(self, name).as_dicts() for name in ("balance", "against", "drift", "failures")},
+            "problems": {
+                part.name: {
+                    "summary": list(part.sentences),
+                    "tables": {caption: table.as_dicts() for caption, table in part.tables.items()},
+                }
+                for part in self.parts
+            },
+        }
+
+
+def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
+    """Of all rows of a store, older versions of a cell among them."""
+    found = analysis.newest(rows)
+    whole = analysis.campaign_of(found.rows)
+    return Content(
+        rows=found.rows,
+        losses=losses,
+        sentences=(*([losses] if losses else []), *summary(found.rows), *older(found)),
+        rules=tuple(rules(found.rows)),
+        balance=contest.balance(found.rows),
+        against=contest.against(found.rows),
+        drift=runs.equal_drift(found.rows),
+        failures=runs.failure_table(found.rows),
+        parts=tuple(_part(found.rows, name, whole) for name in analysis.problems(found.rows)),
+    )
+
+
+def _part(rows: Sequence[RunRow], problem: str, whole: Campaign) -> Part:
+    tables = {caption: rank(rows, problem, whole) for caption, rank in RANKED.items()}
+    tables |= {caption: build(rows, problem) for caption, build in TABLES.items()}
+    return Part(name=problem, sentences=tuple(problem_summary(rows, problem, whole)), tables=tables)

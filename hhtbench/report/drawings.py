@@ -1,0 +1,50 @@
+"""The figures of one page: plotly and all data are embedded once, packed, and nothing is fetched.
+
+plotly-basic.min.js.gz is the small bundle of plotly.js 4.1.1, the version that plotly.py writes for; it has all kinds of
+curves that are drawn here.  From ``npm pack plotly.js-basic-dist-min@4.1.1``, licence within.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+LIBRARY = "plotly-basic.min.js.gz"
+
+
+class Drawings:
+    """Leaves a box in the place of each figure; their data comes with :meth:`scripts`, at the end of the page."""
+
+    def __init__(self) -> None:
+        self._figures: list[Any] = []
+
+    def box(self, figure: go.Figure | Mapping[str, Any], height: int | None = None) -> str:
+        """The element that the figure is drawn into; ``height`` [px] where the page's style gives none."""
+        self._figures.append(json.loads(figure.to_json()) if isinstance(figure, go.Figure) else figure)
+        style = "" if height is None else f' style="height:{height}px"'
+        return f'<div class="plot" data-figure="{len(self._figures) - 1}"{style}></div>'
+
+    def scripts(self, script: str) -> str:
+        """Data, library, and ``script``, a module that finds the figures in ``figures``; no name in the data is markup."""
+        data = json.dumps(self._figures, separators=(",", ":"), default=_typed, allow_nan=False).encode()
+        packed = {"figures": gzip.compress(data, mtime=0), "plotly": files("hhtbench.report").joinpath(LIBRARY).read_bytes()}
+        elements = [
+            f'<script type="application/gzip" id="{name}">{base64.b64encode(content).decode()}</script>'
+            for name, content in packed.items()
+        ]
+        unpack = files("hhtbench.report").joinpath("drawings.js").read_text(encoding="utf-8")
+        return "\n".join([*elements, f'<script type="module">\n{unpack}\n{script}</script>'])
+
+
+def _typed(array: np.ndarray) -> dict[str, str]:
+    """An array of single precision as plotly packs it."""
+    if array.dtype != np.float32:
+        raise TypeError(f"arrays of figures must be float32; got {array.dtype}.")
+    return {"dtype": "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
