@@ -41,6 +41,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "commands.solve",
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
+    "study": ("commands.study", "Studies of the bench's own advice, and of solvers at their extremes."),
     "validate": (
         "validation.command",
         "Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.",
