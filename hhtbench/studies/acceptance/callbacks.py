@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -81,6 +82,10 @@ def from_one_second_on(asked: Asked) -> Finding:
     return every(faults, f"slowest {slowest:.2g} s", in_time=slowest < 2)
 
 
+def _at_call(call: int, t: float, count: int) -> bool:
+    return count == call
+
+
 @row("C3", "one NaN: call 5, call 50", "retried, result right to the tolerance, counted once")
 def one_value(asked: Asked) -> Finding:
     """The first calls read sizes."""
@@ -89,7 +94,7 @@ def one_value(asked: Asked) -> Finding:
         right = asked.solve(problem(plane(**FUNCTIONS), Q0, V0), **request)
         for name in PLACES:
             for call in (5, 50):
-                found = asked.solve(problem(spoiled(name, np.nan, lambda t, n, call=call: n == call), Q0, V0), **request)
+                found = asked.solve(problem(spoiled(name, np.nan, partial(_at_call, call)), Q0, V0), **request)
                 difference, counted = apart(found, right), found.counters.nonfinite_evaluations
                 fault = "" if found.success else f"{found.status.label}: {found.message[:60]}"
                 if not fault and difference > 1e-4:
@@ -133,7 +138,7 @@ WRONG: dict[str, Any] = {
     "text": "ab",
     "complex": np.zeros(2, complex),
     "object": np.array([object(), object()]),
-    "masked": np.ma.masked_array([1.0, 2.0], [True, False]),  # type: ignore[no-untyped-call]
+    "masked": np.ma.masked_array([1.0, 2.0], [True, False]),
 }
 
 
@@ -145,7 +150,7 @@ def wrong_returns(asked: Asked) -> Finding:
         for case, value in WRONG.items():
             if (name, case) != ("constraint", "longer"):
                 given = problem(plane(**{**FUNCTIONS, name: lambda *x, value=value: value}), Q0, V0)
-                faults[f"{name} {case}"] = refuses(lambda g=given: asked.solve(g, rtol=1e-4), name)
+                faults[f"{name} {case}"] = refuses(partial(asked.solve, given, rtol=1e-4), name)
     return every(faults)
 
 
@@ -187,7 +192,7 @@ def mutating(asked: Asked) -> Finding:
 
     right, found = (asked.solve(problem(plane(**x), Q0, V0), rtol=1e-4) for x in ({}, {"force": forced}))
     faults = {
-        f"{'qv'[k]}": refuses(lambda k=k: asked.solve(problem(plane(force=_spoil(k)), Q0, V0), rtol=1e-4), "read-only")
+        f"{'qv'[k]}": refuses(partial(asked.solve, problem(plane(force=_spoil(k)), Q0, V0), rtol=1e-4), "read-only")
         for k in (0, 1)
     }
     return every(faults | {"forced": "" if same(right, found) else "reaches the solver"})

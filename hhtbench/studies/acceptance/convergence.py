@@ -63,10 +63,8 @@ def order_of_multipliers(asked: Asked) -> Finding:
 
 
 def _lengths(kind: str, count: int) -> np.ndarray:
-    if kind == "random":
-        shares = np.random.default_rng(7).uniform(0.5, 1.5, 40)
-    else:
-        shares = np.tile([1.0, float(kind)], 20)
+    drawn = kind == "random"
+    shares = np.random.default_rng(7).uniform(0.5, 1.5, 40) if drawn else np.tile([1.0, float(kind)], 20)
     whole = np.tile(shares, count // shares.size)
     return np.asarray(whole / whole.sum() * (SPAN[1] - SPAN[0]))
 
@@ -74,7 +72,7 @@ def _lengths(kind: str, count: int) -> np.ndarray:
 @row("M9", "steps 1:2, 1:0.2, random in [0.5, 1.5]", "order stays at least 1.9; with rescale_a off it falls below 1.7")
 def variable_steps(asked: Asked) -> Finding:
     """The order of v, which suffers first, where the force changes; the test can fail: the correction is worth it."""
-    kept, lost = {}, {}
+    kept, lost = dict[str, float](), dict[str, float]()
     for kind in ("2", "0.2", "random"):
         for rescale, into in ((True, kept), (False, lost)):
             errors = [

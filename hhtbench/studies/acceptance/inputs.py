@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ import numpy as np
 import hhtbench as hb
 from hhtbench.studies.acceptance.asked import Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
-from hhtbench.studies.acceptance.scenes import PLAIN, Rod, Q0, V0, apart, ends, never, plane, problem, refuses, same
+from hhtbench.studies.acceptance.scenes import PLAIN, Q0, V0, Rod, apart, ends, never, plane, problem, refuses, same
 
 OFF = hb.Status.inconsistent_initial
 STARTS = {"q0 by 0.1 %": (Q0 * 1.001, V0), "q0 by 10 %": (Q0 * 1.1, V0), "v0 not tangent": (Q0, V0 + 0.25 * Q0)}
@@ -45,7 +46,7 @@ def no_root(asked: Asked) -> Finding:
     for size in (1e-8, 1.0, 20.0, 1e12):
         system = hb.NumpySystem(force=lambda t, q, v: np.zeros(2), constraint=lambda t, q: np.array([q @ q + 1.0]))
         began = time.perf_counter()
-        options = {"options": {"calc_initcond": True}} if asked.is_hht else {}
+        options: dict[str, Any] = {"options": {"calc_initcond": True}} if asked.is_hht else {}
         found = asked.solve(problem(system, size * Q0, V0), rtol=1e-4, **options)
         slowest = max(slowest, time.perf_counter() - began)
         faults[f"{size:g}"] = ends(found, OFF)
@@ -60,7 +61,7 @@ def wrong_guess(asked: Asked) -> Finding:
     for request in asked.ways().values():
         right = asked.solve(given, **request)
         for guess in ([1e2], [-1e4], [0.0]):
-            worst = max(worst, apart(asked.solve(replace(given, lam_guess=guess), **request), right))
+            worst = max(worst, apart(asked.solve(replace(given, lam_guess=np.array(guess)), **request), right))
     return bounded(worst, 1e-8, "moved by")
 
 
@@ -70,7 +71,7 @@ BAD: dict[str, Any] = {
     "None": None,
     "text": "ab",
     "complex": [1j, 0.0],
-    "masked": np.ma.masked_array([1.0, 2.0], [True, False]),  # type: ignore[no-untyped-call]
+    "masked": np.ma.masked_array([1.0, 2.0], [True, False]),
     "object": np.array([object(), 1.0]),
     "ragged": [[1.0], [1.0, 2.0]],
     "bool": [True, False],
@@ -125,7 +126,7 @@ def kinds(asked: Asked) -> Finding:
             found = asked.solve(problem(Rod(), q0, V0, (0.0, 0.2)), **request)
             kept = np.array_equal(np.asarray(q0), Q0)
             faults[f"{case} {way}"] = "" if same(found, right) and kept else "other bits"
-        down, single = np.array([0.0, -1.0]), np.float32([0.1, 0.0])  # type: ignore[call-overload]
+        down, single = np.array([0.0, -1.0]), np.array([0.1, 0.0], dtype=np.float32)
         one, other = (
             asked.solve(problem(Rod(), q, v, (0.0, 0.2)), **request)
             for q, v in (([0, -1], single), (down, single.astype(float)))
@@ -169,5 +170,5 @@ def sizes(asked: Asked) -> Finding:
     for name, function in WRONG_SIZES.items():
         given = problem(plane(**{name: function}), Q0, V0)
         for way, request in asked.ways().items():
-            faults[f"{name} {way}"] = refuses(lambda g=given, r=request: asked.solve(g, **r), name)
+            faults[f"{name} {way}"] = refuses(partial(asked.solve, given, **request), name)
     return every(faults)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ def altogether_wrong(asked: Asked) -> Finding:
 @row("J3", "Jacobians NaN, of the wrong shape", "nonfinite_callback with the name; refused with the shapes")
 def broken(asked: Asked) -> Finding:
     """Of force and constraint."""
-    good = {"force_jacobians": (np.zeros((2, 2)), np.zeros((2, 2))), "constraint_jacobian": Q0[None, :]}
+    good: dict[str, Any] = {"force_jacobians": (np.zeros((2, 2)), np.zeros((2, 2))), "constraint_jacobian": Q0[None, :]}
     faults = {}
     for name, value in good.items():
         nan = tuple(x * np.nan for x in value) if isinstance(value, tuple) else value * np.nan
@@ -78,7 +79,7 @@ def broken(asked: Asked) -> Finding:
             given = problem(plane(**{name: lambda *x, nan=nan: nan}), Q0, V0)
             faults[f"{name} NaN {way}"] = ends(asked.solve(given, **request), hb.Status.nonfinite_callback, words=(name,))
             given = problem(plane(**{name: lambda *x, long=long: long}), Q0, V0)
-            faults[f"{name} shape {way}"] = refuses(lambda g=given, r=request: asked.solve(g, **r), name)
+            faults[f"{name} shape {way}"] = refuses(partial(asked.solve, given, **request), name)
     return every(faults)
 
 
@@ -158,7 +159,7 @@ def events(asked: Asked) -> Finding:
                 raise Own
             return 1.0
 
-        faults[f"raising {way}"] = refuses(lambda r=request, f=raising: _times(asked, f, r), kinds=(Own,))
+        faults[f"raising {way}"] = refuses(partial(_times, asked, raising, request), kinds=(Own,))
     return every(faults)
 
 

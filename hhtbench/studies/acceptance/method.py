@@ -1,8 +1,9 @@
-"""Method and stability: the step against the closed forms, alpha, the length of steps (rows M1 to M6, M10, M11, M14, M15)."""
+"""Method and stability: the step against the closed forms, alpha, lengths of steps (rows M1 to M6, M10, M11, M14, M15)."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import hhtbench as hb
 from hhtbench.arguments import Matrix
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
-from hhtbench.studies.acceptance.scenes import PLAIN, Oscillator, Rod, Q0, V0, refuses
+from hhtbench.studies.acceptance.scenes import PLAIN, Q0, V0, Oscillator, Rod, refuses
 
 EVERY_ALPHA = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
 FREQUENCIES = (0.1, 1.0, 10.0, 1e3, 1e8)  # times the step
@@ -150,8 +151,8 @@ def _first_step(asked: Asked, alpha: float, o: float) -> tuple[float, float]:
 def bad_alpha(asked: Asked) -> Finding:
     """The same by the spec of the bench."""
     bad: list[Any] = [0.01, 1.0, -0.34, -1.0, 1e-15, np.nan, np.inf, "-0.3", 1j, [-0.1, -0.2], True]
-    faults = {repr(x): refuses(lambda x=x: asked.hht(PLAIN.problem.system, alpha=x), "alpha") for x in bad}
-    faults |= {f"spec {x!r}": refuses(lambda x=x: asked.solver(alpha=x), "alpha") for x in bad}
+    faults = {repr(x): refuses(partial(asked.hht, PLAIN.problem.system, alpha=x), "alpha") for x in bad}
+    faults |= {f"spec {x!r}": refuses(partial(asked.solver, alpha=x), "alpha") for x in bad}
     return every(faults)
 
 

@@ -32,6 +32,7 @@ class Rod(hb.System):
     """The unit pendulum in its plane: two coordinates, one constraint."""
 
     gravity: Any = hb.parameter(9.81, doc="[m/s^2]")
+    length: Any = hb.parameter(1.0, doc="[m]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """Weight."""
@@ -39,7 +40,7 @@ class Rod(hb.System):
 
     def constraint(self, t: Any, q: Any) -> Any:
         """The rod."""
-        return jnp.stack([(q @ q - 1.0) / 2.0])
+        return jnp.stack([(q @ q - self.length**2) / 2.0])
 
 
 Q0 = np.array([np.sin(1.0), -np.cos(1.0)])
@@ -62,9 +63,9 @@ def plane(**functions: Any) -> hb.NumpySystem:
     return hb.NumpySystem(**{**given, **functions})
 
 
-def over(scene: Scene, *t_span: float) -> hb.Problem:
+def over(scene: Scene, t0: float, t1: float) -> hb.Problem:
     """The scene's problem over another interval, without its closed solution."""
-    return replace(scene.problem, t_span=t_span, exact=None)
+    return replace(scene.problem, t_span=(t0, t1), exact=None)
 
 
 def off(scene: Scene, solution: hb.Solution) -> float:

@@ -23,6 +23,7 @@ from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.pace import LOOK, hopeless, pace_of
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.start import NOTHING
@@ -134,6 +135,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     """
     watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
+    pace = pace_of(stepper.engine, taken, state.t)
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
@@ -153,6 +155,10 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         state, watch = after.state, after.watch
         if after.ended is not None:
             return after.ended
+        if stepper.plan.by_error is not None and taken - pace.taken >= LOOK:
+            before, pace = pace, pace_of(stepper.engine, taken, state.t)
+            if (ended := hopeless(stepper.engine, before, pace, state, stop)) is not None:
+                return ended
     return Failure(Status.success, Status.success.text)
 
 
