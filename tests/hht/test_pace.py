@@ -32,7 +32,7 @@ def test_a_jump_that_a_motion_sticks_to_is_told_and_not_crawled_along():
     assert "will not arrive" in solution.message
     assert "jump" in solution.message
     assert solution.t[-1] == pytest.approx(1 / 3, abs=1e-5)
-    assert solution.counters.steps_accepted < 5_000
+    assert solution.counters.steps_accepted in (1_000, 2_000)
 
 
 def test_a_derivative_that_is_never_finite_is_named():
@@ -41,14 +41,14 @@ def test_a_derivative_that_is_never_finite_is_named():
     solution = HHT(system).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_seconds=120.0)
     assert solution.status is Status.nonfinite_callback
     assert "force_jacobians" in solution.message
-    assert solution.counters.steps_accepted < 5_000
+    assert solution.counters.steps_accepted in (1_000, 2_000)
 
 
 @pytest.mark.parametrize("engine", ["compiled", "python"])
 def test_a_force_that_overflows_at_every_step_of_use_is_told(engine):
     solution = HHT(Heavy(), engine=engine).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_seconds=120.0)
     assert solution.status is Status.nonfinite_callback
-    assert solution.counters.steps_accepted < 5_000
+    assert solution.counters.steps_accepted in (1_000, 2_000)
 
 
 def test_a_slow_run_that_newton_does_not_refuse_goes_on():

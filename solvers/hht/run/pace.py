@@ -9,7 +9,7 @@ from solvers._start import Failure
 from solvers.hht.run.engine import Engine
 from solvers.hht.step.state import State
 
-LOOK = 1_000  # accepted steps from one look to the next: step control has then long found its length
+LOOK = 1_000  # accepted steps before the first look: step control has then long found its length
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
 

@@ -135,12 +135,12 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     """
     watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
-    pace = pace_of(stepper.engine, taken, state.t)
+    pace, look = pace_of(stepper.engine, taken, state.t), LOOK
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return Failure(Status.max_steps, message)
-        room = count if max_num_steps is None else min(count, max_num_steps - taken)
+        room = min(count, look - taken, count if max_num_steps is None else max_num_steps - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
@@ -155,9 +155,9 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         state, watch = after.state, after.watch
         if after.ended is not None:
             return after.ended
-        if stepper.plan.by_error is not None and taken - pace.taken >= LOOK:
-            before, pace = pace, pace_of(stepper.engine, taken, state.t)
-            if (ended := hopeless(stepper.engine, before, pace, state, stop)) is not None:
+        if taken == look:
+            before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
+            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, before, pace, state, stop)):
                 return ended
     return Failure(Status.success, Status.success.text)
 
