@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from hhtbench.studies.acceptance.command import acceptance_command
+from hhtbench.commands.acceptance import acceptance_command
 
 
 @click.group("study")

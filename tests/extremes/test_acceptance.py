@@ -1,4 +1,4 @@
-"""Every fast row of the acceptance matrix with every solver: it holds, or the solver says why it cannot be asked."""
+"""Every fast row of the acceptance matrix: it holds, or the solver says why it cannot be asked."""
 
 import pytest
 
@@ -7,10 +7,16 @@ from hhtbench.studies.acceptance.rows import CORE, Verdict
 from hhtbench.studies.acceptance.study import all_rows, chosen_rows
 
 FAST = [x for x in chosen_rows((), long=False) if x.measure]
-KNOWN = {}  # (row, solver) -> why it fails; one that no longer fails has to be taken out
+HERE = [asked for asked in ASKED if asked.name in ("hht", "ida")]  # the other columns are the study's: they take minutes
+KNOWN = {  # (row, solver) -> why it fails; one that no longer fails has to be taken out
+    ("M12", "ida"): "errors of 40 tolerances",
+    ("P1", "ida"): "errors of up to 0.09 at a tolerance of 1e-5 from 1e6 N/m on",
+    ("P8", "ida"): "the multipliers' tolerance does not scale with the lengths",
+    ("P9", "ida"): "no warning of an absolute tolerance beyond the solution",
+}
 
 
-@pytest.mark.parametrize("asked", ASKED, ids=lambda asked: asked.name)
+@pytest.mark.parametrize("asked", HERE, ids=lambda asked: asked.name)
 @pytest.mark.parametrize("row", FAST, ids=lambda row: row.id)
 def test_a_row_of_the_matrix_holds(row, asked):
     outcome = row.outcome(asked, timed=False)

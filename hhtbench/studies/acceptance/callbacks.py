@@ -91,10 +91,10 @@ def one_value(asked: Asked) -> Finding:
     """The first calls read sizes."""
     faults = {}
     for way, request in asked.ways().items():
-        right = asked.solve(problem(plane(**FUNCTIONS), Q0, V0), **request)
+        right = asked.solve(problem(plane(**FUNCTIONS), Q0, V0, (0.0, 0.3)), **request)
         for name in PLACES:
             for call in (5, 50):
-                found = asked.solve(problem(spoiled(name, np.nan, partial(_at_call, call)), Q0, V0), **request)
+                found = asked.solve(problem(spoiled(name, np.nan, partial(_at_call, call)), Q0, V0, (0.0, 0.3)), **request)
                 difference, counted = apart(found, right), found.counters.nonfinite_evaluations
                 fault = "" if found.success else f"{found.status.label}: {found.message[:60]}"
                 if not fault and difference > 1e-4:

@@ -75,6 +75,7 @@ BAD: dict[str, Any] = {
     "object": np.array([object(), 1.0]),
     "ragged": [[1.0], [1.0, 2.0]],
     "bool": [True, False],
+    "None inside": [None, 1.0],
 }
 SHAPES = ((1, 2), (2, 1), (3,), (1,), ())
 

@@ -185,13 +185,7 @@ def beyond_the_resolution(asked: Asked) -> Finding:
 
 
 ULP = (1.0, float(np.nextafter(1.0, 2.0))), (1.0, float(np.nextafter(1.0, 0.0)))
-SPANS = (
-    (0.0, 1e-300),
-    (0.0, 1e-15),
-    (1.0, float(np.nextafter(1.0, 2.0))),
-    (1.0, float(np.nextafter(1.0, 0.0))),
-    (0.0, 5e-324),
-)
+SPANS = ((0.0, 1e-300), (0.0, 1e-15), *ULP)
 
 
 @row("S5", "interval of 1e-300, 1e-15, one ulp", "success, final state within one ulp of the start")

@@ -128,14 +128,14 @@ def duplicated(asked: Asked) -> Finding:
     """Against the single row."""
     faults, worst = {}, 0.0
     for way, request in asked.ways().items():
-        right = asked.solve(problem(plane(), Q0, V0), **request)
+        right = asked.solve(problem(plane(), Q0, V0, (0.0, 0.3)), **request)
         for factor in (1.0, 3.7, 1e-8):
             rows = np.array([1.0, factor])
             twice = plane(
                 constraint=lambda t, q, rows=rows: rows * (q @ q - 1) / 2,
                 constraint_jacobian=lambda t, q, rows=rows: rows[:, None] * q,
             )
-            found = asked.solve(problem(twice, Q0, V0), **request)
+            found = asked.solve(problem(twice, Q0, V0, (0.0, 0.3)), **request)
             fault = ends(found, STATUS.success, STATUS.redundant_constraints)
             if found.success:
                 worst = max(worst, apart(found, right))

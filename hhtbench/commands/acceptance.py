@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from hhtbench.commands.common import FAILED, require_folder, write_json
 from hhtbench.studies.acceptance.rows import Outcome, Row
 from hhtbench.studies.acceptance.study import shown, study_acceptance
 
@@ -22,8 +23,6 @@ def acceptance_command(rows: tuple[str, ...], solvers: tuple[str, ...], fast: bo
 
     For example: hhtbench study acceptance M C3 --solver hht --solver ida
     """
-    from hhtbench.commands.common import FAILED, require_folder, write_json
-
     require_folder(file)
     found = study_acceptance(rows, solvers, long=not fast, tell=_tell)
     click.echo(f"\n{found.summary}")
