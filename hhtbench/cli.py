@@ -45,7 +45,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "commands.solve",
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
-    "study": ("commands.study", "Studies of the bench's own advice."),
+    "study": ("commands.study", "Studies of the bench's own advice, and of solvers at their extremes."),
     "trade": (
         "commands.trade",
         "Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.",

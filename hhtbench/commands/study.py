@@ -8,13 +8,14 @@ from pathlib import Path
 
 import click
 
+from hhtbench.commands.acceptance import acceptance_command
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.studies.selection import study_selection
 
 
 @click.group("study")
 def study_command() -> None:
-    """Studies of the bench's own advice."""
+    """Studies of the bench's own advice, and of solvers at their extremes."""
 
 
 @study_command.command("selection")
@@ -51,3 +52,6 @@ def selection_command(
     click.echo(found)
     write_json(found.as_dict(), json_file)
     sys.exit(0 if found.judgements else FAILED)
+
+
+study_command.add_command(acceptance_command)

@@ -17,6 +17,7 @@ PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: 
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
 UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
 STILL = 1e-10  # relative change of v' that is roundoff
+SPACING = 2.0**-52  # of times relative to their size, at most: no shorter step is seen in them
 
 
 @called
@@ -34,6 +35,7 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
     suggested = suggestion(z, probe, plain) if known else probe
     if suggested == 0.0:
         suggested = UNKNOWN * abs(left)
+    suggested = max(suggested, SPACING * abs(stop - left))
     control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else max(min(longest, suggested), o.min_step)
     control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
     before = part(z, mem.BEFORE)

@@ -23,6 +23,7 @@ from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
+from solvers.hht.run.pace import LOOK, hopeless, pace_of
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.start import NOTHING
@@ -134,11 +135,12 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     """
     watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
+    pace, look = pace_of(stepper.engine, taken, state.t), LOOK
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             return Failure(Status.max_steps, message)
-        room = count if max_num_steps is None else min(count, max_num_steps - taken)
+        room = min(count, look - taken, count if max_num_steps is None else max_num_steps - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
@@ -153,6 +155,10 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         state, watch = after.state, after.watch
         if after.ended is not None:
             return after.ended
+        if taken == look:
+            before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
+            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, before, pace, state, stop)):
+                return ended
     return Failure(Status.success, Status.success.text)
 
 

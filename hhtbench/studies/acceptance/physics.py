@@ -1,0 +1,374 @@
+"""Physics at its extremes: stiffness, masses, ranks, sizes, jumps, long runs (rows P1 to P14)."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections import Counter
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+import hhtbench as hb
+from hhtbench.studies.acceptance.asked import ALPHAS, Asked
+from hhtbench.studies.acceptance.callbacks import FUNCTIONS
+from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
+from hhtbench.studies.acceptance.scenes import Q0, V0, DoublePendulum, Rod, apart, ends, over, plane, problem
+from hhtbench.testing.scenes import Frame, pendulum
+from hhtbench.testing.subject import Declined
+
+STATUS = hb.Status
+
+
+@row(
+    "P1",
+    "spring of 1e2..1e14 N/m on a pendulum at fixed h = 1e-3",
+    "success, at most 6 Newton iterations a step, error at most 1e-3",
+)
+def stiffness(asked: Asked) -> Finding:
+    """Against the rigid rod from 1e8 on; below that against a run with a tenth of the step. By tolerance for the others."""
+    errors, iterations, faults = {}, 0.0, {}
+    rigid = hb.load_problem("stiff_spring_pendulum(stiffness=inf)").reference
+    for power in (2, 4, 6, 8, 10, 12, 14):
+        given = hb.load_problem(f"stiff_spring_pendulum(stiffness=1e{power})")
+        times = np.asarray(rigid["t"])  # type: ignore[index]
+        request: dict[str, Any] = {"step": 1e-3} if asked.is_hht else {"rtol": 1e-5}
+        found = asked.solve(given, **request, t_eval=times)
+        faults[f"1e{power}"] = ends(found, STATUS.success)
+        if not found.success:
+            continue
+        finer = {"step": 1e-4} if asked.is_hht else {"rtol": 1e-8}
+        exact = rigid["q"] if power >= 8 else asked.solve(given, **finer, t_eval=times).q  # type: ignore[index]
+        errors[power] = float(np.abs(found.q - exact).max() / np.max(given.scales.q))
+        iterations = max(iterations, (found.counters.newton_iterations or 0) / max(found.counters.steps_accepted or 1, 1))
+        if errors[power] > 1e-3:
+            faults[f"1e{power}"] = f"error {errors[power]:.1e}"
+    faults["iterations"] = "" if iterations <= 6 or not asked.is_hht else f"{iterations:.1f} a step"
+    return every(
+        faults, f"largest error {max(errors.values(), default=np.nan):.1e}, at most {iterations:.2g} iterations a step"
+    )
+
+
+@row("P2", "lower mass of a double pendulum 1e-8..1e8 times the upper one", "success, error at most 1e-3", long=True)
+def mass_ratios(asked: Asked) -> Finding:
+    """Straight at the start; from 1e4 on the lower mass moves as on one rod, else as a far finer run."""
+    faults, steps = {}, {}
+    for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
+        for way, request in asked.ways().items():
+            given = problem(DoublePendulum(ratio=10.0**power), *DoublePendulum.straight(0.5), (0.0, 1.0))
+            found = asked.solve(given, **request, max_num_steps=50_000)
+            case = f"1e{power} {way}"
+            faults[case] = ends(found, STATUS.success)
+            steps[case] = found.counters.steps_accepted or 0
+            if found.success and power >= 4:
+                exact = pendulum_angle(0.5, 9.81 / 2, 1.0)
+                error = float(np.abs(found.q[-1, 2:] - 2 * np.array([np.sin(exact), -np.cos(exact)])).max())
+                faults[case] = "" if error <= 1e-3 else f"error {error:.1e}"
+            elif found.success:
+                fine = {"step": 1e-3} if "step" in request else {"rtol": 1e-7}
+                error = apart(found, asked.solve(given, **{**request, **fine}))
+                faults[case] = "" if error <= 1e-3 * (30 if "step" in request else 1) else f"error {error:.1e}"
+    return every(faults, f"at most {max(steps.values())} steps")
+
+
+def pendulum_angle(start: float, stiffness: float, t: float) -> float:
+    """Angle [rad] at ``t`` [s] of a pendulum released at ``start`` with g/l = ``stiffness`` [1/s^2], by tiny steps."""
+    from scipy.integrate import solve_ivp
+
+    found = solve_ivp(lambda _, y: [y[1], -stiffness * np.sin(y[0])], (0, t), [start, 0.0], "DOP853", rtol=1e-12, atol=1e-13)
+    return float(found.y[0, -1])
+
+
+class MasslessAngle(hb.System):
+    """The unit pendulum with its angle as a third coordinate that has no mass."""
+
+    mass_matrix: Any = hb.parameter((1.0, 1.0, 0.0))
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """Weight."""
+        return jnp.stack([0.0 * t, -9.81 + 0.0 * t, 0.0 * t])
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """Place and angle agree."""
+        return jnp.stack([q[0] - jnp.sin(q[2]), q[1] + jnp.cos(q[2])])
+
+
+@row("P3", "singular M, regular KKT matrix", "result, error at most 1e-6")
+def singular_mass(asked: Asked) -> Finding:
+    """A pendulum with its angle as a coordinate without mass; 4000 steps, or a tolerance of 1e-8."""
+    given = problem(MasslessAngle(), [*Q0, 1.0], [*V0, 0.5], (0.0, 1.0))
+    bare = problem(Rod(), Q0, V0, (0.0, 1.0))
+    worst = 0.0
+    for alpha, request in [(x, {"steps": 4000}) for x in ALPHAS] if asked.is_hht else [(None, {"rtol": 1e-8})]:
+        found = asked.solve(given, alpha=alpha, **request)
+        if not found.success:
+            return Finding(measured=ends(found, STATUS.success), holds=False)
+        exact = hb.solve(bare, "scipy(method='DOP853')", rtol=1e-12, atol=1e-13)
+        worst = max(
+            worst, float(np.abs(found.q[-1, :2] - exact.q[-1]).max()), float(np.abs(found.v[-1, :2] - exact.v[-1]).max())
+        )
+    return bounded(worst, 1e-6, "error")
+
+
+@row("P4", "singular KKT matrix: a coordinate with neither mass nor constraint", "singular_iteration_matrix that names it")
+def singular_matrix(asked: Asked) -> Finding:
+    """Constant and as a function."""
+    masses: dict[str, Any] = {"constant": [1.0, 0.0], "function": lambda t, q: np.diag([1.0, 0.0])}
+    faults = {}
+    for case, mass in masses.items():
+        given = problem(hb.NumpySystem(mass_matrix=mass, force=FUNCTIONS["force"]), Q0, V0)
+        for way, request in asked.ways().items():
+            faults[f"{case} {way}"] = ends(asked.solve(given, **request), STATUS.singular_iteration_matrix, words=("mass",))
+    return every(faults)
+
+
+@row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z right, or redundant_constraints naming the rows")
+def duplicated(asked: Asked) -> Finding:
+    """Against the single row."""
+    faults, worst = {}, 0.0
+    for way, request in asked.ways().items():
+        right = asked.solve(problem(plane(), Q0, V0, (0.0, 0.3)), **request)
+        for factor in (1.0, 3.7, 1e-8):
+            rows = np.array([1.0, factor])
+            twice = plane(
+                constraint=lambda t, q, rows=rows: rows * (q @ q - 1) / 2,
+                constraint_jacobian=lambda t, q, rows=rows: rows[:, None] * q,
+            )
+            found = asked.solve(problem(twice, Q0, V0, (0.0, 0.3)), **request)
+            fault = ends(found, STATUS.success, STATUS.redundant_constraints)
+            if found.success:
+                worst = max(worst, apart(found, right))
+                fault = "" if apart(found, right) <= 1e-5 else f"off by {apart(found, right):.1e}"
+            faults[f"x {factor:g} {way}"] = fault
+    return every(faults, f"off by at most {worst:.1e}")
+
+
+@row("P6", "contradictory constraints", "inconsistent_initial")
+def contradictory(asked: Asked) -> Finding:
+    """Two radii."""
+    system = plane(
+        constraint=lambda t, q: np.array([q @ q - 1, q @ q - 1.21]) / 2, constraint_jacobian=lambda t, q: np.stack([q, q])
+    )
+    return every(
+        {
+            way: ends(asked.solve(problem(system, Q0, V0), **x), STATUS.inconsistent_initial)
+            for way, x in asked.ways().items()
+        }
+    )
+
+
+NAMED = (
+    STATUS.newton_failed,
+    STATUS.singular_iteration_matrix,
+    STATUS.redundant_constraints,
+    STATUS.step_too_small,
+    STATUS.inconsistent_initial,
+)
+
+
+@row(
+    "P7",
+    "through a singular position: flat parallelograms; a rod of length 0",
+    "the right branch, or a named status; never the wrong one",
+)
+def singular_positions(asked: Asked) -> Finding:
+    """Four bars of 1, 3 and 5 windows at three tolerances: the closed solution is the right branch."""
+    faults, passed = {}, 0
+    for windows in (1, 3, 5):
+        given = hb.load_problem(f"four_bars(n_windows={windows}, t_end=1.0)")
+        for tolerance in (1e-3, 1e-4, 1e-5):
+            found = asked.solve(given, rtol=tolerance)
+            fault = ends(found, STATUS.success, *NAMED, STATUS.unreliable)
+            if found.success:
+                passed += 1
+                error = float(np.abs(found.q[-1] - given.exact(float(found.t[-1])).q).max())  # type: ignore[misc]
+                fault = "" if error <= 0.1 else f"off by {error:.2g} m"
+            faults[f"{windows} windows {tolerance:g}"] = fault
+    point = plane(constraint=lambda t, q: np.array([q @ q / 2]))
+    faults["L = 0"] = ends(asked.solve(problem(point, [0.0, 0.0], [0.0, 0.0]), rtol=1e-4), STATUS.success, *NAMED)
+    return every(faults, f"{passed} passed")
+
+
+def _long(size: float) -> hb.Problem:
+    """The plane pendulum with ``size`` new units to the metre."""
+    system, scales = Rod(gravity=9.81 * size, length=size), hb.Scales(q=size, v=size)
+    return hb.Problem(name="long", system=system, q0=size * Q0, v0=size * V0, t_span=(0.0, 1.0), scales=scales)
+
+
+@row(
+    "P8",
+    "lengths 1e-100..1e100 with units to match, atol = 1e-10 L; 1e-160",
+    "the trajectory over L to 1e-6; there a result or a status, not a spent budget",
+)
+def lengths(asked: Asked) -> Finding:
+    """Against the same solver at L = 1."""
+    faults, worst = {}, 0.0
+    for way, request in asked.ways().items():
+        more = {} if "step" in request else {"atol": 1e-10}
+        right = asked.solve(_long(1.0), **request, **more)
+        for power in (-100, -50, -6, 6, 50, 100):
+            size = 10.0**power
+            scaled = {} if "step" in request else {"atol": 1e-10 * size}
+            found = asked.solve(_long(size), **request, **scaled)
+            fault = ends(found, STATUS.success)
+            if not fault:
+                error = float(np.abs(found.q[-1] / size - right.q[-1]).max())
+                worst, fault = max(worst, error), "" if error <= 1e-6 else f"off by {error:.1e}"
+            faults[f"1e{power} {way}"] = fault
+        found = asked.solve(_long(1e-160), **request, max_seconds=10.0)
+        faults[f"1e-160 {way}"] = ends(found, *(x for x in STATUS if x is not STATUS.deadline))
+    return every(faults, f"largest difference {worst:.1e}")
+
+
+@row(
+    "P9",
+    "a length of 1e-9 with atol left at its default and at 1e-6",
+    "the trajectory; a warning that atol exceeds the solution",
+)
+def absolute_tolerance(asked: Asked) -> Finding:
+    """The default follows from the problem's scales."""
+    given = over(pendulum(frame=Frame(length=1e-9)), 0.0, 1.0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fine, coarse = asked.solve(given, rtol=1e-5), asked.solve(given, rtol=1e-5, atol=1e-6)
+    told = [str(x.message) for x in caught] + [fine.message, coarse.message]
+    warned = any("atol" in x and ("exceed" in x or "larger" in x or "size" in x) for x in told)
+    right = asked.solve(over(pendulum(), 0.0, 1.0), rtol=1e-5)
+    error = float(np.abs(fine.q[-1] / 1e-9 - right.q[-1]).max()) if fine.success else np.inf
+    return Finding(measured=f"off by {error:.1e}; {'warned' if warned else 'no warning'}", holds=error < 1e-3 and warned)
+
+
+@row(
+    "P10",
+    "gravity 1e200, 1e308, 5e-324; overflow in f",
+    "result, or the cause named, without spending the budget of time",
+    long=True,
+)
+def gravities(asked: Asked) -> Finding:
+    """Ten seconds allowed."""
+    faults = {}
+    for gravity in (1e200, 1e308, 5e-324):
+        for way, request in asked.ways().items():
+            found = asked.solve(problem(Rod(gravity=gravity), Q0, V0, (0.0, 1.0)), **request, max_seconds=10.0)
+            faults[f"{gravity:g} {way}"] = ends(found, *(x for x in STATUS if x not in (STATUS.deadline, STATUS.crashed)))
+    burst = plane(
+        force=lambda t, q, v: np.array([0.0, -9.81]) * 10.0 ** (400 * (t > 0.5)) if t <= 0.5 else np.full(2, np.inf)
+    )
+    faults["overflow"] = ends(asked.solve(problem(burst, Q0, V0), rtol=1e-4), STATUS.nonfinite_callback)
+    return every(faults)
+
+
+FLIP = 0.4321  # [s]
+
+
+@row("P11", "a force that flips at a known time, declared as an event", "a step lands there; error at most 1e-5")
+def declared_flip(asked: Asked) -> Finding:
+    """A free mass: q = t - a t^2/2 to the flip, then pushed the other way."""
+    if not asked.is_hht:
+        raise Declined("the adapters have no events")
+
+    def force(t: float, q: Any, v: Any) -> Any:
+        return np.array([-9.81 if q[1] < 0.5 else 9.81, 0.0])
+
+    flip = hb.Event(lambda t, q, v: t - FLIP, change=lambda t, q, v: (np.array([q[0], 1.0]), v), name="flip")
+    worst, landed = 0.0, True
+    for way in asked.ways().values():
+        found = asked.solve(problem(hb.NumpySystem(force=force), [0.0, 0.0], [1.0, 0.0], (0.0, 1.0)), events=flip, **way)
+        if not found.success:
+            return Finding(measured=ends(found, STATUS.success), holds=False)
+        at, speed = FLIP - 9.81 * FLIP**2 / 2, 1 - 9.81 * FLIP
+        rest = 1.0 - FLIP
+        worst = max(worst, abs(found.q[-1, 0] - (at + speed * rest + 9.81 * rest**2 / 2)))
+        landed = landed and bool(np.any(np.abs(found.t - FLIP) < 1e-9))
+    return Finding(
+        measured=f"error {worst:.1e}, {'a row' if landed else 'no row'} at the flip", holds=worst <= 1e-5 and landed
+    )
+
+
+def _sliding(law: Any) -> hb.Problem:
+    """A block that Coulomb friction brings to rest after 1/3 s."""
+    system = hb.NumpySystem(force=lambda t, q, v: -3.0 * law(v))
+    return problem(system, [0.0], [1.0], (0.0, 1.0))
+
+
+@row(
+    "P12",
+    "force flips undeclared; sign(v) sticking; tanh(v/1e-3)",
+    "bounded: result or step_too_small; the regularised one right",
+)
+def undeclared_flip(asked: Asked) -> Finding:
+    """Places at the end: 1/6 m; in under ten seconds each."""
+    faults, slowest, worst = {}, 0.0, 0.0
+    cases: dict[str, Any] = {
+        "sign": _sliding(np.sign),
+        "tanh": _sliding(lambda v: np.tanh(v / 1e-3)),
+        "flip": problem(
+            hb.NumpySystem(force=lambda t, q, v: np.array([9.81 if t > FLIP else -9.81])), [0.0], [1.0], (0.0, 1.0)
+        ),
+    }
+    for case, given in cases.items():
+        for way, request in asked.ways().items():
+            began = time.perf_counter()
+            found = asked.solve(given, **request)
+            slowest = max(slowest, time.perf_counter() - began)
+            stuck = (STATUS.step_too_small, STATUS.newton_failed) if case != "tanh" else ()
+            fault = ends(found, STATUS.success, *stuck)
+            if found.success and case != "flip":
+                error = abs(float(found.q[-1, 0]) - 1 / 6)
+                worst, fault = max(worst, error), "" if error < 5e-3 else f"off by {error:.1e}"
+            faults[f"{case} {way}"] = fault
+    return every(faults, f"off by at most {worst:.1e}, slowest {slowest:.2g} s", in_time=slowest < 10)
+
+
+@row(
+    "P13",
+    "1e6 steps of a pendulum, h = 1e-3",
+    "max |g|, |G z| at most 1e-9 throughout; alpha = 0: energy bounded",
+    long=True,
+)
+def million_steps(asked: Asked) -> Finding:
+    """IDA with GGL at 1e-6: 3.9e-9, 3.2e-8 and an energy off by 6.8e-5 m g L.  1e4 steps where they run in Python."""
+    count = 10_000 if asked.engine == "python" else 1_000_000
+    texts, good = [], True
+    for alpha in ALPHAS:
+        found = asked.hht(Rod(), alpha=alpha).solve((0.0, count * 1e-3), Q0, V0, steps=count)
+        g = float(np.abs((found.q**2).sum(axis=1) - 1).max() / 2)
+        gz = float(np.abs((found.q * found.v).sum(axis=1)).max())
+        energy = (found.v**2).sum(axis=1) / 2 + 9.81 * found.q[:, 1]
+        half = energy.size // 2
+        first, second = (float(np.abs(x - energy[0]).max()) / 9.81 for x in (energy[:half], energy[half:]))
+        texts.append(f"alpha = {alpha:g}: |g| {g:.1e}, |Gz| {gz:.1e}, energy {first:.1e} then {second:.1e} m g L")
+        good = good and found.success and g <= 1e-9 and gz <= 1e-9 and (alpha != 0.0 or second <= 1.5 * first)
+    return Finding(measured="; ".join(texts) + f" in {count} steps", holds=good)
+
+
+@row(
+    "P14",
+    "a scene without stiffness, friction, velocity constraints",
+    "optional parts not called; what is called is counted",
+)
+def optional_parts(asked: Asked) -> Finding:
+    """Energy, power and invariants are for the bench alone; the rest: tests/hht/test_physics.py."""
+    calls: Counter[str] = Counter()
+
+    def counted(name: str, function: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            calls[name] += 1
+            return function(*arguments)
+
+        return call
+
+    given: dict[str, Any] = {
+        **{name: counted(name, function) for name, function in FUNCTIONS.items() if name != "mass_matrix"},
+        "energy": counted("energy", lambda t, q, v: 0.0),
+        "power": counted("power", lambda t, q, v, lam, mu: 0.0),
+        "invariants": counted("invariants", lambda t, q, v: {}),
+    }
+    found = asked.solve(problem(plane(**given), Q0, V0), rtol=1e-5)
+    idle = calls["energy"] + calls["power"] + calls["invariants"]
+    told = (found.counters.residual_evaluations or 0) + (found.counters.output_evaluations or 0)
+    return Finding(
+        measured=f"{idle} calls of parts not needed, {calls['force']} of f, {told} counted",
+        holds=idle == 0 and abs(calls["force"] - told) <= 0.1 * calls["force"] + 5,
+    )

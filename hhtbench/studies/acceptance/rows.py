@@ -1,0 +1,125 @@
+"""A row of the matrix: what goes in, what is expected, how it is measured, and what came of it."""
+
+from __future__ import annotations
+
+import enum
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+from unittest import SkipTest
+
+from hhtbench.studies.acceptance.asked import Asked
+
+CORE = {
+    *("M1", "M2", "M3", "M6", "M7", "M8", "M9", "M11", "M12", "M14"),
+    *("I1", "I3", "I4", "I5", "I6", "I8"),
+    *("C1", "C2", "C3", "C6", "C8", "C9", "C10", "C11"),
+    *("O1", "O5", "O6", "S1", "S2", "S3", "S4", "S6", "S8", "S9"),
+    *("P1", "P2", "P3", "P4", "P5", "P8", "P11", "P12", "P13"),
+    *("J1", "J2", "J3", "E1", "R1", "R3", "R5", "R6", "R7", "R8", "R9"),
+    *("A1", "A2", "K1", "K2", "K3", "K4", "K6", "K8"),
+}
+
+
+class Verdict(enum.Enum):
+    """What became of one row with one solver."""
+
+    holds = "holds"
+    fails = "FAILS"
+    undecided = "-"  #: the solver cannot be asked this; the measured text says why
+    tested = "tested"  #: by the tests that the measured text names, not by the study
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What a measurement found."""
+
+    measured: str
+    holds: bool
+    in_time: bool = True  #: where a row allows so many seconds, which a loaded machine may exceed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """A row with one solver."""
+
+    id: str
+    solver: str  #: the column
+    measured: str
+    verdict: Verdict
+    seconds: float
+
+
+Measure = Callable[[Asked], Finding]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row; it is measured by :meth:`outcome`."""
+
+    id: str
+    goes_in: str
+    expected: str
+    measure: Measure | None  #: None: by ``tests`` alone
+    tests: str = ""  #: where the row is tested, as pytest names it
+    long: bool = False  #: takes longer than tests may
+
+    def outcome(self, asked: Asked, *, timed: bool = True) -> Outcome:
+        """Measure the row with a solver; what a measurement raises fails it, and being late where it is ``timed``."""
+        began = time.perf_counter()
+        if self.measure is None:
+            measured, verdict = self.tests, Verdict.tested
+        else:
+            measured, verdict = _measured(self.measure, asked, timed)
+        return Outcome(
+            id=self.id, solver=asked.name, measured=measured, verdict=verdict, seconds=time.perf_counter() - began
+        )
+
+
+def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = measure(asked)
+    except SkipTest as declined:
+        return str(declined), Verdict.undecided
+    except Exception as error:  # noqa: BLE001  any exception is a finding
+        return f"{type(error).__name__}: {error}", Verdict.fails
+    return found.measured, Verdict.holds if found.holds and (found.in_time or not timed) else Verdict.fails
+
+
+def row(id: str, goes_in: str, expected: str, *, long: bool = False) -> Callable[[Measure], Measure]:
+    """Make a measurement the row ``id`` of its module."""
+
+    def register(measure: Measure) -> Any:
+        measure.row = Row(id=id, goes_in=goes_in, expected=expected, measure=measure, long=long)  # type: ignore[attr-defined]
+        return measure
+
+    return register
+
+
+def tested(id: str, goes_in: str, expected: str, tests: str) -> Row:
+    """A row that tests of their own hold."""
+    return Row(id=id, goes_in=goes_in, expected=expected, measure=None, tests=tests)
+
+
+def rows_of(module: ModuleType) -> list[Row]:
+    """Of a section, in the order in which they are written."""
+    found = (getattr(value, "row", value) for value in vars(module).values())
+    return [x for x in found if isinstance(x, Row)]
+
+
+def bounded(value: float, bound: float, what: str = "") -> Finding:
+    """A number that must not be larger than ``bound``; NaN is."""
+    return Finding(measured=f"{what} {value:.2g} of {bound:g} allowed".strip(), holds=bool(value <= bound))
+
+
+def every(faults: Mapping[str, str], also: str = "", *, in_time: bool = True) -> Finding:
+    """Cases with the fault of each, "" where it behaves as expected: how many do, and the first two that do not."""
+    wrong = {case: fault for case, fault in faults.items() if fault}
+    told = "; ".join(f"{case}: {fault}" for case, fault in list(wrong.items())[:2])
+    parts = [f"{len(faults) - len(wrong)} of {len(faults)} cases", also, told]
+    return Finding(measured="; ".join(filter(None, parts)), holds=not wrong and bool(faults), in_time=in_time)

@@ -1,0 +1,115 @@
+"""``hhtbench study acceptance``: the matrix, row by row."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hhtbench.errors import NotFoundError
+from hhtbench.studies.acceptance import (
+    callbacks,
+    convergence,
+    inputs,
+    linear_algebra_events,
+    method,
+    options_time,
+    physics,
+    references,
+    reproducibility,
+    store,
+)
+from hhtbench.studies.acceptance.asked import ASKED, Asked
+from hhtbench.studies.acceptance.rows import CORE, Outcome, Row, Verdict, rows_of
+
+SECTIONS = (
+    method,
+    convergence,
+    inputs,
+    callbacks,
+    options_time,
+    physics,
+    linear_algebra_events,
+    reproducibility,
+    references,
+    store,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceptance:
+    """What :func:`study_acceptance` found."""
+
+    rows: tuple[Row, ...]
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no row fails with HHT."""
+        return not any(x.verdict is Verdict.fails and x.solver.startswith("hht") for x in self.outcomes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "schema": "hhtbench.acceptance/1",
+            "rows": [{"id": x.id, "goes_in": x.goes_in, "expected": x.expected, "core": x.id in CORE} for x in self.rows],
+            "outcomes": [{**asdict(x), "verdict": x.verdict.name} for x in self.outcomes],
+        }
+
+    @property
+    def summary(self) -> str:
+        """A line a solver: how many rows hold, and which fail."""
+        return "\n".join(map(self._line, dict.fromkeys(x.solver for x in self.outcomes)))
+
+    def _line(self, solver: str) -> str:
+        found = [x for x in self.outcomes if x.solver == solver]
+        count = Counter(x.verdict for x in found)
+        failed = [x.id for x in found if x.verdict is Verdict.fails]
+        line = f"{solver}: {count[Verdict.holds]} rows hold, {len(failed)} fail, {count[Verdict.undecided]} cannot be asked"
+        return line + (f"; failing: {', '.join(failed)}" if failed else "")
+
+
+def all_rows() -> dict[str, Row]:
+    """Every row by its id, in the matrix' order."""
+    return {found.id: found for section in SECTIONS for found in rows_of(section)}
+
+
+def chosen_rows(ids: Sequence[str], *, long: bool = True) -> tuple[Row, ...]:
+    """Those with an id, or whose id begins with one of the letters; none given: all."""
+    known = all_rows()
+    for name in ids:
+        if name not in known and not any(key[0] == name for key in known):
+            raise NotFoundError(f"there is no row {name}; known: {', '.join(known)}.")
+    picked = [x for x in known.values() if not ids or x.id in ids or x.id[0] in ids]
+    return tuple(x for x in picked if long or not x.long)
+
+
+def chosen_solvers(names: Sequence[str]) -> tuple[Asked, ...]:
+    """The columns of these names; another name is the spec of a solver of the caller's own; none given: all."""
+    known = {x.name: x for x in ASKED}
+    return tuple(known.get(name) or Asked(name=name, spec=name) for name in names) if names else ASKED
+
+
+def study_acceptance(
+    ids: Sequence[str] = (),
+    solvers: Sequence[str] = (),
+    *,
+    long: bool = True,
+    tell: Callable[[Row, Sequence[Outcome]], None] = lambda row, outcomes: None,
+) -> Acceptance:
+    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` hears of each."""
+    rows, columns = chosen_rows(ids, long=long), chosen_solvers(solvers)
+    outcomes: list[Outcome] = []
+    for measured in rows:
+        found = [measured.outcome(asked) for asked in (columns if measured.measure else columns[:1])]
+        tell(measured, found)
+        outcomes += found
+    return Acceptance(rows=rows, outcomes=tuple(outcomes))
+
+
+def shown(measured: Row, outcomes: Sequence[Outcome]) -> str:
+    """A row as text: its two sentences and a line a solver."""
+    core = " (core)" if measured.id in CORE else ""
+    lines = [f"{measured.id}{core}: {measured.goes_in}", f"    expected: {measured.expected}"]
+    return "\n".join(lines + [f"    {x.verdict.value:<6} {x.solver:<13} {x.measured} [{x.seconds:.2g} s]" for x in outcomes])

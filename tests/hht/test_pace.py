@@ -1,0 +1,56 @@
+"""A run that will not arrive ends early, with its cause (rows J3, P10, P12 of the acceptance matrix)."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hhtbench.protocol import System, parameter
+from hhtbench.result import Status
+from solvers.hht import HHT
+from tests.hht.scenes import Q0, V0, Pendulum, pendulum
+
+
+class Sliding(System):
+    """A block that friction brings to rest after 1/3 s; its law jumps there."""
+
+    friction: object = parameter(3.0)
+
+    def force(self, t, q, v):
+        return -self.friction * jnp.sign(v)
+
+
+class Heavy(Pendulum):
+    """Its weight is near the largest number."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -1e308])
+
+
+def test_a_jump_that_a_motion_sticks_to_is_told_and_not_crawled_along():
+    solution = HHT(Sliding()).solve((0.0, 1.0), [0.0], [1.0], rtol=1e-5, max_seconds=60.0)
+    assert solution.status is Status.newton_failed
+    assert "will not arrive" in solution.message
+    assert "jump" in solution.message
+    assert solution.t[-1] == pytest.approx(1 / 3, abs=1e-5)
+    assert solution.counters.steps_accepted in (1_000, 2_000)
+
+
+def test_a_derivative_that_is_never_finite_is_named():
+    nan = np.full((2, 2), np.nan)
+    system = pendulum(force_jacobians=lambda t, q, v: (nan, nan))
+    solution = HHT(system).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_seconds=120.0)
+    assert solution.status is Status.nonfinite_callback
+    assert "force_jacobians" in solution.message
+    assert solution.counters.steps_accepted in (1_000, 2_000)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_force_that_overflows_at_every_step_of_use_is_told(engine):
+    solution = HHT(Heavy(), engine=engine).solve((0.0, 1.0), Q0, V0, rtol=1e-5, max_seconds=120.0)
+    assert solution.status is Status.nonfinite_callback
+    assert solution.counters.steps_accepted in (1_000, 2_000)
+
+
+def test_a_slow_run_that_newton_does_not_refuse_goes_on():
+    solution = HHT(Pendulum(), max_step=1e-9).solve((0.0, 10.0), Q0, V0, rtol=1e-5, max_num_steps=20_000)
+    assert solution.status is Status.max_steps
