@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -76,17 +76,35 @@ class Database:
 
     def refusal(self) -> str:
         """Why its times say nothing here, or "": another machine, or other versions."""
-        facts = machine_facts()
-        here, there = clock_of(facts), dict(self.clock)
-        if here != there:
-            return f"the database's times are of another machine ({there.get('processor')}, {there.get('cores')} cores)"
-        other = [f"{name} {said}, here {facts[name]}" for name, said in self.versions.items() if facts.get(name) != said]
-        return f"the database's times are of other versions ({'; '.join(other)})" if other else ""
+        why = foreign(self.clock, self.versions)
+        return f"the database's times are of {why}" if why else ""
+
+    def of_entries(self, keep: Callable[[str], bool]) -> Database:
+        """The part of the solvers that ``keep`` keeps."""
+        chosen = [index for index, entry in enumerate(self.entries) if keep(entry)]
+        scenes = tuple(
+            replace(scene, costs={key: table[chosen] for key, table in scene.costs.items()}) for scene in self.scenes
+        )
+        return replace(self, entries=tuple(self.entries[index] for index in chosen), scenes=scenes)
 
     def without(self, keep: Callable[[Scene], bool]) -> Database:
         """The part whose scenes ``keep`` keeps."""
         scenes = tuple(scene for scene in self.scenes if keep(scene))
         return Database(self.entries, scenes, self.clock, self.versions, self.budget)
+
+
+def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+    """How the machine or the libraries that took a time differ from those here, or ""."""
+    facts = machine_facts()
+    if clock_of(facts) != dict(clock):
+        return f"another machine ({clock.get('processor')}, {clock.get('cores')} cores)"
+    other = [f"{name} {said}, here {facts.get(name)}" for name, said in versions.items() if facts.get(name) != said]
+    return f"other versions ({'; '.join(other)})" if other else ""
+
+
+def versions_of(environment: Mapping[str, Any]) -> dict[str, str]:
+    """The part of a row's environment that says what it was made with."""
+    return {name: str(environment[name]) for name in VERSIONS if name in environment}
 
 
 def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
@@ -115,7 +133,7 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
         entries=tuple(entries),
         scenes=scenes,
         clock=clock_of(environment),
-        versions={name: str(environment[name]) for name in VERSIONS if name in environment},
+        versions=versions_of(environment),
         budget=max(budgets, default=math.inf),
     )
 
