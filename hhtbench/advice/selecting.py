@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hhtbench.advice.database import ACCURACIES, Database, read_database
+from hhtbench.advice.database import ACCURACIES, HELD, Database, read_database
 from hhtbench.advice.features import probe
 from hhtbench.advice.known import Known
-from hhtbench.advice.nearest import Expectation, Space, expected
+from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_of
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import ranking, sentence
 from hhtbench.advice.wish import Wish
@@ -19,7 +19,7 @@ from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.registry import load_problem
 from hhtbench.specs import canonical
 
-EDGE = 10**0.5  # factor by which an error may lie outside of those of the database
+TIGHTEST = HELD[1]  # bound of the drift that a database knows
 OTHERWISE = "`hhtbench trade` measures it"
 REFUSED = "times are refused: {why}; by evaluations"
 
@@ -174,8 +174,10 @@ def _scenes(database: Database, told: Expectation | None) -> str:
 def _outside(problem: Problem, wish: Wish) -> str:
     """Why the database says nothing of such a wish, or ""."""
     accuracy = wish.accuracies[0]
-    if not min(ACCURACIES) / EDGE <= accuracy <= max(ACCURACIES) * EDGE:
+    if not min(ACCURACIES) <= accuracy <= max(ACCURACIES):
         return f"the database knows errors from {max(ACCURACIES):g} to {min(ACCURACIES):g}; asked was {accuracy:g}"
+    if wish.drift is not None and wish.drift < TIGHTEST:
+        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {wish.drift:g}"
     if wish.on == "time" and isinstance(problem.system, NumpySystem):
         return "the system's functions are called in Python, and the database's times are of machine code"
     return ""
@@ -185,9 +187,20 @@ def _text(told: Expectation, wish: Wish) -> str:
     (first, own), (second, other) = told.order[:2]
     return (
         f"Take {first}: on the {len(told.neighbours)} most similar known problems and, with equal weight, on all it costs "
-        f"{own:.2g} times the least {wish.on} in the mean at an error of {wish.accuracies[0]:g}; "
+        f"{own:.2g} times the least {wish.on} in the mean at {_compared(wish)}; "
         f"the second choice, {second}, {other:.2g} times."
     )
+
+
+def _compared(wish: Wish) -> str:
+    """The error and the drift of the database's runs, with what was asked where that is another."""
+    accuracy, (_, bound) = wish.accuracies[0], key_of(wish)
+    error = error_of(accuracy)
+    told = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")
+    if wish.drift is None:
+        return told
+    held = "any drift" if bound is None else f"a drift of at most {bound:g}"
+    return f"{told} and {held}" + (f" (asked: {wish.drift:g})" if bound != wish.drift else "")
 
 
 def _domain(told: Expectation | None) -> str:

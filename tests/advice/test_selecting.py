@@ -107,6 +107,37 @@ def test_an_error_outside_of_the_database_and_python_callables_by_time_cannot_be
     assert "called in Python" in hb.select(problem, database=file).text
 
 
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ({"accuracy": 2e-2}, "knows errors from 0.01 to 1e-06; asked was 0.02"),
+        ({"accuracy": 5e-7}, "knows errors from 0.01 to 1e-06; asked was 5e-07"),
+        ({"drift": 1e-15}, "knows drifts of at most 1e-10; asked was 1e-15"),
+    ],
+)
+def test_errors_and_drifts_beyond_those_of_the_database_cannot_be_told(asked, text):
+    found = hb.select("simple_pendulum", on="evaluations", **asked)
+    assert found.taken is None
+    assert text in found.text
+
+
+def test_a_bound_that_the_error_contains_is_none_and_a_tighter_one_is_the_known_one():
+    free = hb.select("simple_pendulum", on="evaluations")
+    loose = hb.select("simple_pendulum", on="evaluations", drift=1e-3)
+    held = hb.select("simple_pendulum", on="evaluations", drift=1e-10)
+    between = hb.select("simple_pendulum", on="evaluations", drift=1e-8)
+    assert (loose.taken, loose.second) == (free.taken, free.second)
+    assert "at an error of 0.0001 and any drift (asked: 0.001); " in loose.text
+    assert (between.taken, between.second) == (held.taken, held.second) != (free.taken, free.second)
+    assert "at an error of 0.0001 and a drift of at most 1e-10; " in held.text
+    assert "at an error of 0.0001 and a drift of at most 1e-10 (asked: 1e-08); " in between.text
+
+
+def test_the_error_that_was_compared_is_told():
+    text = hb.select("simple_pendulum", on="evaluations", accuracy=3e-3).text
+    assert "at an error of 0.001 (asked: 0.003); " in text
+
+
 def test_functions_that_raise_cannot_be_told():
     def force(t, q, v):
         if t > 0.0:
