@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hhtbench.advice.database import foreign, versions_of
 from hhtbench.advice.standing import Standing
+from hhtbench.advice.verdict import as_run
 from hhtbench.advice.wish import Wish
 from hhtbench.analysis import UNKNOWN, newest
 from hhtbench.analysis.cells import entry_of, rules_of
@@ -45,7 +46,7 @@ class Known:
         """Times are left aside where they were taken elsewhere; ``text`` says what the rows are."""
         refusal = _foreign(rows) if wish.on == "time" else ""
         wish = replace(wish, on="evaluations") if refusal else wish
-        fronts = Standing.of(newest(rows).rows, wish).fronts
+        fronts = as_run(Standing.of(newest(rows).rows, wish).fronts)
         asked = {entry_of(row) for row in rows if rules_of(row) is not None}
         failed = {
             entry: why.text
