@@ -168,17 +168,33 @@ def read_database(file: Path | None = None) -> Database:
         stored = json.loads(source.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ProblemError(f"the database {source.name} cannot be read: {error}.") from error
-    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA or tuple(stored["features"]) != NAMES:
+    if not isinstance(stored, dict) or not _of_this_hhtbench(stored):
         raise ProblemError(
             f"{source.name} is no database of this hhtbench ({SCHEMA}); `hhtbench study selection` makes one."
         )
-    return Database(
+    try:
+        return _database(stored)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ProblemError(f"the database {source.name} is damaged: {type(error).__name__}: {error}.") from error
+
+
+def _of_this_hhtbench(stored: Mapping[str, Any]) -> bool:
+    """Made with its schema, features and errors."""
+    here = {"schema": SCHEMA, "features": list(NAMES), "accuracies": list(ACCURACIES)}
+    return all(stored.get(name) == value for name, value in here.items())
+
+
+def _database(stored: Mapping[str, Any]) -> Database:
+    found = Database(
         entries=tuple(stored["entries"]),
-        scenes=tuple(_scene(line) for line in stored["scenes"]),
-        clock=stored["clock"],
-        versions=stored["versions"],
-        budget=stored["budget"],
+        scenes=tuple(_scene(line, len(stored["entries"])) for line in stored["scenes"]),
+        clock=dict(stored["clock"]),
+        versions=dict(stored["versions"]),
+        budget=float(stored["budget"]),
     )
+    if not found.entries or not found.scenes:
+        raise ValueError("it holds no solvers or no scenes")
+    return found
 
 
 def _plain(scene: Scene) -> dict[str, Any]:
@@ -190,9 +206,12 @@ def _plain(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _scene(line: Mapping[str, Any]) -> Scene:
+def _scene(line: Mapping[str, Any], entries: int) -> Scene:
     evaluations, seconds = line["probe"]
     costs = {(measure, bound): _decoded(line[_name(measure, bound)]) for measure in MEASURES for bound in HELD}
+    shapes = {table.shape for table in costs.values()}
+    if shapes != {(entries, len(ACCURACIES))}:
+        raise ValueError(f"{line['spec']} has costs of shape {shapes}, not of {entries} solvers by {len(ACCURACIES)} errors")
     features = Features(**dict(zip(NAMES, line["features"], strict=True)))
     return Scene(line["spec"], features, costs, evaluations, seconds)
 

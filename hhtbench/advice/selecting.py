@@ -145,6 +145,8 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
     refusal = database.refusal() if wish.on == "time" else ""
     wish = replace(wish, on="evaluations") if refusal else wish
     doubt, features, told = _outside(problem, wish), "", None
+    if not database.entries:
+        doubt = "all solvers of the database have failed on this problem"
     if not doubt:
         try:
             looked = probe(problem).features
@@ -157,7 +159,7 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
     return Advice(
         problem=problem.name,
         taken=None if sure is None else sure.order[0][0],
-        second=None if sure is None else sure.order[1][0],
+        second=None if sure is None or len(sure.order) == 1 else sure.order[1][0],
         on=wish.on,
         text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
         evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told)]),
@@ -184,12 +186,12 @@ def _outside(problem: Problem, wish: Wish) -> str:
 
 
 def _text(told: Expectation, wish: Wish) -> str:
-    (first, own), (second, other) = told.order[:2]
-    return (
+    (first, own), *others = told.order
+    text = (
         f"Take {first}: on the {len(told.neighbours)} most similar known problems and, with equal weight, on all it costs "
         f"{own:.2g} times the least {wish.on} in the mean at {_compared(wish)}; "
-        f"the second choice, {second}, {other:.2g} times."
     )
+    return text + (f"the second choice, {others[0][0]}, {others[0][1]:.2g} times." if others else "no other is known.")
 
 
 def _compared(wish: Wish) -> str:

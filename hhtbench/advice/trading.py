@@ -19,7 +19,7 @@ from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.command import refuse_misspelt
@@ -158,7 +158,7 @@ def trade(
         Wrong use, before anything runs.
     """
     began = time.monotonic()
-    wish = Wish(accuracies=tuple(accuracies), on=on, drift=drift)
+    wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
     if real_number("seconds", seconds) <= 0.0:
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     if not isinstance(problem, str):

@@ -10,6 +10,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.advice import known
+from hhtbench.advice.database import read_database
 from hhtbench.advice.known import Known
 from hhtbench.advice.wish import Wish
 from hhtbench.campaign.machine import machine_facts
@@ -58,6 +59,15 @@ def test_a_solver_that_failed_on_the_problem_is_not_named_and_the_evidence_says_
     told = advice()
     assert not {usual.taken, usual.second} & {told.taken, told.second}
     assert told.evidence.startswith(f"2 runs in runs.sqlite do not get there; {usual.taken}: newton_failed 1 of 1")
+
+
+def test_where_all_known_solvers_failed_it_cannot_be_told(stored):
+    specs = dict.fromkeys(entry.removesuffix(", constant step") for entry in read_database().entries)
+    steps = {"rtol": None, "atol": None, "step": None, "steps": 10}
+    stored([*(failed(spec, 1e-2) for spec in specs), failed("hht(alpha=-0.05)", 1e-2, request=steps)])
+    told = advice()
+    assert (told.taken, told.second) == (None, None)
+    assert "all solvers of the database have failed on this problem" in told.text
 
 
 def test_a_solver_that_drifts_too_far_on_the_problem_is_not_named(stored):

@@ -11,6 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
+from hhtbench.advice import trading
+from hhtbench.advice.candidates import Candidate
 from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
 from hhtbench.advice.features import Probe
 from hhtbench.advice.nearest import Space, expected
@@ -56,6 +58,49 @@ def test_a_database_is_written_and_read_to_two_percent(tmp_path: Path):
     for one, other in zip(again.scenes, known.scenes, strict=True):
         np.testing.assert_allclose(one.costs["time", None], other.costs["time", None], rtol=0.012)
         np.testing.assert_allclose(one.features.vector, other.features.vector, atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda told: {"schema": told["schema"]},
+        lambda told: {name: value for name, value in told.items() if name != "entries"},
+        lambda told: told | {"entries": told["entries"][:1]},
+        lambda told: told | {"scenes": []},
+        lambda told: told | {"scenes": [{"spec": "a"}]},
+        lambda told: told | {"scenes": [told["scenes"][0] | {"features": [1.0]}]},
+        lambda told: told | {"scenes": 3},
+        lambda told: told | {"accuracies": [1e-1]},
+        lambda told: told | {"clock": 3},
+        lambda told: told | {"budget": None},
+        lambda told: [told],
+    ],
+)
+def test_a_file_that_is_no_whole_database_of_this_hhtbench_is_refused(damage, tmp_path: Path):
+    file = tmp_path / "database.json"
+    write_database(database(), file, "")
+    file.write_text(json.dumps(damage(json.loads(file.read_text()))))
+    with pytest.raises(hb.ProblemError, match=r"database\.json is (no database|damaged)"):
+        hb.select("simple_pendulum", database=file)
+
+
+def test_a_database_of_one_solver_names_no_second(tmp_path: Path):
+    file = tmp_path / "one.json"
+    write_database(read_database().of_entries("projected(method=DOP853)".__eq__), file, "")
+    found = hb.select("simple_pendulum", on="evaluations", database=file)
+    assert (found.taken, found.second) == ("projected(method=DOP853)", None)
+    assert "no other is known." in found.text
+
+
+def test_a_store_that_a_trade_is_to_make_need_not_be_there(prices, monkeypatch, tmp_path: Path):
+    file = tmp_path / "new.sqlite"
+    asked = ["select", "fall", "--accuracy", "1e-2", "--on", "evaluations", "--store", str(file)]
+    assert CliRunner().invoke(main, asked).exit_code == 2
+    monkeypatch.setattr(trading, "CANDIDATES", (Candidate(CHEAP),))
+    result = CliRunner().invoke(main, [*asked, "--seconds", "60"])
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith(f"Take {CHEAP}")
+    assert file.exists()
 
 
 def test_rows_are_reduced_to_what_each_solver_paid_and_infinite_where_it_did_not_get_there():

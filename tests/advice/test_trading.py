@@ -106,6 +106,8 @@ def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
         ("fal", {}, hb.NotFoundError, "Did you mean fall"),
         ("fall", {"solvers": ["prised"]}, hb.NotFoundError, "Did you mean priced"),
         ("fall", {"accuracies": [2.0]}, hb.ProblemError, "between 0 and 1"),
+        ("fall", {"accuracies": 1e-4}, hb.ProblemError, "accuracies must be a list of errors"),
+        ("fall", {"accuracies": "1e-4"}, hb.ProblemError, "accuracies must be a list of errors"),
         ("fall", {"seconds": 0.0}, hb.ProblemError, "seconds must be above 0"),
         ("fall", {"drift": -1.0}, hb.ProblemError, "drift must be above 0"),
         ("fall", {"on": "memory"}, hb.ProblemError, "time or evaluations"),
