@@ -89,16 +89,18 @@ def select(
         raise ProblemError(f"seconds must not be negative; got {seconds:g}.")
     if not isinstance(problem, str) and (store is not None or seconds > 0.0):
         raise TypeError("rows and runs belong to a spec, as text; give one, or leave store and seconds out.")
-    loaded, known = load_problem(problem), None
-    if isinstance(problem, str):
-        made = store is None or (seconds > 0.0 and not Path(store).exists())
-        known = None if made else Known.of(canonical(problem), Path(store or ""), wish)
-        found = None if known is None else _from_rows(known, wish)
-        if found is not None:
-            return found
-        if seconds > 0.0:
-            return _measured(problem, wish, seconds, store)
-    return _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+    loaded, known = load_problem(problem), _known(problem, wish, store, absent=seconds > 0.0)
+    found = None if known is None else _from_rows(known, wish)
+    if found is None and isinstance(problem, str) and seconds > 0.0:
+        found = _measured(problem, wish, seconds, store)
+    return found or _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+
+
+def _known(problem: str | Problem, wish: Wish, store: str | Path | None, *, absent: bool) -> Known | None:
+    """What the rows of ``store`` tell; ``absent``: it may still have to be made."""
+    if store is None or not isinstance(problem, str) or (absent and not Path(store).exists()):
+        return None
+    return Known.of(canonical(problem), Path(store), wish)
 
 
 def _from_rows(known: Known, wish: Wish) -> Advice | None:

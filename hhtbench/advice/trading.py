@@ -157,12 +157,26 @@ def trade(
     NotFoundError, ProblemError, TypeError
         Wrong use, before anything runs.
     """
-    began = time.monotonic()
     wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
-    if real_number("seconds", seconds) <= 0.0:
-        raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     if not isinstance(problem, str):
         raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
+    return _traded(problem, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell)
+
+
+def _traded(
+    problem: str,
+    wish: Wish,
+    solvers: Sequence[str] | str,
+    *,
+    seconds: float,
+    store: str | Path | None,
+    jobs: int | None,
+    tell: Callable[[str], None],
+) -> Trade:
+    """A reference, the rounds, and the times of who may win."""
+    began = time.monotonic()
+    if real_number("seconds", seconds) <= 0.0:
+        raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     loaded, spec = load_problem(problem), canonical(problem)
     candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
