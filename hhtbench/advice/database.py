@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -76,17 +76,35 @@ class Database:
 
     def refusal(self) -> str:
         """Why its times say nothing here, or "": another machine, or other versions."""
-        facts = machine_facts()
-        here, there = clock_of(facts), dict(self.clock)
-        if here != there:
-            return f"the database's times are of another machine ({there.get('processor')}, {there.get('cores')} cores)"
-        other = [f"{name} {said}, here {facts[name]}" for name, said in self.versions.items() if facts.get(name) != said]
-        return f"the database's times are of other versions ({'; '.join(other)})" if other else ""
+        why = foreign(self.clock, self.versions)
+        return f"the database's times are of {why}" if why else ""
+
+    def of_entries(self, keep: Callable[[str], bool]) -> Database:
+        """The part of the solvers that ``keep`` keeps."""
+        chosen = [index for index, entry in enumerate(self.entries) if keep(entry)]
+        scenes = tuple(
+            replace(scene, costs={key: table[chosen] for key, table in scene.costs.items()}) for scene in self.scenes
+        )
+        return replace(self, entries=tuple(self.entries[index] for index in chosen), scenes=scenes)
 
     def without(self, keep: Callable[[Scene], bool]) -> Database:
         """The part whose scenes ``keep`` keeps."""
         scenes = tuple(scene for scene in self.scenes if keep(scene))
         return Database(self.entries, scenes, self.clock, self.versions, self.budget)
+
+
+def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+    """How the machine or the libraries that took a time differ from those here, or ""."""
+    facts = machine_facts()
+    if clock_of(facts) != dict(clock):
+        return f"another machine ({clock.get('processor')}, {clock.get('cores')} cores)"
+    other = [f"{name} {said}, here {facts.get(name)}" for name, said in versions.items() if facts.get(name) != said]
+    return f"other versions ({'; '.join(other)})" if other else ""
+
+
+def versions_of(environment: Mapping[str, Any]) -> dict[str, str]:
+    """The part of a row's environment that says what it was made with."""
+    return {name: str(environment[name]) for name in VERSIONS if name in environment}
 
 
 def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
@@ -115,7 +133,7 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
         entries=tuple(entries),
         scenes=scenes,
         clock=clock_of(environment),
-        versions={name: str(environment[name]) for name in VERSIONS if name in environment},
+        versions=versions_of(environment),
         budget=max(budgets, default=math.inf),
     )
 
@@ -150,17 +168,33 @@ def read_database(file: Path | None = None) -> Database:
         stored = json.loads(source.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ProblemError(f"the database {source.name} cannot be read: {error}.") from error
-    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA or tuple(stored["features"]) != NAMES:
+    if not isinstance(stored, dict) or not _of_this_hhtbench(stored):
         raise ProblemError(
             f"{source.name} is no database of this hhtbench ({SCHEMA}); `hhtbench study selection` makes one."
         )
-    return Database(
+    try:
+        return _database(stored)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ProblemError(f"the database {source.name} is damaged: {type(error).__name__}: {error}.") from error
+
+
+def _of_this_hhtbench(stored: Mapping[str, Any]) -> bool:
+    """Made with its schema, features and errors."""
+    here = {"schema": SCHEMA, "features": list(NAMES), "accuracies": list(ACCURACIES)}
+    return all(stored.get(name) == value for name, value in here.items())
+
+
+def _database(stored: Mapping[str, Any]) -> Database:
+    found = Database(
         entries=tuple(stored["entries"]),
-        scenes=tuple(_scene(line) for line in stored["scenes"]),
-        clock=stored["clock"],
-        versions=stored["versions"],
-        budget=stored["budget"],
+        scenes=tuple(_scene(line, len(stored["entries"])) for line in stored["scenes"]),
+        clock=dict(stored["clock"]),
+        versions=dict(stored["versions"]),
+        budget=float(stored["budget"]),
     )
+    if not found.entries or not found.scenes:
+        raise ValueError("it holds no solvers or no scenes")
+    return found
 
 
 def _plain(scene: Scene) -> dict[str, Any]:
@@ -172,9 +206,12 @@ def _plain(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _scene(line: Mapping[str, Any]) -> Scene:
+def _scene(line: Mapping[str, Any], entries: int) -> Scene:
     evaluations, seconds = line["probe"]
     costs = {(measure, bound): _decoded(line[_name(measure, bound)]) for measure in MEASURES for bound in HELD}
+    shapes = {table.shape for table in costs.values()}
+    if shapes != {(entries, len(ACCURACIES))}:
+        raise ValueError(f"{line['spec']} has costs of shape {shapes}, not of {entries} solvers by {len(ACCURACIES)} errors")
     features = Features(**dict(zip(NAMES, line["features"], strict=True)))
     return Scene(line["spec"], features, costs, evaluations, seconds)
 

@@ -96,10 +96,19 @@ def expected(database: Database, space: Space, features: Features, wish: Wish) -
 
 
 def key_of(wish: Wish) -> tuple[str, float | None]:
-    """Of a database's tables; of the drift it knows one bound."""
-    return wish.on, None if wish.drift is None else HELD[1]
+    """Of a database's tables; of the drift it knows one bound, which a looser one contains.
+
+    To first order a scaled drift is at most the weighted mean of the scaled errors in its row: of a bound that is no
+    tighter than the error asked for nothing need be known.
+    """
+    free = wish.drift is None or wish.drift >= wish.accuracies[0]
+    return wish.on, None if free else HELD[1]
+
+
+def error_of(accuracy: float) -> float:
+    """The error of the database that speaks for ``accuracy``: the nearest by its logarithm."""
+    return ACCURACIES[_column(accuracy)]
 
 
 def _column(accuracy: float) -> int:
-    """The nearest error of the database, by its logarithm."""
     return int(np.argmin(np.abs(np.log10(np.array(ACCURACIES)) - np.log10(accuracy))))

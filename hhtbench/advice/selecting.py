@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hhtbench.advice.database import ACCURACIES, Database, read_database
+from hhtbench.advice.database import ACCURACIES, HELD, Database, read_database
 from hhtbench.advice.features import probe
-from hhtbench.advice.nearest import Expectation, Space, expected
-from hhtbench.advice.standing import Standing
+from hhtbench.advice.known import Known
+from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_of
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import ranking, sentence
 from hhtbench.advice.wish import Wish
-from hhtbench.analysis import newest
 from hhtbench.arguments import real_number
-from hhtbench.campaign.machine import clock_of, machine_facts
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.registry import load_problem
 from hhtbench.specs import canonical
-from hhtbench.store import RunRow, load_rows
 
-EDGE = 10**0.5  # factor by which an error may lie outside of those of the database
+TIGHTEST = HELD[1]  # bound of the drift that a database knows
 OTHERWISE = "`hhtbench trade` measures it"
 REFUSED = "times are refused: {why}; by evaluations"
 
@@ -93,49 +89,41 @@ def select(
         raise ProblemError(f"seconds must not be negative; got {seconds:g}.")
     if not isinstance(problem, str) and (store is not None or seconds > 0.0):
         raise TypeError("rows and runs belong to a spec, as text; give one, or leave store and seconds out.")
-    loaded = load_problem(problem)
+    loaded, known = load_problem(problem), None
     if isinstance(problem, str):
-        rows = [] if store is None else [row for row in load_rows(store) if row.problem == canonical(problem)]
-        found = _from_rows(canonical(problem), rows, wish, f"{len(rows)} runs in {Path(store or '').name}")
+        made = store is None or (seconds > 0.0 and not Path(store).exists())
+        known = None if made else Known.of(canonical(problem), Path(store or ""), wish)
+        found = None if known is None else _from_rows(known, wish)
         if found is not None:
             return found
         if seconds > 0.0:
             return _measured(problem, wish, seconds, store)
-    return _from_features(loaded, wish, read_database(None if database is None else Path(database)))
+    return _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
 
 
-def _from_rows(spec: str, rows: Sequence[RunRow], wish: Wish, evidence: str) -> Advice | None:
+def _from_rows(known: Known, wish: Wish) -> Advice | None:
     """By runs of the problem itself; None where they do not reach the error."""
-    refusal = _foreign(rows) if wish.on == "time" else ""
-    wish = replace(wish, on="evaluations") if refusal else wish
-    standing = Standing.of(newest(rows).rows, wish) if rows else Standing(())
-    ranked = ranking(standing.fronts)
+    ranked = ranking(known.fronts)
     if not ranked:
         return None
+    refused = [REFUSED.format(why=known.refusal)] if known.refusal else []
     return Advice(
-        problem=spec,
+        problem=known.problem,
         taken=ranked[0][0],
         second=ranked[1][0] if len(ranked) > 1 else None,
-        on=wish.on,
-        text=sentence(standing.fronts, wish),
-        evidence=evidence,
+        on=known.on,
+        text=sentence(known.fronts, wish),
+        evidence=known.text,
         domain=f"this problem, error {wish.accuracies[0]:g}",
-        reason=(f"{REFUSED.format(why=refusal)} " if refusal else "")
-        + f"the least {wish.on} of {len(ranked)} that get there",
+        reason=" ".join([*refused, f"the least {known.on} of {len(ranked)} that get there"]),
     )
-
-
-def _foreign(rows: Sequence[RunRow]) -> str:
-    """Why the times of these rows say nothing here, or ""."""
-    here = clock_of(machine_facts())
-    others = [row for row in rows if row.success and row.timing.get("machine", clock_of(row.environment)) != here]
-    return f"{len(others)} runs were timed on another machine" if others else ""
 
 
 def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -> Advice:
     """By a trade."""
     found = trade(spec, accuracies=wish.accuracies, seconds=seconds, drift=wish.drift, on=wish.on, store=store)
-    told = _from_rows(found.problem, found.rows, wish, f"{len(found.rows)} runs made now, {found.seconds:.0f} s")
+    evidence = f"{len(found.rows)} runs made now, {found.seconds:.0f} s"
+    told = _from_rows(Known.from_rows(found.problem, found.rows, wish, evidence), wish)
     if told is not None:
         return replace(told, text=found.sentence)
     return Advice(
@@ -144,17 +132,21 @@ def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -
         second=None,
         on=wish.on,
         text=found.sentence,
-        evidence=f"{len(found.rows)} runs made now",
+        evidence=evidence,
         domain="",
         reason="",
     )
 
 
-def _from_features(problem: Problem, wish: Wish, database: Database) -> Advice:
-    """By the problems most like it."""
+def _from_features(problem: Problem, wish: Wish, database: Database, known: Known | None) -> Advice:
+    """By the problems most like it, among the solvers that have not failed on this one."""
+    failed = {} if known is None else known.failed
+    database = database.of_entries(lambda entry: entry not in failed)
     refusal = database.refusal() if wish.on == "time" else ""
     wish = replace(wish, on="evaluations") if refusal else wish
     doubt, features, told = _outside(problem, wish), "", None
+    if not database.entries:
+        doubt = "all solvers of the database have failed on this problem"
     if not doubt:
         try:
             looked = probe(problem).features
@@ -167,32 +159,50 @@ def _from_features(problem: Problem, wish: Wish, database: Database) -> Advice:
     return Advice(
         problem=problem.name,
         taken=None if sure is None else sure.order[0][0],
-        second=None if sure is None else sure.order[1][0],
+        second=None if sure is None or len(sure.order) == 1 else sure.order[1][0],
         on=wish.on,
         text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
-        evidence=f"{len(database.scenes)} known problems" + (f", nearest: {', '.join(told.neighbours[:3])}" if told else ""),
+        evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told)]),
         domain=_domain(told),
         reason="; ".join(filter(None, [REFUSED.format(why=refusal) if refusal else "", features])),
     )
 
 
+def _scenes(database: Database, told: Expectation | None) -> str:
+    nearest = f", nearest: {', '.join(told.neighbours[:3])}" if told else ""
+    return f"{len(database.scenes)} known problems{nearest}"
+
+
 def _outside(problem: Problem, wish: Wish) -> str:
     """Why the database says nothing of such a wish, or ""."""
     accuracy = wish.accuracies[0]
-    if not min(ACCURACIES) / EDGE <= accuracy <= max(ACCURACIES) * EDGE:
+    if not min(ACCURACIES) <= accuracy <= max(ACCURACIES):
         return f"the database knows errors from {max(ACCURACIES):g} to {min(ACCURACIES):g}; asked was {accuracy:g}"
+    if wish.drift is not None and wish.drift < TIGHTEST:
+        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {wish.drift:g}"
     if wish.on == "time" and isinstance(problem.system, NumpySystem):
         return "the system's functions are called in Python, and the database's times are of machine code"
     return ""
 
 
 def _text(told: Expectation, wish: Wish) -> str:
-    (first, own), (second, other) = told.order[:2]
-    return (
+    (first, own), *others = told.order
+    text = (
         f"Take {first}: on the {len(told.neighbours)} most similar known problems and, with equal weight, on all it costs "
-        f"{own:.2g} times the least {wish.on} in the mean at an error of {wish.accuracies[0]:g}; "
-        f"the second choice, {second}, {other:.2g} times."
+        f"{own:.2g} times the least {wish.on} in the mean at {_compared(wish)}; "
     )
+    return text + (f"the second choice, {others[0][0]}, {others[0][1]:.2g} times." if others else "no other is known.")
+
+
+def _compared(wish: Wish) -> str:
+    """The error and the drift of the database's runs, with what was asked where that is another."""
+    accuracy, (_, bound) = wish.accuracies[0], key_of(wish)
+    error = error_of(accuracy)
+    told = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")
+    if wish.drift is None:
+        return told
+    held = "any drift" if bound is None else f"a drift of at most {bound:g}"
+    return f"{told} and {held}" + (f" (asked: {wish.drift:g})" if bound != wish.drift else "")
 
 
 def _domain(told: Expectation | None) -> str:

@@ -18,8 +18,8 @@ from hhtbench.advice.nearest import Space, expected
 from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
-from hhtbench.advice.verdict import Choice, choices_of, failure, sentence
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
+from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.command import refuse_misspelt
@@ -47,7 +47,7 @@ class Trade:
     reference: str  #: what errors are measured against
     unknown: str  #: why they are measured against nothing, or ""
     rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
-    fronts: tuple[Front, ...]  #: costs at every error, the loosest first
+    fronts: tuple[Front, ...]  #: at every error, the loosest first, what the runs took that reach it
     left_out: dict[str, str]  #: entry -> why it was given up
     seconds: float  #: what it took [s]
 
@@ -158,7 +158,7 @@ def trade(
         Wrong use, before anything runs.
     """
     began = time.monotonic()
-    wish = Wish(accuracies=tuple(accuracies), on=on, drift=drift)
+    wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
     if real_number("seconds", seconds) <= 0.0:
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     if not isinstance(problem, str):
@@ -180,7 +180,7 @@ def trade(
         reference=truth.text,
         unknown=truth.missing,
         rows=tuple(rounds.rows.values()),
-        fronts=rounds.standing().fronts,
+        fronts=as_run(rounds.standing().fronts),
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hhtbench.advice.wish import Wish
@@ -46,11 +46,24 @@ def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
     )
 
 
+def as_run(fronts: Sequence[Front]) -> tuple[Front, ...]:
+    """The same by what the runs took whose settings are told, not by what a run between two of them might take."""
+    return tuple(replace(front, costs=_as_run(front)) for front in fronts)
+
+
+def _as_run(front: Front) -> tuple[Cost, ...]:
+    told = [replace(cost, value=cost.run.work(front.measure) or cost.value) for cost in front.costs]
+    return tuple(sorted(told, key=lambda cost: cost.value))
+
+
 def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
-    """Entries that reach all errors that anybody reaches, with their mean cost over the cheapest (geometric), best first."""
+    """Entries that reach all errors that anybody reaches, with their mean cost over the cheapest (geometric), best first.
+
+    These are all that reach the tightest: the run that does reaches the others too.
+    """
     reached = [front for front in fronts if front.costs]
     tables = [{cost.entry: cost.value / front.costs[0].value for cost in front.costs} for front in reached]
-    common = [entry for entry in (tables[-1] if tables else ()) if all(entry in table for table in tables)]
+    common = tables[-1] if tables else ()
     means = {entry: math.exp(sum(math.log(table[entry]) for table in tables) / len(tables)) for entry in common}
     return tuple(sorted(means.items(), key=lambda item: item[1]))
 
@@ -60,23 +73,15 @@ def sentence(fronts: Sequence[Front], wish: Wish) -> str:
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
         return ""
-    taken, last = ranked[0][0], reached[-1]
-    costs = {cost.entry: cost for cost in last.costs}
-    others = [entry for entry, _ in ranked[1:]] or [entry for entry in costs if entry != taken]
-    text = f"Take {taken}: {_expected(costs[taken], last.target)}"
-    if others:
-        text += f"; the second choice, {others[0]}, costs {_dearer(ranked, costs, others[0]):.2g} times as much"
-        text += " in the mean of the errors" if len(reached) > 1 and len(ranked) > 1 else ""
+    (taken, least), last = ranked[0], reached[-1]
+    text = f"Take {taken}: {_expected(next(cost for cost in last.costs if cost.entry == taken), last.target)}"
+    if len(ranked) > 1:
+        other, mean = ranked[1]
+        text += f"; the second choice, {other}, costs {mean / least:.2g} times as much"
+        text += " in the mean of the errors" if len(reached) > 1 else ""
     else:
         text += "; nobody else got there"
     return text + _exceptions(reached, taken) + _unreached(fronts, wish) + "."
-
-
-def _dearer(ranked: Sequence[tuple[str, float]], costs: Mapping[str, Cost], other: str) -> float:
-    """The cost of ``other`` over that of the first: in the mean of all errors, or at the last where it misses others."""
-    means = dict(ranked)
-    taken = ranked[0][0]
-    return means[other] / means[taken] if other in means else costs[other].value / costs[taken].value
 
 
 def _expected(cost: Cost, target: float) -> str:

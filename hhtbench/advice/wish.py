@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hhtbench.analysis.fronts import MEASURES
@@ -40,6 +40,19 @@ class Wish:
             raise ProblemError(f"drift must be above 0, 1e-10 for example, or left out; got {self.drift:g}.")
 
 
+def listed(accuracies: object) -> tuple[float, ...]:
+    """Errors that somebody gives as a list.
+
+    Raises
+    ------
+    ProblemError
+        They are one number or a text.
+    """
+    if isinstance(accuracies, str) or not isinstance(accuracies, Iterable):
+        raise ProblemError(f"accuracies must be a list of errors, as [1e-2, 1e-4]; got {accuracies!r}.")
+    return tuple(accuracies)
+
+
 def accuracies_of(text: str) -> tuple[float, ...]:
     """``1e-2..1e-6`` (by decades, both ends included), ``1e-4`` or ``1e-3, 1e-5``.
 
@@ -54,7 +67,7 @@ def accuracies_of(text: str) -> tuple[float, ...]:
             return tuple(float(word) for word in re.split(r"[,\s]+", text.strip()))
         ends = sorted((float(found["first"]), float(found["last"])), reverse=True)
         decades = math.floor(math.log10(ends[0] / ends[1]) + 1e-9)
-    except (ValueError, ZeroDivisionError) as error:
+    except (ValueError, ArithmeticError) as error:
         raise ProblemError(f"--accuracy takes errors, as 1e-4, 1e-3,1e-5 or 1e-2..1e-6; got {text!r}.") from error
     steps = [float(f"{ends[0] / DECADE**k:.6g}") for k in range(decades + 1)]
     return tuple(dict.fromkeys([*steps, ends[1]]))

@@ -19,9 +19,11 @@ from hhtbench.campaign.sources import SourceReader
 from hhtbench.errors import NotFoundError, ProblemError
 from hhtbench.request import make_request
 from hhtbench.specs import Spec, canonical, parse_spec
+from hhtbench.store.rows import RunRow
 
 OUTPUTS = 51  # output times: enough for a plot; work is measured by solves without them
 AXES = ("rtol", "step", "steps")
+BESIDE = ("max_seconds", "rules", "held_out", "reference_file")  # of a request: outside of the key
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -160,6 +162,24 @@ def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None)
 def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
     """Every cell whose setting is given, once, in the order of problem, solver, setting."""
     return tuple(cell for pair in plan_pairs(campaign) for cell in pair.cells())
+
+
+def outdated(rows: Iterable[RunRow]) -> tuple[RunRow, ...]:
+    """Those that today's files and libraries would not make again: their key is not that of a cell planned now."""
+    reader = SourceReader()
+    behind: dict[tuple[str, str], Mapping[str, str]] = {}
+    found = []
+    for row in rows:
+        pair = row.problem, row.solver
+        if pair not in behind:
+            try:
+                behind[pair] = reader.behind(*map(parse_spec, pair))
+            except (NotFoundError, ProblemError):  # no longer installed
+                behind[pair] = {}
+        request = {name: value for name, value in row.request.items() if name not in BESIDE}
+        if row.key != _digest([_digest([*pair, request]), dict(behind[pair])]):
+            found.append(row)
+    return tuple(found)
 
 
 def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:

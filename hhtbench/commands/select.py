@@ -20,7 +20,7 @@ from hhtbench.output import FAILED, json_option, require_folder, write_json
 @click.option(
     "--seconds", type=float, default=0.0, show_default=True, help="What measuring may take [s]; 0: nothing is run."
 )
-@click.option("--store", type=click.Path(dir_okay=False, exists=True, path_type=Path), help="Rows of run or trade.")
+@click.option("--store", type=click.Path(dir_okay=False, path_type=Path), help="Rows of run or trade; made with --seconds.")
 @click.option(
     "--database", type=click.Path(dir_okay=False, path_type=Path), help="Of study selection.  [default: the package's]"
 )
@@ -39,7 +39,8 @@ def select_command(
 
     For example: hhtbench select andrews --accuracy 1e-4 --on evaluations
     """
-    require_folder(json_file)
+    for file in (json_file, store):
+        require_folder(file)
     found = select(problem, accuracy=accuracy, drift=drift, on=on, seconds=seconds, store=store, database=database)
     click.echo(found)
     write_json(found.as_dict(), json_file)

@@ -34,6 +34,8 @@ class Line:
     spoken: float = 1.0  #: share of the questions that were answered; the others take the best fixed choice
     right: float = float("nan")  #: share of the answers within twice the best
     silent: float = float("nan")  #: the same of what is taken where there is no answer
+    right_high: float = float("nan")  #: 95th percentile of the regret of the answers, one vote a scene and error
+    silent_high: float = float("nan")  #: the same of what is taken where there is no answer
 
 
 def thumb(scene: Scene) -> str:
@@ -110,16 +112,19 @@ def _line(policy: str, logs: Matrix, base: Vector, samples: Sequence[Vector], an
     gain = [np.median(votes[some] - base[some]) for some in samples]
     more = {}
     if answers is not None:
-        near, known = logs <= np.log(TWICE), np.isfinite(logs)
+        known = np.isfinite(logs)
+        spoken, silent = logs[answers & known], logs[np.logical_not(answers) & known]
         more = {
             "spoken": float(answers.mean()),
-            "right": _share(near[answers & known]),
-            "silent": _share(near[np.logical_not(answers) & known]),
+            "right": _share(spoken <= np.log(TWICE)),
+            "silent": _share(silent <= np.log(TWICE)),
+            "right_high": _high(spoken),
+            "silent_high": _high(silent),
         }
     return Line(
         policy=policy,
         median=float(np.exp(np.median(votes))),
-        high=float(np.exp(np.percentile(votes, 95))),
+        high=_high(votes),
         mean=float(np.exp(votes.mean())),
         twice=float(np.mean(votes <= np.log(TWICE))),
         closed=float(1.0 - votes.mean() / base.mean()) if base.mean() > 0 else 0.0,
@@ -127,6 +132,11 @@ def _line(policy: str, logs: Matrix, base: Vector, samples: Sequence[Vector], an
         gain=_interval(gain),
         **more,
     )
+
+
+def _high(logs: Vector) -> float:
+    """95th percentile of the regret."""
+    return float(np.exp(np.percentile(logs, 95))) if logs.size else float("nan")
 
 
 def _share(hits: Vector) -> float:

@@ -165,11 +165,11 @@ def _probed(spec: str) -> Probe | str:
 
 
 def _answers(line: Line) -> str:
-    """Shares of answers, of right ones, and of right choices where there is none; of advice only."""
+    """Shares of answers and of right ones, and the 95th percentile of their regret; the same where there is none."""
     if math.isnan(line.right):
         return ""
-    silent = "" if math.isnan(line.silent) else f", the rest {line.silent:.0%}"
-    return f"{line.spoken:.0%}, {line.right:.0%} within 2x{silent}"
+    silent = "" if math.isnan(line.silent) else f"; the rest: {line.silent:.0%}, 95 % {line.silent_high:.2g}"
+    return f"{line.spoken:.0%}: {line.right:.0%} within 2x, 95 % {line.right_high:.2g}{silent}"
 
 
 def _table(judgement: Judgement) -> str:

@@ -11,6 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
+from hhtbench.advice import trading
+from hhtbench.advice.candidates import Candidate
 from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
 from hhtbench.advice.features import Probe
 from hhtbench.advice.nearest import Space, expected
@@ -56,6 +58,49 @@ def test_a_database_is_written_and_read_to_two_percent(tmp_path: Path):
     for one, other in zip(again.scenes, known.scenes, strict=True):
         np.testing.assert_allclose(one.costs["time", None], other.costs["time", None], rtol=0.012)
         np.testing.assert_allclose(one.features.vector, other.features.vector, atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda told: {"schema": told["schema"]},
+        lambda told: {name: value for name, value in told.items() if name != "entries"},
+        lambda told: told | {"entries": told["entries"][:1]},
+        lambda told: told | {"scenes": []},
+        lambda told: told | {"scenes": [{"spec": "a"}]},
+        lambda told: told | {"scenes": [told["scenes"][0] | {"features": [1.0]}]},
+        lambda told: told | {"scenes": 3},
+        lambda told: told | {"accuracies": [1e-1]},
+        lambda told: told | {"clock": 3},
+        lambda told: told | {"budget": None},
+        lambda told: [told],
+    ],
+)
+def test_a_file_that_is_no_whole_database_of_this_hhtbench_is_refused(damage, tmp_path: Path):
+    file = tmp_path / "database.json"
+    write_database(database(), file, "")
+    file.write_text(json.dumps(damage(json.loads(file.read_text()))))
+    with pytest.raises(hb.ProblemError, match=r"database\.json is (no database|damaged)"):
+        hb.select("simple_pendulum", database=file)
+
+
+def test_a_database_of_one_solver_names_no_second(tmp_path: Path):
+    file = tmp_path / "one.json"
+    write_database(read_database().of_entries("projected(method=DOP853)".__eq__), file, "")
+    found = hb.select("simple_pendulum", on="evaluations", database=file)
+    assert (found.taken, found.second) == ("projected(method=DOP853)", None)
+    assert "no other is known." in found.text
+
+
+def test_a_store_that_a_trade_is_to_make_need_not_be_there(prices, monkeypatch, tmp_path: Path):
+    file = tmp_path / "new.sqlite"
+    asked = ["select", "fall", "--accuracy", "1e-2", "--on", "evaluations", "--store", str(file)]
+    assert CliRunner().invoke(main, asked).exit_code == 2
+    monkeypatch.setattr(trading, "CANDIDATES", (Candidate(CHEAP),))
+    result = CliRunner().invoke(main, [*asked, "--seconds", "60"])
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith(f"Take {CHEAP}")
+    assert file.exists()
 
 
 def test_rows_are_reduced_to_what_each_solver_paid_and_infinite_where_it_did_not_get_there():
@@ -105,6 +150,37 @@ def test_an_error_outside_of_the_database_and_python_callables_by_time_cannot_be
     system = hb.NumpySystem(force=lambda t, q, v: -q)
     problem = hb.Problem(name="p", system=system, t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
     assert "called in Python" in hb.select(problem, database=file).text
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ({"accuracy": 2e-2}, "knows errors from 0.01 to 1e-06; asked was 0.02"),
+        ({"accuracy": 5e-7}, "knows errors from 0.01 to 1e-06; asked was 5e-07"),
+        ({"drift": 1e-15}, "knows drifts of at most 1e-10; asked was 1e-15"),
+    ],
+)
+def test_errors_and_drifts_beyond_those_of_the_database_cannot_be_told(asked, text):
+    found = hb.select("simple_pendulum", on="evaluations", **asked)
+    assert found.taken is None
+    assert text in found.text
+
+
+def test_a_bound_that_the_error_contains_is_none_and_a_tighter_one_is_the_known_one():
+    free = hb.select("simple_pendulum", on="evaluations")
+    loose = hb.select("simple_pendulum", on="evaluations", drift=1e-3)
+    held = hb.select("simple_pendulum", on="evaluations", drift=1e-10)
+    between = hb.select("simple_pendulum", on="evaluations", drift=1e-8)
+    assert (loose.taken, loose.second) == (free.taken, free.second)
+    assert "at an error of 0.0001 and any drift (asked: 0.001); " in loose.text
+    assert (between.taken, between.second) == (held.taken, held.second) != (free.taken, free.second)
+    assert "at an error of 0.0001 and a drift of at most 1e-10; " in held.text
+    assert "at an error of 0.0001 and a drift of at most 1e-10 (asked: 1e-08); " in between.text
+
+
+def test_the_error_that_was_compared_is_told():
+    text = hb.select("simple_pendulum", on="evaluations", accuracy=3e-3).text
+    assert "at an error of 0.001 (asked: 0.003); " in text
 
 
 def test_functions_that_raise_cannot_be_told():

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from hhtbench.advice.standing import Standing
-from hhtbench.advice.verdict import choices_of, ranking, sentence
+from hhtbench.advice.verdict import as_run, choices_of, ranking, sentence
 from hhtbench.advice.wish import Wish
-from tests.analysis.laws import failed, law
+from tests.analysis.laws import failed, law, run
 
 WISH = Wish(accuracies=(1e-2, 1e-4), on="evaluations")
 RULES = {"accuracies": [1e-2, 1e-4], "max_seconds": 1.0, "pair_seconds": 4.0, "refinements": 9}
@@ -61,6 +61,19 @@ def test_the_sentence_ranks_by_the_mean_over_the_errors_and_names_who_is_cheaper
     assert text.startswith("Take ida: rtol 1e-04 gives an error of 0.0001 (asked: 0.0001)")
     assert "the second choice, hht, costs 1.4 times as much in the mean of the errors" in text
     assert [choice.second.entry for choice in choices_of(fronts)] == ["hht", "hht"]
+
+
+def test_who_is_taken_is_the_cheapest_by_the_run_that_is_told_not_by_one_between_two():
+    wish = Wish(accuracies=(1e-2,), on="evaluations")
+    coarse, fine = run("ida", 3e-2, 3e-2, 60.0), run("ida", 3e-5, 3e-4, 130.0)  # about 75 between them at 1e-2
+    rows = [coarse, fine, run("hht", 1e-3, 1e-3, 110.0)]
+    between = Standing.of(rows, wish).fronts
+    assert between[0].costs[0].entry == "ida"
+    fronts = as_run(between)
+    assert ranking(fronts) == (("hht", pytest.approx(1.0)), ("ida", pytest.approx(130 / 110)))
+    text = sentence(fronts, wish)
+    assert text.startswith("Take hht: rtol 1e-03 gives")
+    assert "110 evaluations; the second choice, ida, costs 1.2 times as much" in text
 
 
 def test_runs_that_drift_further_than_was_asked_do_not_count():

@@ -31,7 +31,8 @@ def test_the_cheapest_is_taken_and_the_second_is_named_with_its_price(found):
     assert [choice.best.entry for choice in found.choices] == [CHEAP, CHEAP]
     assert [choice.second.entry for choice in found.choices] == [MIDDLE, MIDDLE]
     assert found.choices[1].best.run.error <= 1e-4
-    assert found.choices[1].best.value == pytest.approx(10 * 1e-4**-0.25, rel=0.1)
+    told = found.choices[1].best.run
+    assert found.choices[1].best.value == told.evaluations == pytest.approx(10 * told.setting.value**-0.25, rel=0.01)
     assert found.sentence.startswith(f"Take {CHEAP}: rtol ")
     assert f"the second choice, {MIDDLE}, costs 1.5 times as much" in found.sentence
 
@@ -105,6 +106,8 @@ def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
         ("fal", {}, hb.NotFoundError, "Did you mean fall"),
         ("fall", {"solvers": ["prised"]}, hb.NotFoundError, "Did you mean priced"),
         ("fall", {"accuracies": [2.0]}, hb.ProblemError, "between 0 and 1"),
+        ("fall", {"accuracies": 1e-4}, hb.ProblemError, "accuracies must be a list of errors"),
+        ("fall", {"accuracies": "1e-4"}, hb.ProblemError, "accuracies must be a list of errors"),
         ("fall", {"seconds": 0.0}, hb.ProblemError, "seconds must be above 0"),
         ("fall", {"drift": -1.0}, hb.ProblemError, "drift must be above 0"),
         ("fall", {"on": "memory"}, hb.ProblemError, "time or evaluations"),

@@ -82,3 +82,6 @@ def test_the_database_of_the_package_is_judged_without_a_run():
     assert found.scenes >= 100
     assert {j.held_out for j in found.judgements} == {"problem", "family"}
     assert "closed gap" in str(found)
+    advice = line(found, FREE)
+    assert advice.right_high < 2.0 < 10.0 < advice.silent_high
+    assert "89%: 97% within 2x, 95 % 1.8; the rest: 69%, 95 % 90" in str(found)  # as docs/advice.md says
