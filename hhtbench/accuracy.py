@@ -133,6 +133,12 @@ class _Search:
                 if known is not None and known <= self.accuracy:
                     return self._finished(known)
                 setting = self._next(bound)
+            elif found.status is Status.event:
+                text = (
+                    f"An error of {self.accuracy:g} is not shown: a terminal event ended the run at {self._told(setting)}; "
+                )
+                text += "runs that end at times of their own are not compared."
+                return replace(found, status=Status.accuracy_not_shown, message=text, counters=_summed(self.spent))
             else:
                 failed, self.last = failed + 1, found
                 if self.runs or failed == TOLERATED or found.status in BUDGETS:

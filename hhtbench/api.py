@@ -89,9 +89,8 @@ def solve(
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
     if found.status is Status.declined:
         return found
-    return replace(
-        found, message=f"{found.message} {note}" if note else found.message, drift_of=partial(measure_drift, loaded)
-    )
+    message = f"{found.message.rstrip('.')}. {note}" if note else found.message
+    return replace(found, message=message, drift_of=partial(measure_drift, loaded))
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

@@ -13,6 +13,11 @@ from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import DECLARABLE, System, parameter
 
+OF_POSITION = {  # functions without velocities, and what to do where there are some
+    "mass_matrix": "a Lagrangian must be quadratic in them",
+    "constraint": "give what holds velocities as nonhol_coneqs",
+}
+
 
 def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange") -> System:
     """The system of ``M(t, q) q'' = F(t, q, q') + Q`` with holonomic and nonholonomic constraints of ``method``.
@@ -32,11 +37,14 @@ def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange")
     Raises
     ------
     ProblemError
-        A symbol has no value, or a name that cannot be a parameter's; a value belongs to no symbol.
+        A symbol has no value, or a name that cannot be a parameter's; a value belongs to no symbol; the mass or a holonomic
+        constraint depends on velocities.
     """
     import sympy
-    from sympy.physics.mechanics import dynamicsymbols
+    from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
 
+    if not isinstance(method, LagrangesMethod):
+        raise TypeError(f"from_sympy takes a sympy.physics.mechanics.LagrangesMethod; got {type(method).__name__}.")
     if method.eom is None:
         method.form_lagranges_equations()
     t, q = dynamicsymbols._t, list(method.q)
@@ -63,6 +71,8 @@ def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange")
         plain = found.subs(of_v).subs(of_q)
         if left := _of_time(plain, t):
             raise ProblemError(f"{title} has {_listed(left)}, which are neither coordinates nor their velocities.")
+        if title in OF_POSITION and plain.free_symbols & set(of_v.values()):
+            raise ProblemError(f"{title} depends on velocities; {OF_POSITION[title]}.")
         function = sympy.lambdify([t, *places, symbols], plain, "jax", cse=True)
         namespace[title] = _method(function, tuple(numbers), title)
     made = types.new_class(name, (System,), exec_body=lambda body: body.update(namespace))
@@ -81,6 +91,8 @@ def _numbers(symbols: list[Any], values: Mapping[Any, float]) -> dict[str, float
     """The parameters by name, sorted; every symbol has a number, and no number is left."""
     given = {str(symbol): value for symbol, value in values.items()}
     wanted = [str(symbol) for symbol in symbols]
+    if twice := sorted({word for word in wanted if wanted.count(word) > 1}):
+        raise ProblemError(f"several symbols are called {', '.join(twice)}; give each a name of its own.")
     if missing := sorted(set(wanted) - set(given)):
         raise ProblemError(f"values lacks {', '.join(missing)}; it has {', '.join(sorted(given)) or 'nothing'}.")
     if strange := sorted(set(given) - set(wanted)):
@@ -101,9 +113,9 @@ def _method(function: Any, parameters: tuple[str, ...], title: str) -> Any:
         return found if title == "mass_matrix" else found[:, 0]
 
     def of_position(self: Any, t: Any, q: Any) -> Any:
-        return full(self, t, q, jnp.zeros_like(q))  # no velocity is in it
+        return full(self, t, q, jnp.zeros_like(q))
 
-    return of_position if title in ("mass_matrix", "constraint") else full
+    return of_position if title in OF_POSITION else full
 
 
 def _listed(found: set[Any]) -> str:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import ProblemError
 from hhtbench.plotting import plot_solution
 from hhtbench.saved import read_arrays, write_arrays
 
@@ -229,12 +230,18 @@ class Solution:
 
     def save(self, path: str | Path) -> Path:
         """Write everything but dense output to an ``.npz`` file of plain arrays and one text; returns its path."""
-        return write_arrays(path, {f.name: getattr(self, f.name) for f in fields(self) if f.name not in OF_FUNCTIONS})
+        return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
         """What :meth:`save` has written.  Raises ``ProblemError`` where the file is none of these."""
-        return cls(**read_arrays(path, (Status, Counters, StepsData, ErrorEstimate, DenseOutput)))
+        found = read_arrays(path, (Status, Counters, StepsData, ErrorEstimate, DenseOutput))
+        rows = [found.get(name) for name in ("t", *ROWS)]
+        shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
+        told = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
+        if not told or len(shapes) < len(rows) or len(set(shapes)) > 1 or set(found) != set(_KEPT):
+            raise ProblemError(f"{path} is no saved solution: {', '.join(_KEPT)} do not fit one another.")
+        return cls(**found)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "drift_of": None}
@@ -256,6 +263,9 @@ class Solution:
             rows.append(("t_events", f"{', '.join(str(np.size(t)) for t in self.t_events)} events"))
         counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
         return rows + [(name, "not reported" if value is None else str(value)) for name, value in counted]
+
+
+_KEPT = [f.name for f in fields(Solution) if f.name not in OF_FUNCTIONS]  # in a file
 
 
 def _span(t: Vector) -> str:

@@ -38,7 +38,7 @@ def read_arrays(path: str | Path, kinds: tuple[type, ...]) -> dict[str, Any]:
         with np.load(path, allow_pickle=False) as arrays:
             tree = json.loads(str(arrays[TREE][()]))
             return {name: _valued(value, arrays, {kind.__name__: kind for kind in kinds}) for name, value in tree.items()}
-    except (KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile, EOFError) as broken:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, zipfile.BadZipFile, EOFError) as broken:
         raise ProblemError(
             f"{path} holds no saved solution, or a damaged one; expected what Solution.save wrote."
         ) from broken

@@ -25,8 +25,7 @@ def find_alike(kind: Literal["problem", "solver"], text: str, among: Iterable[st
 
 
 def _alike(kind: str, one: str, other: str) -> bool:
-    first, second = parse_spec(one), parse_spec(other)
-    if first.path is not None or first.arguments.keys() == second.arguments.keys():  # then a value differs
+    if parse_spec(one).path is not None:
         return False
     try:
         if kind == "solver":  # their options are compared by the solvers, whose factories may take any
@@ -37,8 +36,8 @@ def _alike(kind: str, one: str, other: str) -> bool:
 
 
 def _arguments(text: str) -> dict[str, Any]:
-    """All arguments of a problem's factory, as texts: 1 is not True."""
+    """All arguments of a problem's factory with their kinds: 1 is 1.0 and not True."""
     spec = parse_spec(text)
     bound = inspect.signature(plugins.load("problem", spec.name)).bind(**spec.arguments)
     bound.apply_defaults()
-    return {name: repr(value) for name, value in bound.arguments.items()}
+    return {name: (isinstance(value, bool), value) for name, value in bound.arguments.items()}

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hhtbench.campaign.run import PLUGINS, WARM_UP, Phase, request_of, text_of, warm_up, without_output
+from hhtbench.campaign.run import WARM_UP, Phase, of_plugins, request_of, text_of, warm_up, without_output
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request
 
@@ -33,7 +33,7 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
     phase("a timed solve")
     try:
         return reading(problem, solver, request)
-    except PLUGINS as error:  # a plugin's or a user's: it costs this reading only
+    except of_plugins() as error:  # a plugin's or a user's: it costs this reading only
         return {"note": f"a timed solve raised {text_of(error)}"}
 
 

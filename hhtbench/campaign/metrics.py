@@ -51,9 +51,9 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
 
 
 def _for_plots(series: Any) -> Any:
-    """The same with fewer digits, a third of the text; states keep theirs, since runs are compared by them."""
+    """The same with fewer digits, a third of the text, but for times and for states, by which runs are compared."""
     if isinstance(series, dict):
-        return {name: value if name == "states" else _for_plots(value) for name, value in series.items()}
+        return {name: value if name in ("states", "t") else _for_plots(value) for name, value in series.items()}
     if isinstance(series, list):
         return [_for_plots(value) for value in series]
     return float(f"{series:.{DIGITS}g}") if isinstance(series, float) else series

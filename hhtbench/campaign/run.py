@@ -7,6 +7,7 @@ with output, drift from a third one with output at every step; neither is timed 
 from __future__ import annotations
 
 import gc
+import signal
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -40,7 +41,6 @@ TIMED = (
     "disturbed",
 )  #: of ``timing``, null until the timing pass
 
-PLUGINS = (Exception, SystemExit, KeyboardInterrupt)  #: the last: SIGINT raises none in a worker, so nobody pressed Ctrl-C
 
 Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
 
@@ -63,6 +63,12 @@ class Outcome:
     solution: Solution | None
     seconds: float  #: wall time [s]
     cpu: float  #: processor time of this process [s]
+
+
+def of_plugins() -> tuple[type[BaseException], ...]:
+    """What a plugin's or a user's code raises; a KeyboardInterrupt where SIGINT raises none, in workers."""
+    alone = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    return (Exception, SystemExit, KeyboardInterrupt) if alone else (Exception, SystemExit)
 
 
 def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
@@ -149,7 +155,7 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
     started, cpu = time.perf_counter(), time.process_time()
     try:
         solution = solver.solve(problem, request)
-    except PLUGINS as error:  # a plugin's or a user's: it costs this cell only
+    except of_plugins() as error:  # a plugin's or a user's: it costs this cell only
         raised = error
     finally:
         cost = time.perf_counter() - started, time.process_time() - cpu

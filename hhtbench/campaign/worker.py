@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
-from hhtbench.campaign.run import PLUGINS, run_cell, status_of, text_of
+from hhtbench.campaign.run import of_plugins, run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.reference import reference_of
@@ -66,7 +66,7 @@ class _Bench:
         """One task; never raises what a plugin or a user's function raised."""
         try:
             return self._do(task)
-        except PLUGINS as error:  # it costs this task only
+        except of_plugins() as error:  # it costs this task only
             if task["repeats"]:
                 return {"note": text_of(error)}
             return {"status": status_of(error).label, "message": text_of(error)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from hhtbench.report.figures import axis
 from hhtbench.report.frame import Chart, EdgeMark, Frame, Trace, make_frame, place_of
 
 HEIGHT = 430  # pixels
+FAR = 1e-3  # of the largest time: where a run is shorter, single precision shows steps
 NARROW_DIGITS = 4  # significant digits kept for the page
 
 # What a mark at the edge looks like: the reader tells a spent budget from a refusal without hovering.
@@ -85,10 +87,17 @@ def _trace(trace: Trace, style: SolverStyle) -> dict[str, Any]:
         look |= {
             "mode": "lines",
             "hovertemplate": f"<b>%{{fullData.name}}</b><br>{trace.note}<br>%{{x:.4g}} s: %{{y:.3g}}<extra></extra>",
-            "x": np.asarray(trace.x, dtype=np.float32),  # packed by plotly: half the page
+            "x": packed(trace.x),
             "y": np.asarray(trace.y, dtype=np.float32),
         }
     return look
+
+
+def packed(x: Sequence[float]) -> np.ndarray:
+    """For plotly, half the page in single precision, where that tells times apart: not far from 0."""
+    times = np.asarray(x, dtype=np.float64)
+    near = np.ptp(times) > FAR * np.max(np.abs(times), initial=0.0) if times.size else True
+    return times.astype(np.float32) if near else times
 
 
 def _rounded(value: float | None) -> float | None:

@@ -50,17 +50,17 @@ class Content:
     parts: tuple[Part, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain values: tables as lists of {column: text}."""
+        """As plain values: tables as {headers, rows}."""
         return {
             "rows": len(self.rows),
             "losses": self.losses,
             "summary": list(self.sentences),
             "rules": list(self.rules),
-            **{name: getattr(self, name).as_dicts() for name in ("balance", "against", "drift", "failures")},
+            **{name: getattr(self, name).as_dict() for name in ("balance", "against", "drift", "failures")},
             "problems": {
                 part.name: {
                     "summary": list(part.sentences),
-                    "tables": {caption: table.as_dicts() for caption, table in part.tables.items()},
+                    "tables": {caption: table.as_dict() for caption, table in part.tables.items()},
                 }
                 for part in self.parts
             },

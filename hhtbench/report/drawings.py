@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import math
 from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
@@ -33,7 +34,7 @@ class Drawings:
 
     def scripts(self, script: str) -> str:
         """Data, library, and ``script``, a module that finds the figures in ``figures``; no name in the data is markup."""
-        data = json.dumps(self._figures, separators=(",", ":"), default=_typed, allow_nan=False).encode()
+        data = json.dumps(_finite(self._figures), separators=(",", ":"), default=_typed, allow_nan=False).encode()
         packed = {"figures": gzip.compress(data, mtime=0), "plotly": files("hhtbench.report").joinpath(LIBRARY).read_bytes()}
         elements = [
             f'<script type="application/gzip" id="{name}">{base64.b64encode(content).decode()}</script>'
@@ -43,8 +44,17 @@ class Drawings:
         return "\n".join([*elements, f'<script type="module">\n{unpack}\n{script}</script>'])
 
 
+def _finite(value: Any) -> Any:
+    """The same with null for numbers that JSON has not; arrays as they are, plotly leaves gaps in them."""
+    if isinstance(value, Mapping):
+        return {name: _finite(part) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _typed(array: np.ndarray) -> dict[str, str]:
-    """An array of single precision as plotly packs it."""
-    if array.dtype != np.float32:
-        raise TypeError(f"arrays of figures must be float32; got {array.dtype}.")
-    return {"dtype": "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
+    """An array of floating-point numbers as plotly packs it."""
+    if array.dtype not in (np.float32, np.float64):
+        raise TypeError(f"arrays of figures must be float32 or float64; got {array.dtype}.")
+    return {"dtype": f"f{array.itemsize}", "bdata": base64.b64encode(array.tobytes()).decode()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hhtbench import analysis
 from hhtbench.report.colours import solver_order
@@ -27,10 +27,10 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
 
-    def as_dicts(self) -> list[dict[str, str]]:
-        """One mapping a row, from header to text."""
-        texts = ([" ".join(filter(None, (cell.text, cell.detail))) for cell in row] for row in self.rows)
-        return [dict(zip(self.headers, row, strict=True)) for row in texts]
+    def as_dict(self) -> dict[str, Any]:
+        """Headers, of which several may read alike, and the texts of every row."""
+        rows = [[" ".join(filter(None, (cell.text, cell.detail))) for cell in row] for row in self.rows]
+        return {"headers": list(self.headers), "rows": rows}
 
 
 def make_table(headers: Sequence[str], rows: Iterable[Sequence[str | Cell]], note: str = "") -> Table:

@@ -76,15 +76,14 @@ def test_best_of_the_family_stands_for_it():
 
 def timed(rows, *factors):
     """The same rows, timed in rounds that differ by ``factors``."""
-    for row in rows:
-        row.timing["rounds_s"] = [row.timing["best_s"] * factor for factor in factors]
-    return rows
+    rounds = [[row.timing["best_s"] * factor for factor in factors] for row in rows]
+    return [replace(row, timing={**row.timing, "rounds_s": each}) for row, each in zip(rows, rounds, strict=True)]
 
 
 def test_factors_within_the_spread_of_repeats_are_level():
     rows = [*law("hht", 100.0, 2), *law("ida", 105.0, 2)]
     assert _one(rows, "time").outcome == "wins", "no repeats: every difference counts"
-    timed(rows, 1.0, 1.07)
+    rows = timed(rows, 1.0, 1.07)
     assert level_of(points(rows)) == pytest.approx(1.07)
     assert (_one(rows, "time").outcome, _one(rows).outcome) == ("level", "wins"), "evaluations do not vary"
     assert _one([*law("hht", 100.0, 2), *timed(law("ida", 120.0, 2), 1.0, 1.07)], "time").outcome == "wins"

@@ -97,6 +97,14 @@ def test_an_exact_solution_has_neither_errors_nor_drift():
     assert (drift["sampled"], drift["points"]) == ("rows", 11)
 
 
+def test_curves_far_from_time_zero_keep_their_times():
+    later = replace(circle(), t_span=(2000.0, 2000.05), exact=None, reference=None)
+    times = np.linspace(2000.0, 2000.05, 51)
+    series = measure(later, replace(solution(times), interpolant=None)).series
+    assert len(set(series["multipliers"]["t"])) == 51
+    assert len(set(series["drift"]["t"])) == 51
+
+
 def test_errors_are_the_largest_component_over_its_scale_at_the_end_and_over_time():
     made = solution()
     q, v, lam = made.q.copy(), made.v.copy(), made.lam.copy()

@@ -195,6 +195,9 @@ def test_specs_that_write_out_a_default_and_specs_that_do_not_are_the_same_cells
     assert {solver for grid in quick.grids for solver in grid.solvers} == {"projected(method=DOP853)"}
     twice = Grid(problems=("fall", "fall(t_end=1.0)"), solvers=("projected", "projected(method=DOP853)"), rtol=(1e-3,))
     assert [(cell.problem, cell.solver) for cell in plan_cells(Campaign(grids=(twice,)))] == [("fall", "projected")]
+    told = ("hht", "hht(b=0)", "hht(engine='compiled')", "hht(alpha=-0.1)")
+    whole = Grid(problems=("fall(t_end=2)", "fall(t_end=2.0)"), solvers=told, rtol=(1e-3,))
+    assert [cell.solver for cell in plan_cells(Campaign(grids=(whole,)))] == ["hht", "hht(alpha=-0.1)"]
     other = Grid(problems=("fall", "fall(t_end=2.0)"), solvers=("projected", "projected(method=RK23)"), rtol=(1e-3,))
     assert len(plan_cells(Campaign(grids=(other,)))) == 4
 

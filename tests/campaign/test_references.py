@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.campaign import Campaign, Grid
+from hhtbench.campaign import Campaign, Grid, references
 from hhtbench.campaign.references import auto_references
+from hhtbench.campaign.sources import SourceReader
 from hhtbench.cli import main
 from hhtbench.reference import auto
+from hhtbench.specs import parse_spec
 from hhtbench.store import load_rows
 
 MINE = """\
@@ -96,3 +98,12 @@ def test_families_that_disagree_certify_nothing_and_it_is_said(mine: Path, monke
     said = auto.certify_one("mine.py:swing", mine / "swing.json")
     assert said.startswith("not certified: collocation(form=ggl) and projected(method=DOP853) do not agree")
     assert not (mine / "swing.json").exists()
+
+
+def test_a_certificate_does_not_rest_on_what_measures_runs():
+    reader, seen = SourceReader(), []
+    for solver in references.RESTS_ON:
+        behind = reader.behind(parse_spec("knife_edge"), parse_spec(solver))
+        seen += [name for name in behind if not name.startswith(references.NOT_THESE)]
+    assert "hhtbench.lowering.dynamics.kkt" in seen
+    assert not [name for name in seen if "drift" in name or name in ("hhtbench.trust.judge", "hhtbench.trust.motion")]

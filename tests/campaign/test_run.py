@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_solver
-from hhtbench.campaign.run import WARM_UP, request_of, run_cell
+from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
+from hhtbench.campaign.run import WARM_UP, attempt, request_of, run_cell
 from hhtbench.errors import ProblemError
+from hhtbench.request import make_request
 from solvers import ida
 from tests.adapters import scenes
 from tests.adapters.liar import lying
@@ -275,3 +276,17 @@ def test_an_event_that_nobody_asked_for_and_an_answer_that_is_no_text_are_not_be
     monkeypatch.setattr(Line, "accepts", lambda self, problem, request: True)
     row = run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)
     assert (row["status"], row["message"][:8]) == ("unreliable", "accepts:")
+
+
+def test_ctrl_c_in_the_main_process_is_no_solvers_failure():
+    class Interrupted:
+        name = "interrupted"
+
+        def accepts(self, problem, request):
+            return None
+
+        def solve(self, problem, request):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        attempt(load_problem("knife_edge"), Interrupted(), make_request(rtol=1e-3))

@@ -54,3 +54,16 @@ def test_a_force_that_overflows_at_every_step_of_use_is_told(engine):
 def test_a_slow_run_that_newton_does_not_refuse_goes_on():
     solution = HHT(Pendulum(), max_step=1e-9).solve((0.0, 10.0), Q0, V0, rtol=1e-5, max_num_steps=20_000)
     assert solution.status is Status.max_steps
+
+
+class Shaken(System):
+    """A block on a floor that is shaken for a second, with friction that is nearly a jump; then it rests for ever."""
+
+    def force(self, t, q, v):
+        return -3.0 * jnp.tanh(v / 1e-8) + 5.0 * jnp.sin(200.0 * t) * jnp.where(t < 1.0, 1.0, 0.0)
+
+
+def test_a_rough_start_before_a_long_rest_arrives():
+    solution = HHT(Shaken()).solve((0.0, 1e6), [0.0], [1.0], rtol=1e-4, max_num_steps=20_000)
+    assert solution.status is Status.success
+    assert solution.counters.steps_rejected_newton > 0.1 * 1_000  # refused as often as what will not arrive

@@ -212,3 +212,12 @@ def test_a_solution_with_its_estimate_is_pickled(pendulum):
     found = hb.solve(pendulum, "hht", accuracy=1e-2)
     again = pickle.loads(pickle.dumps(found))
     assert again.error.bound == found.error.bound
+
+
+def test_a_terminal_event_leaves_the_error_unshown():
+    stops = hb.Event(lambda t, q, v: t - 0.5, terminal=True)
+    solution = hb.solve("simple_pendulum", accuracy=1e-3, events=[stops])
+    assert solution.status is hb.Status.accuracy_not_shown
+    assert "a terminal event ended the run" in solution.message
+    assert abs(solution.t[-1] - 0.5) < 1e-6
+    assert solution.error is None

@@ -98,3 +98,22 @@ def test_nonholonomic_constraints_hold_velocities():
 def test_wrong_use_is_refused_by_name(method, values, text):
     with pytest.raises((hb.ProblemError, TypeError), match=text):
         hb.from_sympy(method(), values)
+
+
+def test_velocities_in_the_mass_and_in_holonomic_constraints_are_refused():
+    quartic = LagrangesMethod(x.diff() ** 4 / 4 + x.diff() ** 2 / 2 - x**2 / 2, [x])
+    with pytest.raises(hb.ProblemError, match="mass_matrix depends on velocities; a Lagrangian must be quadratic"):
+        hb.from_sympy(quartic, {})
+    held = LagrangesMethod((x.diff() ** 2 + a.diff() ** 2) / 2, [x, a], hol_coneqs=[a - x.diff()])
+    with pytest.raises(
+        hb.ProblemError, match="constraint depends on velocities; give what holds velocities as nonhol_coneqs"
+    ):
+        hb.from_sympy(held, {})
+
+
+def test_symbols_of_one_name_and_other_objects_are_refused():
+    k, same = sympy.Symbol("k"), sympy.Symbol("k", positive=True)
+    with pytest.raises(hb.ProblemError, match="several symbols are called k"):
+        hb.from_sympy(LagrangesMethod(k * x.diff() ** 2 / 2 - same * x**2, [x]), {"k": 1.0})
+    with pytest.raises(TypeError, match=r"takes a .*LagrangesMethod; got int"):
+        hb.from_sympy(3, {})

@@ -9,6 +9,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.result import OF_FUNCTIONS, Solution, Status
+from hhtbench.saved import write_arrays
 
 mpl.use("agg")
 
@@ -66,6 +67,23 @@ def test_a_file_that_is_no_saved_solution_is_refused_by_name(content, tmp_path):
     else:
         file.write_bytes(content)
     with pytest.raises(ProblemError, match=r"other\.npz holds no saved solution"):
+        Solution.load(file)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"status": "success"},
+        {"q": "text"},
+        {"q": np.zeros((3, 2))},
+        {"drift_of": "text"},
+        {"t": None},
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(changes, swing, tmp_path):
+    parts = {name: value for name, value in vars(swing).items() if name not in OF_FUNCTIONS}
+    file = write_arrays(tmp_path / "other.npz", {**parts, **changes})
+    with pytest.raises(ProblemError, match=r"other\.npz is no saved solution"):
         Solution.load(file)
 
 

@@ -7,11 +7,13 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from hhtbench.report.chart import draw
+from hhtbench.report.chart import draw, packed
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import FAMILIES, solver_order, solver_styles
+from hhtbench.report.drawings import Drawings
 from hhtbench.report.frame import Chart, EdgeMark, Trace
 from tests.analysis.laws import failed, law, run
+from tests.report.drawings import figures_of
 from tests.report.synthetic import SOLVERS
 
 
@@ -218,3 +220,11 @@ def test_families_have_their_colours_in_every_report_and_variants_differ():
 def test_order_of_solvers_is_by_family_and_strangers_come_last():
     order = solver_order(["zeta", "scipy(method=Radau)", "ida(form=ggl)", "hht(alpha=0)", "alpha", "hht(alpha=-0.1)"])
     assert order == ("hht(alpha=-0.1)", "hht(alpha=0)", "ida(form=ggl)", "scipy(method=Radau)", "alpha", "zeta")
+
+
+def test_times_far_from_zero_keep_double_precision_and_no_number_spoils_a_page():
+    drawings = Drawings()
+    drawings.box({"data": [{"x": packed([2000.0, 2000.05]), "y": packed([0.0, 1.0])}], "layout": {"range": [1.0, np.inf]}})
+    (figure,) = figures_of(drawings.scripts(""))
+    assert (figure["data"][0]["x"]["dtype"], figure["data"][0]["y"]["dtype"]) == ("f8", "f4")
+    assert figure["layout"]["range"] == [1.0, None]

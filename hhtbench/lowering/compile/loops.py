@@ -109,7 +109,7 @@ class Entry(Inner):
     def following(self, *first: Any) -> Callable[..., int]:
         """What takes the arguments after ``first``, which stay the same: of arrays their memory.
 
-        One thread at a time may call it.
+        Threads may share it where nobody looks at what it returns: that has one place.
         """
         known: list[Any] = []
         begins, result, error = in_words(first, known), ctypes.c_int64(), ctypes.c_void_p()

@@ -173,7 +173,7 @@ def conjugate(products: MatrixFree) -> Conjugate:
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: no JAX system, or a mass that varies, fills or is singular."""
+    """``dynamics`` without dense matrices; None: no JAX system, a mass that fills, is singular, varies in a small one."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
     if not isinstance(origin, JaxDynamics):
         return None

@@ -135,7 +135,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     """
     watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
-    pace, look = pace_of(stepper.engine, taken, state.t), LOOK
+    first = pace = pace_of(stepper.engine, taken, state.t)
+    look = LOOK
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
@@ -157,7 +158,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             return after.ended
         if taken == look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
-            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, before, pace, state, stop)):
+            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, (first, before, pace), state, stop)):
                 return ended
     return Failure(Status.success, Status.success.text)
 
