@@ -1,11 +1,13 @@
 """What speaks against the success that a solver reports, whoever wrote it.
 
-``doubt_about`` and ``doubt_about_motion`` look at types, shapes, times and counters, ``violated`` at the constraints, and
-``unresolved`` at the times of steps.  :mod:`~hhtbench.trust.judge` adds the equations of motion, for the bench.
+``doubt_about`` and ``doubt_about_motion`` look at types, shapes, times and counters, ``violated`` at the constraints,
+``frozen`` at rows that are all one, and ``unresolved`` at the times of steps.  :mod:`~hhtbench.trust.judge` adds the
+equations of motion, for the bench.
 """
 
+from hhtbench.trust.frozen import frozen
 from hhtbench.trust.levels import violated
 from hhtbench.trust.rows import doubt_about, doubt_about_motion
 from hhtbench.trust.times import unresolved
 
-__all__ = ["doubt_about", "doubt_about_motion", "unresolved", "violated"]
+__all__ = ["doubt_about", "doubt_about_motion", "frozen", "unresolved", "violated"]

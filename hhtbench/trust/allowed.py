@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, plan_steps
 from hhtbench.trust.flow import Equations, Flow, NotJudged
 
 FINEST = 1e-10  # relative: no motion is known better after many steps
-BESIDE = 1e-3  # of the largest component: solvers measure the errors of small ones by what is beside them
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps
 MOST_EVALUATIONS = 2000  # of the equations, for the first steps
 STEPS_SEEN = 8  # steps over which is seen how well they resolve the motion
-
-
-def sizes_of(problem: Problem, q: Matrix, v: Matrix) -> Vector:
-    """Typical sizes of y = [q, v] (2n,): the largest of the rows ``q`` and ``v`` (k, n), or the declared scales."""
-    n, parts = problem.q0.size, []
-    for rows, scale in ((q, problem.scales.q), (v, problem.scales.v)):
-        size = np.maximum(np.max(np.abs(rows), axis=0), np.broadcast_to(np.asarray(scale, dtype=np.float64), (n,)))
-        parts.append(np.maximum(size, BESIDE * np.max(size)))
-    return np.concatenate(parts)
 
 
 def allowed_errors(problem: Problem, request: Request, equations: Equations, size: Vector) -> Vector:

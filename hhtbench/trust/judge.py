@@ -16,12 +16,13 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
-from hhtbench.trust.allowed import allowed_errors, sizes_of
+from hhtbench.trust.allowed import allowed_errors
 from hhtbench.trust.flow import Equations, NotJudged
 from hhtbench.trust.levels import CHECKED_ROWS, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
 from hhtbench.trust.reactions import wrong_reaction
 from hhtbench.trust.rows import doubt_about
+from hhtbench.trust.sizes import sizes_of
 from hhtbench.trust.suspects import stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one

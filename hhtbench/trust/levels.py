@@ -11,6 +11,7 @@ from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
+from hhtbench.trust.sizes import sizes_of
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
@@ -42,32 +43,46 @@ def violated(
         return ""
     some = np.arange(t.size) if t.size <= CHECKED_ROWS else np.unique(np.linspace(0, t.size - 1, CHECKED_ROWS).astype(int))
     try:
-        found = _over_sizes(levels, problem, (t[some], q[some], v[some]), check_time)
+        constraints, velocities = _over_sizes(levels, problem, (t[some], q[some], v[some]), check_time)
     except NonFiniteValue as error:
         return f"constraints: {error}."
+    return _beyond("A constraint is", constraints, t[some], believable(request)) or _beyond(
+        "The velocity level of a position constraint, g_t + g_q v, is", velocities, t[some], BELIEVABLE
+    )
+
+
+def _beyond(what: str, found: Vector, t: Vector, bound: float) -> str:
+    """The largest of ``found`` (k,), in words; "" where it is within ``bound``."""
     i = int(np.argmax(found))  # the first that is not a number, if there is one
-    largest, at_time = float(found[i]), float(t[some[i]])
-    bound = believable(request)
-    if largest <= bound:
+    if found[i] <= bound:
         return ""
     return (
-        f"constraints: A constraint is violated by up to {largest:.2g} of its size, most at t = {at_time:.17g}; "
+        f"constraints: {what} violated by up to {found[i]:.2g} of its size, most at t = {t[i]:.17g}; "
         f"up to {bound:.2g} is believed."
     )
 
 
 def _over_sizes(
     levels: ConstraintLevels, problem: Problem, rows: tuple[Vector, Matrix, Matrix], check_time: Callable[[], None]
-) -> Vector:
-    """The largest of |g| and |k| at every row (k,), each over what its row of the Jacobian makes of the typical sizes."""
-    n, scales = levels.structure.n, problem.scales
+) -> tuple[Vector, Vector]:
+    """The largest of |g| and |k|, and of |g_t + g_q v|, at every row (k,), over what Jacobians make of typical sizes.
+
+    Forms of index 3 and 1 do not keep the velocity level, so its size is that of the velocities which the rows have.
+    """
+    n, m, scales = levels.structure.n, levels.structure.m, problem.scales
     s_q, s_v = np.full(n, scales.q, dtype=np.float64), np.full(n, scales.v, dtype=np.float64)
-    values, sizes = [], []
-    for t, q, v in zip(rows[0].tolist(), *rows[1:], strict=True):
+    fastest = sizes_of(problem, *rows[1:])[n:]
+    worst = np.zeros((2, rows[0].size))
+    for row, (t, q, v) in enumerate(zip(rows[0].tolist(), *rows[1:], strict=True)):
         check_time()
         at = levels.at(t, q, v)
-        values.append(np.concatenate([at.position, at.velocity]))
-        sizes.append(np.concatenate([np.abs(at.position_jacobian) @ s_q, np.abs(at.velocity_jacobian) @ s_v]))
-    size = np.array(sizes)
-    worst: Vector = np.max(np.abs(values) / np.where(size > 0.0, size, 1.0), axis=1)
-    return worst
+        values = np.concatenate([at.position, at.velocity])
+        sizes = np.concatenate([np.abs(at.position_jacobian) @ s_q, np.abs(at.velocity_jacobian) @ s_v])
+        worst[0, row] = _largest(values, sizes)
+        worst[1, row] = _largest(at.velocity_drift[:m], np.abs(at.position_jacobian) @ fastest + np.abs(at.time_derivative))
+    return worst[0], worst[1]
+
+
+def _largest(values: Vector, sizes: Vector) -> float:
+    """The largest |value| over its size; where that is zero, of the value itself; 0 where there are none."""
+    return float(np.max(np.abs(values) / np.where(sizes > 0.0, sizes, 1.0), initial=0.0))

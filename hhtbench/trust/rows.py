@@ -111,7 +111,7 @@ def _end(problem: Problem, request: Request, t: Vector) -> str:
         return "end: success was reported, but there are no rows."
     end = problem.t_span[1]
     last = end if request.t_eval is None else float(request.t_eval[-1])
-    if abs(t[-1] - last) <= SAME_TIME * _span(problem):
+    if t[-1] == last:
         return ""
     what = "the interval ends" if last == end else "the last row was asked for"
     return f"end: success was reported, but the last time is {t[-1]:.17g} and {what} at {last:.17g}."

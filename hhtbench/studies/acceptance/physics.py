@@ -50,34 +50,44 @@ def stiffness(asked: Asked) -> Finding:
     )
 
 
-@row("P2", "lower mass of a double pendulum 1e-8..1e8 times the upper one", "success, error at most 1e-3", long=True)
+@row(
+    "P2",
+    "lower mass of a double pendulum 1e-8..1e8 times the upper one; fixed h = 1e-3",
+    "success, error at most 1e-3",
+    long=True,
+)
 def mass_ratios(asked: Asked) -> Finding:
-    """Straight at the start; from 1e4 on the lower mass moves as on one rod, else as a far finer run."""
-    faults, steps = {}, {}
+    """Straight at the start; against DOP853 on the angles' own equations."""
+    faults, steps, worst = {}, {}, 0.0
     for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
+        given = problem(DoublePendulum(ratio=10.0**power), *DoublePendulum.straight(0.5), (0.0, 1.0))
+        exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, 10.0**power, 1.0))
         for way, request in asked.ways().items():
-            given = problem(DoublePendulum(ratio=10.0**power), *DoublePendulum.straight(0.5), (0.0, 1.0))
-            found = asked.solve(given, **request, max_num_steps=50_000)
+            finer = {**request, "step": 1e-3} if "step" in request else request
+            found = asked.solve(given, **finer, max_num_steps=50_000)
             case = f"1e{power} {way}"
             faults[case] = ends(found, STATUS.success)
             steps[case] = found.counters.steps_accepted or 0
-            if found.success and power >= 4:
-                exact = pendulum_angle(0.5, 9.81 / 2, 1.0)
-                error = float(np.abs(found.q[-1, 2:] - 2 * np.array([np.sin(exact), -np.cos(exact)])).max())
+            if found.success:
+                error = float(np.abs(found.q[-1] - exact).max())
+                worst = max(worst, error)
                 faults[case] = "" if error <= 1e-3 else f"error {error:.1e}"
-            elif found.success:
-                fine = {"step": 1e-3} if "step" in request else {"rtol": 1e-7}
-                error = apart(found, asked.solve(given, **{**request, **fine}))
-                faults[case] = "" if error <= 1e-3 * (30 if "step" in request else 1) else f"error {error:.1e}"
-    return every(faults, f"at most {max(steps.values())} steps")
+    return every(faults, f"largest error {worst:.1e}, at most {max(steps.values())} steps")
 
 
-def pendulum_angle(start: float, stiffness: float, t: float) -> float:
-    """Angle [rad] at ``t`` [s] of a pendulum released at ``start`` with g/l = ``stiffness`` [1/s^2], by tiny steps."""
+def double_pendulum_angles(start: float, ratio: float, t: float) -> tuple[float, float]:
+    """Angles [rad] at ``t`` [s] of the double pendulum released straight at ``start``, by DOP853 in minimal coordinates."""
     from scipy.integrate import solve_ivp
 
-    found = solve_ivp(lambda _, y: [y[1], -stiffness * np.sin(y[0])], (0, t), [start, 0.0], "DOP853", rtol=1e-12, atol=1e-13)
-    return float(found.y[0, -1])
+    def rates(_: float, y: Any) -> Any:
+        upper, lower, w, z = y
+        s, c = np.sin(upper - lower), np.cos(upper - lower)
+        pull = s * w**2 - 9.81 * np.sin(lower)
+        rate = (-ratio * s * z**2 - (1 + ratio) * 9.81 * np.sin(upper) - ratio * c * pull) / (1 + ratio * s**2)
+        return [w, z, rate, pull - c * rate]
+
+    found = solve_ivp(rates, (0, t), [start, start, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-12)
+    return float(found.y[0, -1]), float(found.y[1, -1])
 
 
 class MasslessAngle(hb.System):
@@ -170,16 +180,19 @@ NAMED = (
 @row(
     "P7",
     "through a singular position: flat parallelograms; a rod of length 0",
-    "the right branch, or a named status; never the wrong one",
+    "the right branch, or a named status, within 1 s; never the wrong one",
 )
 def singular_positions(asked: Asked) -> Finding:
-    """Four bars of 1, 3 and 5 windows at three tolerances: the closed solution is the right branch."""
-    faults, passed = {}, 0
+    """Four bars of 1, 3, 5 windows at 1e-3..1e-7, after a solve of five steps: the closed solution is the right branch."""
+    faults, passed, slowest = {}, 0, 0.0
     for windows in (1, 3, 5):
         given = hb.load_problem(f"four_bars(n_windows={windows}, t_end=1.0)")
-        for tolerance in (1e-3, 1e-4, 1e-5):
+        asked.solve(given, rtol=1e-3, max_num_steps=5)
+        for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
+            began = time.perf_counter()
             found = asked.solve(given, rtol=tolerance)
-            fault = ends(found, STATUS.success, *NAMED, STATUS.unreliable)
+            slowest = max(slowest, time.perf_counter() - began)
+            fault = ends(found, STATUS.success, *NAMED)
             if found.success:
                 passed += 1
                 error = float(np.abs(found.q[-1] - given.exact(float(found.t[-1])).q).max())  # type: ignore[misc]
@@ -187,7 +200,7 @@ def singular_positions(asked: Asked) -> Finding:
             faults[f"{windows} windows {tolerance:g}"] = fault
     point = plane(constraint=lambda t, q: np.array([q @ q / 2]))
     faults["L = 0"] = ends(asked.solve(problem(point, [0.0, 0.0], [0.0, 0.0]), rtol=1e-4), STATUS.success, *NAMED)
-    return every(faults, f"{passed} passed")
+    return every(faults, f"{passed} passed, slowest {slowest:.2g} s", in_time=slowest <= 1)
 
 
 def _long(size: float) -> hb.Problem:
@@ -236,7 +249,8 @@ def absolute_tolerance(asked: Asked) -> Finding:
     warned = any("atol" in x and ("exceed" in x or "larger" in x or "size" in x) for x in told)
     right = asked.solve(over(pendulum(), 0.0, 1.0), rtol=1e-5)
     error = float(np.abs(fine.q[-1] / 1e-9 - right.q[-1]).max()) if fine.success else np.inf
-    return Finding(measured=f"off by {error:.1e}; {'warned' if warned else 'no warning'}", holds=error < 1e-3 and warned)
+    faults = {"trajectory": "" if error < 1e-3 else f"off by {error:.1e}", "warning": "" if warned else "none"}
+    return every(faults, f"off by {error:.1e}")
 
 
 @row(
@@ -286,6 +300,11 @@ def declared_flip(asked: Asked) -> Finding:
     )
 
 
+REST = 1.0 - FLIP  # [s]
+FLIPPED = 1.0 - 9.81 * FLIP**2 / 2 - 9.81 * FLIP * REST + 9.81 * REST**2 / 2  # [m]: at 1 s, from 1 m/s
+PLACES_AT_END = {"sign": (1 / 6, 5e-3), "tanh": (1 / 6, 1e-4), "flip": (FLIPPED, 1e-4)}  # [m], and what they may be off
+
+
 def _sliding(law: Any) -> hb.Problem:
     """A block that Coulomb friction brings to rest after 1/3 s."""
     system = hb.NumpySystem(force=lambda t, q, v: -3.0 * law(v))
@@ -298,7 +317,10 @@ def _sliding(law: Any) -> hb.Problem:
     "bounded: result or step_too_small; the regularised one right",
 )
 def undeclared_flip(asked: Asked) -> Finding:
-    """Places at the end: 1/6 m; in under ten seconds each."""
+    """Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.
+
+    A fixed step of 0.01 that knows of no flip is off by its length, and is asked for an end alone there.
+    """
     faults, slowest, worst = {}, 0.0, 0.0
     cases: dict[str, Any] = {
         "sign": _sliding(np.sign),
@@ -312,11 +334,11 @@ def undeclared_flip(asked: Asked) -> Finding:
             began = time.perf_counter()
             found = asked.solve(given, **request)
             slowest = max(slowest, time.perf_counter() - began)
-            stuck = (STATUS.step_too_small, STATUS.newton_failed) if case != "tanh" else ()
-            fault = ends(found, STATUS.success, *stuck)
-            if found.success and case != "flip":
-                error = abs(float(found.q[-1, 0]) - 1 / 6)
-                worst, fault = max(worst, error), "" if error < 5e-3 else f"off by {error:.1e}"
+            fault = ends(found, STATUS.success, *([STATUS.step_too_small] if case != "tanh" else []))
+            if found.success and not (case == "flip" and "step" in request):
+                at, allowed = PLACES_AT_END[case]
+                error = abs(float(found.q[-1, 0]) - at)
+                worst, fault = max(worst, error), "" if error < allowed else f"off by {error:.1e}"
             faults[f"{case} {way}"] = fault
     return every(faults, f"off by at most {worst:.1e}, slowest {slowest:.2g} s", in_time=slowest < 10)
 

@@ -40,6 +40,7 @@ class Finding:
     measured: str
     holds: bool
     in_time: bool = True  #: where a row allows so many seconds, which a loaded machine may exceed
+    failing: tuple[str, ...] = ()  #: cases that do not behave as expected, where a row has cases
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,7 @@ class Outcome:
     measured: str
     verdict: Verdict
     seconds: float
+    failing: tuple[str, ...] = ()  #: cases of the row, where it has cases
 
 
 Measure = Callable[[Asked], Finding]
@@ -65,30 +67,32 @@ class Row:
     expected: str
     measure: Measure | None  #: None: by ``tests`` alone
     tests: str = ""  #: where the row is tested, as pytest names it
+    gap: str = ""  #: what of the matrix' row those tests do not show
     long: bool = False  #: takes longer than tests may
 
     def outcome(self, asked: Asked, *, timed: bool = True) -> Outcome:
         """Measure the row with a solver; what a measurement raises fails it, and being late where it is ``timed``."""
         began = time.perf_counter()
         if self.measure is None:
-            measured, verdict = self.tests, Verdict.tested
+            measured = f"{self.tests}; not shown: {self.gap}" if self.gap else self.tests
+            verdict, failing = Verdict.tested, ()
         else:
-            measured, verdict = _measured(self.measure, asked, timed)
-        return Outcome(
-            id=self.id, solver=asked.name, measured=measured, verdict=verdict, seconds=time.perf_counter() - began
-        )
+            measured, verdict, failing = _measured(self.measure, asked, timed)
+        seconds = time.perf_counter() - began
+        return Outcome(id=self.id, solver=asked.name, measured=measured, verdict=verdict, seconds=seconds, failing=failing)
 
 
-def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict]:
+def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict, tuple[str, ...]]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = measure(asked)
     except SkipTest as declined:
-        return str(declined), Verdict.undecided
+        return str(declined), Verdict.undecided, ()
     except Exception as error:  # noqa: BLE001  any exception is a finding
-        return f"{type(error).__name__}: {error}", Verdict.fails
-    return found.measured, Verdict.holds if found.holds and (found.in_time or not timed) else Verdict.fails
+        return f"{type(error).__name__}: {error}", Verdict.fails, ()
+    holds = found.holds and (found.in_time or not timed)
+    return found.measured, Verdict.holds if holds else Verdict.fails, found.failing
 
 
 def row(id: str, goes_in: str, expected: str, *, long: bool = False) -> Callable[[Measure], Measure]:
@@ -101,9 +105,9 @@ def row(id: str, goes_in: str, expected: str, *, long: bool = False) -> Callable
     return register
 
 
-def tested(id: str, goes_in: str, expected: str, tests: str) -> Row:
-    """A row that tests of their own hold."""
-    return Row(id=id, goes_in=goes_in, expected=expected, measure=None, tests=tests)
+def tested(id: str, goes_in: str, expected: str, tests: str, gap: str = "") -> Row:
+    """A row that tests of their own hold, but for the ``gap``."""
+    return Row(id=id, goes_in=goes_in, expected=expected, measure=None, tests=tests, gap=gap)
 
 
 def rows_of(module: ModuleType) -> list[Row]:
@@ -122,4 +126,5 @@ def every(faults: Mapping[str, str], also: str = "", *, in_time: bool = True) ->
     wrong = {case: fault for case, fault in faults.items() if fault}
     told = "; ".join(f"{case}: {fault}" for case, fault in list(wrong.items())[:2])
     parts = [f"{len(faults) - len(wrong)} of {len(faults)} cases", also, told]
-    return Finding(measured="; ".join(filter(None, parts)), holds=not wrong and bool(faults), in_time=in_time)
+    holds = not wrong and bool(faults)
+    return Finding(measured="; ".join(filter(None, parts)), holds=holds, in_time=in_time, failing=tuple(wrong))

@@ -130,7 +130,12 @@ class DoublePendulum(hb.System):
         return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2.0, (d @ d - 1.0) / 2.0])
 
     @staticmethod
+    def bent(upper: float, lower: float) -> tuple[np.ndarray, np.ndarray]:
+        """The rods at these angles [rad] from below, at rest."""
+        first, second = (np.array([np.sin(x), -np.cos(x)]) for x in (upper, lower))
+        return np.concatenate([first, first + second]), np.zeros(4)
+
+    @staticmethod
     def straight(angle: float) -> tuple[np.ndarray, np.ndarray]:
         """Both rods at ``angle`` [rad] from below, at rest."""
-        along = np.array([np.sin(angle), -np.cos(angle)])
-        return np.concatenate([along, 2 * along]), np.zeros(4)
+        return DoublePendulum.bent(angle, angle)

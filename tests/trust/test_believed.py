@@ -1,0 +1,67 @@
+"""What ``hb.solve`` believes of a solver that is not of the bench: the velocity level, the end, a motion that is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.testing.scenes import pendulum
+
+PROBLEM = pendulum().problem
+TIMES = np.linspace(*PROBLEM.t_span, 9)
+
+
+class Lying:
+    name = "lying"
+
+    def __init__(self, change):
+        self.change = change
+
+    def accepts(self, problem, request):
+        return None
+
+    def solve(self, problem, request):
+        return self.change(hb.load_solver("hht").solve(problem, request))
+
+
+def believed(change, problem=PROBLEM, **request):
+    return hb.solve(problem, Lying(change), rtol=1e-6, **request)
+
+
+def off_the_tangent(x):
+    return replace(x, v=x.v + np.linspace(0.0, 3.0, x.t.size)[:, None] * x.q)
+
+
+def frozen(x):
+    return replace(x, **{name: np.repeat(getattr(x, name)[:1], x.t.size, axis=0) for name in ("q", "v", "lam", "mu")})
+
+
+def one_ulp_short(x):
+    return replace(x, t=np.append(x.t[:-1], np.nextafter(x.t[-1], x.t[0])))
+
+
+LIES = {off_the_tangent: "constraints", frozen: "motion", one_ulp_short: "end"}
+
+
+@pytest.mark.parametrize("times", [TIMES, None], ids=["rows", "steps"])
+@pytest.mark.parametrize("lie", LIES, ids=lambda lie: lie.__name__)
+def test_it_is_not_believed(lie, times):
+    found = believed(lie, t_eval=times)
+    assert found.status is hb.Status.unreliable
+    assert found.message.startswith(LIES[lie])
+
+
+def test_a_system_at_rest_may_stay_there():
+    rest = hb.Problem(
+        name="rest", system=hb.NumpySystem(force=lambda t, q, v: -q), q0=np.zeros(1), v0=np.zeros(1), t_span=(0.0, 9.0)
+    )
+    assert believed(frozen, rest).success
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3])
+@pytest.mark.parametrize("name", ["simple_pendulum", "andrews", "knife_edge", "jay_negrut_test1", "redundant_pendulum"])
+@pytest.mark.parametrize("solver", ["ida(form=index1)", "scipy(method=Radau)"])
+def test_velocities_of_honest_solves_at_loose_tolerances_are(name, solver, rtol):
+    found = hb.solve(name, solver, rtol=rtol)
+    assert "velocity level" not in found.message
