@@ -122,7 +122,7 @@ class Flow:
             self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
         if not np.isfinite(self._steps.f).all():
             raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
-        self._pieces: list[Any] = []
+        self.pieces: list[Any] = []  #: dense outputs of the steps so far
 
     def at(self, t: float) -> Vector:
         """y (2n,) at ``t``, or as far as the interval goes."""
@@ -131,8 +131,8 @@ class Flow:
                 self._steps.step()
             if self._steps.status == "failed":
                 raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
-            self._pieces.append(self._steps.dense_output())
-        for piece in reversed(self._pieces):
+            self.pieces.append(self._steps.dense_output())
+        for piece in reversed(self.pieces):
             if (piece.t_old <= t) == self._forward or piece.t_old == t:
                 return np.asarray(piece(t), dtype=np.float64)
         return self._y

@@ -67,6 +67,34 @@ def test_constant_steps_set_the_measure_themselves(name: str, steps: int):
     assert judged(problem, Liar("other force"), steps=2000).doubt
 
 
+def begun(force: Any) -> Problem:
+    """A bead on a line that rests until t = 1 s, when a ``force`` of the time since begins."""
+    return Problem(
+        name="begun",
+        system=NumpySystem(
+            force=lambda t, q, v: np.array([force(t - 1.0) if t > 1.0 else 0.0, 0.0]), constraint=lambda t, q: q[1:]
+        ),
+        t_span=(0.0, 3.0),
+        q0=[0.0, 0.0],
+        v0=[0.0, 0.0],
+    )
+
+
+LATE = {"smooth": lambda t: 20 * np.sin(5 * t) ** 3, "sudden": lambda t: 20.0}
+
+
+@pytest.mark.parametrize("steps", [100, 397])
+@pytest.mark.parametrize("solver", ["hht", "generalised_alpha", "rattle"])
+@pytest.mark.parametrize("force", LATE)
+def test_constant_steps_may_be_off_where_the_force_begins_later(force: str, solver: str, steps: int):
+    assert judged(begun(LATE[force]), load_solver(solver), steps=steps).doubt == ""
+
+
+@pytest.mark.parametrize("force", LATE)
+def test_a_force_that_begins_later_may_not_be_another(force: str):
+    assert judged(begun(LATE[force]), Liar("other force"), steps=397).doubt.startswith("equations of motion: ")
+
+
 FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
 
 
