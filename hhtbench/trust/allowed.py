@@ -33,7 +33,7 @@ def allowed_errors(problem: Problem, request: Request, equations: Equations, siz
     t, start = problem.t_span[0], np.concatenate([problem.q0, problem.v0])
     equations.begin(MOST_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
     flow = Flow(equations, t, start, problem.t_span[1], RESOLVED, size)
-    return Missed(flow, t, problem, request, size).so_far
+    return Missed(flow, (t, problem.t_span[1]), problem, request, size).so_far
 
 
 def by_tolerance(request: Request, size: Vector) -> Vector:
@@ -47,13 +47,13 @@ def by_tolerance(request: Request, size: Vector) -> Vector:
 class Missed:
     """What prescribed steps of length h miss of a motion: the largest y(t - h/2) - 2 y(t) + y(t + h/2) until a time.
 
-    That is half the error of a step of a method of first order, and h |dv'| / 2 where the accelerations jump by dv', at which
-    the steps of ``flow`` end; of a motion faster than the steps it is all.
+    That is half the error of a step of a method of first order, also where the accelerations jump by dv', h |dv'| / 2, since
+    the steps of ``flow`` end there; of a motion faster than the steps it is all.
     """
 
-    def __init__(self, flow: Flow, t: float, problem: Problem, request: Request, size: Vector) -> None:
-        """``flow`` from ``t`` [s] on, of which the first ``STEPS_SEEN`` steps are looked at; ``size`` (2n,) of y."""
-        plan, end = plan_steps(request, *problem.t_span), problem.t_span[1]
+    def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
+        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are looked at; ``size`` (2n,) of y."""
+        plan, (t, end) = plan_steps(request, *problem.t_span), interval
         if plan.count < STEPS_SEEN:
             raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")
         h = abs(plan.length(0)) if plan.lengths is None else float(np.max(np.abs(plan.lengths)))

@@ -64,17 +64,19 @@ class Equations:
         """What acts but for the reactions, (n,)."""
         return -self._left_over(self._level, t, y, np.zeros(sum(self._sizes)))
 
-    def reaction(self, t: float, y: Vector, multipliers: Any = None) -> Vector | None:
-        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,), or of those that the acceleration level needs.
+    def needed(self, t: float, y: Vector) -> tuple[Vector, Vector] | None:
+        """Accelerations (n,) and the reaction (n,) that the acceleration level determines; None where it does not."""
+        try:
+            found = self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
+        except NonFiniteValue:
+            return None
+        return (found.vdot, self._reaction(self._level, t, y, (found.lam, found.mu))) if found.converged else None
 
-        None where these are not determined.
-        """
-        level = self._whole
-        if multipliers is None:
-            level, found = self._level, self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
-            if not found.converged:
-                return None
-            multipliers = found.lam, found.mu
+    def reaction(self, t: float, y: Vector, multipliers: Any) -> Vector:
+        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,)."""
+        return self._reaction(self._whole, t, y, multipliers)
+
+    def _reaction(self, level: AccelerationLevel, t: float, y: Vector, multipliers: Any) -> Vector:
         given = np.concatenate(multipliers)
         return self._left_over(level, t, y, 0.0 * given) - self._left_over(level, t, y, given)
 

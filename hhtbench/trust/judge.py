@@ -18,9 +18,9 @@ from hhtbench.request import Request
 from hhtbench.result import Solution
 from hhtbench.trust.allowed import allowed_errors, sizes_of
 from hhtbench.trust.flow import Equations, NotJudged
-from hhtbench.trust.levels import CHECKED_ROWS, violated
+from hhtbench.trust.levels import spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
-from hhtbench.trust.reactions import wrong_reaction
+from hhtbench.trust.reactions import rows_of, wrong_reactions
 from hhtbench.trust.rows import doubt_about
 from hhtbench.trust.suspects import stand_out
 
@@ -63,7 +63,7 @@ def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
         doubt = _multipliers(levels, solution) or violated(levels, problem, request, (solution.t, solution.q, solution.v))
         if steps is not None and not doubt:
-            some = np.unique(np.linspace(0, steps.t.size - 1, CHECKED_ROWS).astype(int))
+            some = spread(steps.t.size)
             doubt = violated(levels, problem, request, (steps.t[some], *steps.states(some)))
         return Judgement(doubt) if doubt else _motion(problem, request, solution, steps, draw)
     except NotJudged as reason:
@@ -84,6 +84,7 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     equations, size = Equations(problem), sizes_of(problem, solution.q, solution.v)
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
+    looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
     windows = []
     for rows, multipliers in _windows(problem, solution, steps, size, starts):
         windows.append(follower.follow(rows, multipliers))
@@ -93,7 +94,7 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     failed = [window for window in found if window.failed]
     if failed:
         return Judgement(_described(failed[0], request), found)
-    wrong = _wrong_reaction(follower, solution, starts)
+    wrong = wrong_reactions(follower, looked_at)
     if wrong:
         return Judgement(wrong, found)
     if any(window.judged for window in found):
@@ -121,14 +122,10 @@ def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
     return sorted({0, count - 2, *drawn, *stand_out(solution.t, solution.q, solution.v, size)})
 
 
-def _wrong_reaction(follower: Follower, solution: Solution, starts: list[int]) -> str:
-    """What is wrong with the multipliers of these rows, in words, or ""."""
-    for i in starts:
-        y, multipliers = np.concatenate([solution.q[i], solution.v[i]]), Multipliers(solution.lam[i], solution.mu[i])
-        wrong = wrong_reaction(follower, float(solution.t[i]), y, multipliers)
-        if wrong:
-            return wrong
-    return ""
+def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:
+    """Those rows of ``some`` that are not at an event which may have changed the state; the last one always."""
+    jumps = np.concatenate([np.zeros(0), *solution.t_events])
+    return [i for i in some if i == solution.t.size - 1 or solution.t[i] not in jumps]
 
 
 def _windows(

@@ -132,8 +132,17 @@ class Follower:
         motion = self._flow(t, y, self.allowed)
         if not self.request.fixed:
             return motion, lambda _: self.allowed
-        missed = Missed(motion, t, self.problem, self.request, self.size)
+        missed = Missed(motion, (t, self.problem.t_span[1]), self.problem, self.request, self.size)
         return motion, lambda until: np.maximum(self.allowed, missed.until(until))
+
+    def allowed_at(self, t: float, y: Vector) -> Vector:
+        """The errors allowed of a step (2n,) at (t, y), to the side on which more of the interval lies."""
+        if not self.request.fixed:
+            return self.allowed
+        end = max(self.problem.t_span, key=lambda end: abs(end - t))
+        self.equations.begin(MOST_EVALUATIONS)
+        motion = Flow(self.equations, t, y, end, ACCURACY * float(np.min(self.allowed / self.size)), self.size)
+        return np.maximum(self.allowed, Missed(motion, (t, end), self.problem, self.request, self.size).so_far)
 
     def _bound(self, allowed: Vector) -> float:
         """How often an ``allowed`` error (2n,) rows may be off."""

@@ -189,6 +189,31 @@ def test_multipliers_that_do_not_make_the_accelerations_are_found(name: str, fac
     assert judge(problem, request, replace(made, lam=factor * made.lam)).doubt.startswith("multipliers: ")
 
 
+@pytest.mark.parametrize(
+    ("rows", "factor"),
+    [(slice(20, 30), 0.0), (slice(25, 26), 1e9), (slice(-1, None), 0.0)],
+    ids=["ten rows", "one row", "last row"],
+)
+def test_multipliers_of_any_row_are_looked_at(rows: slice, factor: float):
+    problem = load_problem("simple_pendulum")
+    request = Request(t_eval=np.linspace(*problem.t_span, 51), rtol=1e-6)
+    made = load_solver("projected").solve(problem, request)
+    lam = made.lam.copy()
+    lam[rows] *= factor
+    for draw in range(5):
+        assert judge(problem, request, made, draw=draw).doubt == ""
+        assert judge(problem, request, replace(made, lam=lam), draw=draw).doubt.startswith("multipliers: ")
+
+
+@pytest.mark.parametrize("asked", [{"rtol": 1e-2}, {"rtol": 1e-4}, {"steps": 400}], ids=str)
+@pytest.mark.parametrize("name", ["simple_pendulum", "knife_edge", "jay_negrut_test1"])
+def test_multipliers_may_be_those_of_the_step_before(name: str, asked: dict[str, Any]):
+    problem = load_problem(name)
+    made = load_solver("hht").solve(problem, Request(**asked))
+    lam, mu = (np.concatenate([x[:1], x[:-1]]) for x in (made.lam, made.mu))
+    assert judge(problem, Request(**asked), replace(made, lam=lam, mu=mu)).doubt == ""
+
+
 def test_the_same_draw_looks_at_the_same_rows_and_another_at_others():
     problem = load_problem("simple_pendulum")
     request = Request(t_eval=np.linspace(*problem.t_span, 401), rtol=1e-6)
