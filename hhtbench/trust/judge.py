@@ -20,9 +20,9 @@ from hhtbench.trust.allowed import allowed_errors, sizes_of
 from hhtbench.trust.flow import Equations, NotJudged
 from hhtbench.trust.levels import spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
-from hhtbench.trust.reactions import rows_of, wrong_reactions
+from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
 from hhtbench.trust.rows import doubt_about
-from hhtbench.trust.suspects import stand_out
+from hhtbench.trust.suspects import bends, stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
@@ -85,6 +85,7 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
     looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
+    starts += _bent(looked_at, size)
     windows = []
     for rows, multipliers in _windows(problem, solution, steps, size, starts):
         windows.append(follower.follow(rows, multipliers))
@@ -119,13 +120,22 @@ def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
     if count < 2:
         return []
     drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
-    return sorted({0, count - 2, *drawn, *stand_out(solution.t, solution.q, solution.v, size)})
+    return sorted({0, count - 2, *drawn, *stand_out(solution.t, lambda some: (solution.q[some], solution.v[some]), size)})
 
 
 def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:
     """Those rows of ``some`` that are not at an event which may have changed the state; the last one always."""
     jumps = np.concatenate([np.zeros(0), *solution.t_events])
     return [i for i in some if i == solution.t.size - 1 or solution.t[i] not in jumps]
+
+
+def _bent(rows: list[Row], size: Vector) -> list[int]:
+    """The row, if any, at which the accelerations that are needed least fit the velocities."""
+    if not rows:
+        return []
+    t, n = np.array([row.t for row in rows]), size.size // 2
+    v, vdot = np.array([row.y[n:] for row in rows]), np.array([row.vdot for row in rows])
+    return [rows[i].i for i in bends(t, v, vdot, size)]
 
 
 def _windows(
@@ -140,7 +150,7 @@ def _windows(
     jumps = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
     times = {float(solution.t[i]) for i in starts}
     if steps is not None:
-        times |= {float(steps.t[k]) for k in stand_out(steps.t, *steps.states(np.arange(steps.t.size)), size)}
+        times |= {float(steps.t[k]) for k in stand_out(steps.t, steps.states, size)}
     for start in sorted(times, key=lambda t: -direction * t):
         rows = _rows(solution, steps, start, direction)
         after = jumps[jumps >= direction * rows.t[0]]
