@@ -12,7 +12,8 @@ from hhtbench.trust.flow import Equations, Flow, NotJudged
 FINEST = 1e-10  # relative: no motion is known better after many steps
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps
 MOST_EVALUATIONS = 2000  # of the equations, for the first steps
-STEPS_SEEN = 8  # steps over which is seen how well they resolve the motion
+STEPS_SEEN = 8  # fewest steps that show how well they resolve the motion
+PLACES = 4  # in every step of the integration here, its end included, at which is seen what prescribed steps miss
 
 
 def allowed_errors(problem: Problem, request: Request, equations: Equations, size: Vector) -> Vector:
@@ -21,7 +22,8 @@ def allowed_errors(problem: Problem, request: Request, equations: Equations, siz
         return by_tolerance(request, size)
     t, start = problem.t_span[0], np.concatenate([problem.q0, problem.v0])
     equations.begin(MOST_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
-    return by_steps(Flow(equations, t, start, problem.t_span[1], RESOLVED, size), t, problem, request, size)
+    flow = Flow(equations, t, start, problem.t_span[1], RESOLVED, size)
+    return Missed(flow, (t, problem.t_span[1]), problem, request, size).so_far
 
 
 def by_tolerance(request: Request, size: Vector) -> Vector:
@@ -32,18 +34,43 @@ def by_tolerance(request: Request, size: Vector) -> Vector:
     return rtol * size + (rtol * size if request.atol is None else _spread(request.atol, size))
 
 
-def by_steps(flow: Flow, t: float, problem: Problem, request: Request, size: Vector) -> Vector:
-    """What the prescribed steps miss of the motion from ``t`` on, (2n,): the largest y(t) - 2 y(t + h/2) + y(t + h).
+class Missed:
+    """What prescribed steps of length h miss of a motion: the largest y(t - h/2) - 2 y(t) + y(t + h/2) until a time.
 
-    That is half the error of a step of a method of first order; of a motion faster than the steps it is all.
+    That is half the error of a step of a method of first order, also where the accelerations jump by dv', h |dv'| / 2, since
+    the steps of ``flow`` end there; of a motion faster than the steps it is all.
     """
-    plan, direction = plan_steps(request, *problem.t_span), np.sign(problem.t_span[1] - problem.t_span[0])
-    if plan.count < STEPS_SEEN:
-        raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")
-    h = direction * (abs(plan.length(0)) if plan.lengths is None else float(np.max(np.abs(plan.lengths))))
-    times = np.minimum(direction * (t + h / 2 * np.arange(2 * STEPS_SEEN + 1)), direction * problem.t_span[1]) * direction
-    y = np.array([flow.at(float(time)) for time in times])
-    return np.max(np.abs(y[:-2] - 2 * y[1:-1] + y[2:]), axis=0) + FINEST * size
+
+    def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
+        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are looked at; ``size`` (2n,) of y."""
+        plan, (t, end) = plan_steps(request, *problem.t_span), interval
+        if plan.count < STEPS_SEEN:
+            raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")
+        h = abs(plan.length(0)) if plan.lengths is None else float(np.max(np.abs(plan.lengths)))
+        self._flow, self._seen = flow, 0
+        self._half = float(np.sign(end - t)) * min(h, abs(end - t)) / 2
+        self._longer = (h / min(h, abs(end - t))) ** 2  # where less than a step is left, the error of a whole one
+        self._between = sorted((t + self._half, end - self._half))
+        self.so_far = FINEST * size  #: (2n,)
+        for k in range(1, 2 * STEPS_SEEN):
+            self._look(t + k * self._half)
+
+    def until(self, t: float) -> Vector:
+        """The largest (2n,) as far as ``t`` [s]."""
+        self._flow.at(t)
+        while self._seen < len(self._flow.pieces):
+            piece = self._flow.pieces[self._seen]
+            if (piece.t_old - t) / self._half >= 2.0:  # a step later
+                break
+            self._seen += 1
+            for part in range(1, PLACES + 1):
+                self._look(piece.t_old + part / PLACES * (piece.t - piece.t_old))
+        return self.so_far
+
+    def _look(self, t: float) -> None:
+        middle = min(max(t, self._between[0]), self._between[1])
+        before, at, after = (self._flow.at(middle + part * self._half) for part in (-1, 0, 1))
+        self.so_far = np.maximum(self.so_far, self._longer * np.abs(before - 2 * at + after))
 
 
 def _spread(tolerance: float | Vector, size: Vector) -> Vector:

@@ -64,17 +64,19 @@ class Equations:
         """What acts but for the reactions, (n,)."""
         return -self._left_over(self._level, t, y, np.zeros(sum(self._sizes)))
 
-    def reaction(self, t: float, y: Vector, multipliers: Any = None) -> Vector | None:
-        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,), or of those that the acceleration level needs.
+    def needed(self, t: float, y: Vector) -> tuple[Vector, Vector] | None:
+        """Accelerations (n,) and the reaction (n,) that the acceleration level determines; None where it does not."""
+        try:
+            found = self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
+        except NonFiniteValue:
+            return None
+        return (found.vdot, self._reaction(self._level, t, y, (found.lam, found.mu))) if found.converged else None
 
-        None where these are not determined.
-        """
-        level = self._whole
-        if multipliers is None:
-            level, found = self._level, self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
-            if not found.converged:
-                return None
-            multipliers = found.lam, found.mu
+    def reaction(self, t: float, y: Vector, multipliers: Any) -> Vector:
+        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,)."""
+        return self._reaction(self._whole, t, y, multipliers)
+
+    def _reaction(self, level: AccelerationLevel, t: float, y: Vector, multipliers: Any) -> Vector:
         given = np.concatenate(multipliers)
         return self._left_over(level, t, y, 0.0 * given) - self._left_over(level, t, y, given)
 
@@ -122,7 +124,7 @@ class Flow:
             self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
         if not np.isfinite(self._steps.f).all():
             raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
-        self._pieces: list[Any] = []
+        self.pieces: list[Any] = []  #: dense outputs of the steps so far
 
     def at(self, t: float) -> Vector:
         """y (2n,) at ``t``, or as far as the interval goes."""
@@ -131,8 +133,8 @@ class Flow:
                 self._steps.step()
             if self._steps.status == "failed":
                 raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
-            self._pieces.append(self._steps.dense_output())
-        for piece in reversed(self._pieces):
+            self.pieces.append(self._steps.dense_output())
+        for piece in reversed(self.pieces):
             if (piece.t_old <= t) == self._forward or piece.t_old == t:
                 return np.asarray(piece(t), dtype=np.float64)
         return self._y

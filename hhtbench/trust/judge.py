@@ -18,12 +18,12 @@ from hhtbench.request import Request
 from hhtbench.result import Solution
 from hhtbench.trust.allowed import allowed_errors
 from hhtbench.trust.flow import Equations, NotJudged
-from hhtbench.trust.levels import CHECKED_ROWS, violated
+from hhtbench.trust.levels import spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
-from hhtbench.trust.reactions import wrong_reaction
+from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
 from hhtbench.trust.rows import doubt_about
 from hhtbench.trust.sizes import sizes_of
-from hhtbench.trust.suspects import stand_out
+from hhtbench.trust.suspects import bends, stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
@@ -64,7 +64,7 @@ def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
         doubt = _multipliers(levels, solution) or violated(levels, problem, request, (solution.t, solution.q, solution.v))
         if steps is not None and not doubt:
-            some = np.unique(np.linspace(0, steps.t.size - 1, CHECKED_ROWS).astype(int))
+            some = spread(steps.t.size)
             doubt = violated(levels, problem, request, (steps.t[some], *steps.states(some)))
         return Judgement(doubt) if doubt else _motion(problem, request, solution, steps, draw)
     except NotJudged as reason:
@@ -85,6 +85,8 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     equations, size = Equations(problem), sizes_of(problem, solution.q, solution.v)
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
+    looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
+    starts += _bent(looked_at, size)
     windows = []
     for rows, multipliers in _windows(problem, solution, steps, size, starts):
         windows.append(follower.follow(rows, multipliers))
@@ -94,7 +96,7 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     failed = [window for window in found if window.failed]
     if failed:
         return Judgement(_described(failed[0], request), found)
-    wrong = _wrong_reaction(follower, solution, starts)
+    wrong = wrong_reactions(follower, looked_at)
     if wrong:
         return Judgement(wrong, found)
     if any(window.judged for window in found):
@@ -119,17 +121,22 @@ def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
     if count < 2:
         return []
     drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
-    return sorted({0, count - 2, *drawn, *stand_out(solution.t, solution.q, solution.v, size)})
+    return sorted({0, count - 2, *drawn, *stand_out(solution.t, lambda some: (solution.q[some], solution.v[some]), size)})
 
 
-def _wrong_reaction(follower: Follower, solution: Solution, starts: list[int]) -> str:
-    """What is wrong with the multipliers of these rows, in words, or ""."""
-    for i in starts:
-        y, multipliers = np.concatenate([solution.q[i], solution.v[i]]), Multipliers(solution.lam[i], solution.mu[i])
-        wrong = wrong_reaction(follower, float(solution.t[i]), y, multipliers)
-        if wrong:
-            return wrong
-    return ""
+def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:
+    """Those rows of ``some`` that are not at an event which may have changed the state; the last one always."""
+    jumps = np.concatenate([np.zeros(0), *solution.t_events])
+    return [i for i in some if i == solution.t.size - 1 or solution.t[i] not in jumps]
+
+
+def _bent(rows: list[Row], size: Vector) -> list[int]:
+    """The row, if any, at which the accelerations that are needed least fit the velocities."""
+    if not rows:
+        return []
+    t, n = np.array([row.t for row in rows]), size.size // 2
+    v, vdot = np.array([row.y[n:] for row in rows]), np.array([row.vdot for row in rows])
+    return [rows[i].i for i in bends(t, v, vdot, size)]
 
 
 def _windows(
@@ -144,7 +151,7 @@ def _windows(
     jumps = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
     times = {float(solution.t[i]) for i in starts}
     if steps is not None:
-        times |= {float(steps.t[k]) for k in stand_out(steps.t, *steps.states(np.arange(steps.t.size)), size)}
+        times |= {float(steps.t[k]) for k in stand_out(steps.t, steps.states, size)}
     for start in sorted(times, key=lambda t: -direction * t):
         rows = _rows(solution, steps, start, direction)
         after = jumps[jumps >= direction * rows.t[0]]

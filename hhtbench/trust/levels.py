@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import NonFiniteValue
@@ -24,6 +25,11 @@ def believable(request: Request) -> float:
     return min(BELIEVABLE, DRIFT * rtol) if rtol > 0.0 else BELIEVABLE
 
 
+def spread(count: int) -> NDArray[np.intp]:
+    """Up to ``CHECKED_ROWS`` of ``count`` rows, evenly spread, the first and the last among them."""
+    return np.linspace(0, count - 1, min(count, CHECKED_ROWS)).round().astype(np.intp)
+
+
 def violated(
     levels: ConstraintLevels,
     problem: Problem,
@@ -41,7 +47,7 @@ def violated(
     t, q, v = rows
     if not levels.structure.constrained or not t.size:
         return ""
-    some = np.arange(t.size) if t.size <= CHECKED_ROWS else np.unique(np.linspace(0, t.size - 1, CHECKED_ROWS).astype(int))
+    some = spread(t.size)
     try:
         constraints, velocities = _over_sizes(levels, problem, (t[some], q[some], v[some]), check_time)
     except NonFiniteValue as error:

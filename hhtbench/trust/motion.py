@@ -20,7 +20,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.trust.allowed import by_steps
+from hhtbench.trust.allowed import Missed
 from hhtbench.trust.flow import Equations, Flow, NotJudged
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
@@ -88,37 +88,65 @@ class Follower:
         t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
         self.equations.begin(MOST_EVALUATIONS, multipliers)
         try:
-            motion, allowed = self._begin(float(t[0]), y[0])
+            motion, allowed_until = self._begin(float(t[0]), y[0])
         except NotJudged as reason:
             return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=str(reason))
-        bound = float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
         line = y[0] + (t - t[0])[:, None] * np.concatenate([rows.v[0], 0.0 * rows.v[0]])
-        states, why = _along(motion, t, lambda i, y: self._over(y - line[i], allowed) > SEEN * bound)
+        limits: list[Vector] = []
+
+        def enough(i: int, state: Vector) -> bool:
+            limits.append(allowed_until(float(t[i])))
+            return self._over(state - line[i], limits[i]) > SEEN * self._bound(limits[i])
+
+        states, why = _along(motion, t, enough)
+        if not limits:
+            return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=why)
+        states, allowed = states[: len(limits)], np.array(limits)
+        bound = self._bound(allowed[-1])
         window = self._window(t, y, states, line, bound, allowed, why)
         if not window.failed:
             return window
         self.equations.begin(MOST_EVALUATIONS, multipliers)
         k = len(states)
-        more, why = _along(motion, t[k:], lambda i, y: self._distance(y - line[k + i]) >= LEFT)
-        states = np.concatenate([states, more.reshape(-1, y.shape[1])])
+
+        def far(i: int, state: Vector) -> bool:
+            limits.append(allowed_until(float(t[k + i])))
+            return self._distance(state - line[k + i]) >= LEFT
+
+        more, why = _along(motion, t[k:], far)
+        states, allowed = np.concatenate([states, more.reshape(-1, y.shape[1])])[: len(limits)], np.array(limits)
         carried = np.zeros_like(states)
         for sign in signs(y.shape[1]):
             if not window.failed:
                 break
             self.equations.begin(MOST_EVALUATIONS, multipliers)
-            change = self.equations.along_constraints(float(t[0]), y[0], sign * allowed, self.size)
-            beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed), t[: len(states)])
-            states, carried = states[: len(beside)], carried[: len(beside)]
+            change = self.equations.along_constraints(float(t[0]), y[0], sign * allowed[-1], self.size)
+            beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed[-1]), t[: len(states)])
+            states, carried, allowed = states[: len(beside)], carried[: len(beside)], allowed[: len(beside)]
             carried = np.maximum(carried, np.abs(beside - states) / SMALL)
             window = self._window(t, y, states, line, bound, allowed + np.maximum.accumulate(carried), why)
         return window
 
-    def _begin(self, t: float, y: Vector) -> tuple[Flow, Vector]:
-        """The motion from (t, y), and the errors allowed of a step (2n,)."""
+    def _begin(self, t: float, y: Vector) -> tuple[Flow, Callable[[float], Vector]]:
+        """The motion from (t, y), and the errors allowed of a step (2n,) until a time."""
         motion = self._flow(t, y, self.allowed)
         if not self.request.fixed:
-            return motion, self.allowed
-        return motion, np.maximum(self.allowed, by_steps(motion, t, self.problem, self.request, self.size))
+            return motion, lambda _: self.allowed
+        missed = Missed(motion, (t, self.problem.t_span[1]), self.problem, self.request, self.size)
+        return motion, lambda until: np.maximum(self.allowed, missed.until(until))
+
+    def allowed_at(self, t: float, y: Vector) -> Vector:
+        """The errors allowed of a step (2n,) at (t, y), to the side on which more of the interval lies."""
+        if not self.request.fixed:
+            return self.allowed
+        end = max(self.problem.t_span, key=lambda end: abs(end - t))
+        self.equations.begin(MOST_EVALUATIONS)
+        motion = Flow(self.equations, t, y, end, ACCURACY * float(np.min(self.allowed / self.size)), self.size)
+        return np.maximum(self.allowed, Missed(motion, (t, end), self.problem, self.request, self.size).so_far)
+
+    def _bound(self, allowed: Vector) -> float:
+        """How often an ``allowed`` error (2n,) rows may be off."""
+        return float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
 
     def _flow(self, t: float, y: Vector, allowed: Vector) -> Flow:
         rtol = ACCURACY * float(np.min(allowed / self.size))

@@ -2,14 +2,19 @@
 
 At a row's own state the acceleration level determines the reaction; multipliers of redundant constraints are not unique,
 their reaction is.  What the row's multipliers leave of the equations of motion may be as large as what errors of the state
-make of the reaction, as often those allowed of a step as elsewhere, and a part of the reaction that follows the tolerance.
+make of the reaction, as often those allowed of a step as elsewhere, and a part of the reaction that follows the tolerance:
+of the row's own reaction, or of that of half the rows where it is larger.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.result import Solution
+from hhtbench.trust.flow import NotJudged
 from hhtbench.trust.levels import believable
 from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 
@@ -17,22 +22,56 @@ ROUNDOFF = 1e-8  # of the largest force
 DISTURBED = 2  # states beside that of the row
 
 
-def wrong_reaction(follower: Follower, t: float, y: Vector, multipliers: Multipliers) -> str:
-    """How far the reaction of ``multipliers`` is off that at (t, y), y = [q, v] (2n,), in words; "" where it can be."""
-    equations = follower.equations
-    equations.begin(MOST_EVALUATIONS, multipliers)
-    reaction, given = equations.reaction(t, y), equations.reaction(t, y, multipliers)
-    if reaction is None or given is None:
+@dataclass(frozen=True)
+class Row:
+    """What the acceleration level needs at a row of a solution."""
+
+    i: int
+    t: float  #: [s]
+    y: Vector  #: [q, v] (2n,)
+    multipliers: Multipliers  #: those given
+    vdot: Vector  #: (n,)
+    reaction: Vector  #: (n,)
+
+
+def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row]:
+    """The rows ``some`` of ``solution`` at which accelerations are determined."""
+    rows = []
+    for i in some:
+        t, y = float(solution.t[i]), np.concatenate([solution.q[i], solution.v[i]])
+        multipliers = Multipliers(solution.lam[i], solution.mu[i])
+        follower.equations.begin(MOST_EVALUATIONS, multipliers)
+        found = follower.equations.needed(t, y)
+        if found is not None:
+            rows.append(Row(i, t, y, multipliers, *found))
+    return rows
+
+
+def wrong_reactions(follower: Follower, rows: list[Row]) -> str:
+    """How far the reaction of the multipliers of one of ``rows`` is off what is needed, in words; "" where all can be."""
+    if not rows:
         return ""
-    off, size = float(np.max(np.abs(given - reaction))), float(np.max(np.abs(reaction)))
+    typical = float(np.median([np.max(np.abs(row.reaction)) for row in rows]))
+    return next(filter(None, (_wrong_reaction(follower, row, typical) for row in rows)), "")
+
+
+def _wrong_reaction(follower: Follower, row: Row, typical: float) -> str:
+    equations, t, y, reaction = follower.equations, row.t, row.y, row.reaction
+    off = float(np.max(np.abs(equations.reaction(t, y, row.multipliers) - reaction)))
+    size = max(typical, float(np.max(np.abs(reaction))))
     bound = believable(follower.request) * size + ROUNDOFF * max(size, float(np.max(np.abs(equations.force(t, y)))))
     if off <= bound:
         return ""
+    try:
+        allowed = follower.allowed_at(t, y)
+    except NotJudged:
+        return ""
+    equations.begin(MOST_EVALUATIONS, row.multipliers)
     for _, sign in zip(range(DISTURBED), signs(y.size), strict=False):
-        beside = equations.reaction(t, y + sign * follower.allowed)
+        beside = equations.needed(t, y + sign * allowed)
         if beside is None:
             return ""
-        bound += BOUND * float(np.max(np.abs(beside - reaction)))
+        bound += BOUND * float(np.max(np.abs(beside[1] - reaction)))
     if off <= bound:
         return ""
     return (

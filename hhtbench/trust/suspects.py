@@ -1,9 +1,13 @@
-"""Rows that stand out from all others: those that hardly move, and a step to the next row that their velocities do not make.
+"""Rows that stand out from all others: slow ones, and those whose velocities or accelerations do not make the next row.
 
-Every row is looked at, with all others at once; what stands out is no proof, but a place for a window to begin.
+Every row is looked at, with all others at once, and the accelerations at some; what stands out is no proof, but a place for
+a window to begin.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -12,23 +16,51 @@ from hhtbench.arguments import Matrix, Vector
 STILL = 1e-3  # of the median speed of change: slower rows may be frozen
 LEAP = 30.0  # times the median of what the velocities leave of the way to the next row: a larger one may be a jump
 APART = 1e-9  # of the interval: the way between rows nearer to one another is roundoff
+BLOCK = 1000  # rows whose states are held at once
+
+States = Callable[[Any], tuple[Matrix, Matrix]]  # q and v (len, n) at some indices
 
 
-def stand_out(t: Vector, q: Matrix, v: Matrix, size: Vector) -> list[int]:
-    """At most two rows i whose way to row i + 1 stands out, of rows t (k,), q and v (k, n); ``size`` (2n,) of [q, v]."""
+def stand_out(t: Vector, states: States, size: Vector) -> list[int]:
+    """Rows i whose way to row i + 1 stands out, of rows t (k,) and their ``states``; ``size`` (2n,) of [q, v].
+
+    At most three: the first that hardly moves, the slowest of these, and the one whose velocities leave most of its way.
+    """
     dt = np.diff(t)
     if dt.size < 3:
         return []
-    way = np.diff(np.concatenate([q, v], axis=1), axis=0) / size
     usable = np.abs(dt) > APART * abs(t[-1] - t[0])
-    length = np.where(usable, np.abs(dt), np.inf)
-    speed = np.max(np.abs(way), axis=1) / length
-    left = np.max(np.abs(np.diff(q, axis=0) - dt[:, None] * (v[1:] + v[:-1]) / 2) / size[: q.shape[1]], axis=1)
-    found = []
+    ways = [_ways(t[some], *states(some), size) for some in _blocks(t.size)]
+    way, left = (np.concatenate(part) for part in zip(*ways, strict=True))
+    speed = way / np.where(usable, np.abs(dt), np.inf)
+    found = set()
     slow = np.flatnonzero(usable & (speed < STILL * np.median(speed[usable]))) if usable.any() else np.empty(0, int)
     if slow.size:
-        found.append(int(slow[0]))
+        found |= {int(slow[0]), int(slow[np.argmin(speed[slow])])}
+    return sorted(found | set(_largest(left)))
+
+
+def bends(t: Vector, v: Matrix, vdot: Matrix, size: Vector) -> list[int]:
+    """The row i, if any, whose change of ``v`` (k, n) per time to row i + 1 the accelerations ``vdot`` (k, n) make least."""
+    dt = np.diff(t)[:, None]
+    with np.errstate(all="ignore"):
+        left = np.diff(v, axis=0) / dt - (vdot[1:] + vdot[:-1]) / 2
+    return _largest(np.nan_to_num(np.max(np.abs(left) / size[v.shape[1] :], axis=1), posinf=0.0)) if len(dt) > 2 else []
+
+
+def _largest(left: Vector) -> list[int]:
     worst = int(np.argmax(left))
-    if left[worst] > LEAP * np.median(left):
-        found.append(worst)
-    return found
+    return [worst] if left[worst] > LEAP * np.median(left) else []
+
+
+def _blocks(count: int) -> Iterator[Any]:
+    """Indices of ``BLOCK`` rows and the one after them, so that every way between two of ``count`` rows is in one block."""
+    for first in range(0, count - 1, BLOCK):
+        yield np.arange(first, min(first + BLOCK + 1, count))
+
+
+def _ways(t: Vector, q: Matrix, v: Matrix, size: Vector) -> tuple[Vector, Vector]:
+    """The largest parts, in units of ``size``, of ways to the next row and of what velocities leave of them, (k - 1,)."""
+    way = np.max(np.abs(np.diff(np.concatenate([q, v], axis=1), axis=0)) / size, axis=1)
+    left = np.diff(q, axis=0) - np.diff(t)[:, None] * (v[1:] + v[:-1]) / 2
+    return way, np.max(np.abs(left) / size[: q.shape[1]], axis=1)

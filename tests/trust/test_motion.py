@@ -10,6 +10,7 @@ import pytest
 
 from hhtbench import NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
 from hhtbench.trust.judge import Judgement, Steps, judge
+from hhtbench.trust.suspects import stand_out
 from tests.trust.liars import MOTIONS, Liar
 
 PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")
@@ -65,6 +66,34 @@ def test_constant_steps_set_the_measure_themselves(name: str, steps: int):
         found = judged(problem, load_solver(solver), steps=steps)
         assert (found.doubt, found.not_judged) == ("", "")
     assert judged(problem, Liar("other force"), steps=2000).doubt
+
+
+def begun(force: Any) -> Problem:
+    """A bead on a line that rests until t = 1 s, when a ``force`` of the time since begins."""
+    return Problem(
+        name="begun",
+        system=NumpySystem(
+            force=lambda t, q, v: np.array([force(t - 1.0) if t > 1.0 else 0.0, 0.0]), constraint=lambda t, q: q[1:]
+        ),
+        t_span=(0.0, 3.0),
+        q0=[0.0, 0.0],
+        v0=[0.0, 0.0],
+    )
+
+
+LATE = {"smooth": lambda t: 20 * np.sin(5 * t) ** 3, "sudden": lambda t: 20.0}
+
+
+@pytest.mark.parametrize("steps", [100, 397])
+@pytest.mark.parametrize("solver", ["hht", "generalised_alpha", "rattle"])
+@pytest.mark.parametrize("force", LATE)
+def test_constant_steps_may_be_off_where_the_force_begins_later(force: str, solver: str, steps: int):
+    assert judged(begun(LATE[force]), load_solver(solver), steps=steps).doubt == ""
+
+
+@pytest.mark.parametrize("force", LATE)
+def test_a_force_that_begins_later_may_not_be_another(force: str):
+    assert judged(begun(LATE[force]), Liar("other force"), steps=397).doubt.startswith("equations of motion: ")
 
 
 FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
@@ -161,9 +190,83 @@ def test_multipliers_that_do_not_make_the_accelerations_are_found(name: str, fac
     assert judge(problem, request, replace(made, lam=factor * made.lam)).doubt.startswith("multipliers: ")
 
 
+@pytest.mark.parametrize(
+    ("rows", "factor"),
+    [(slice(20, 30), 0.0), (slice(25, 26), 1e9), (slice(-1, None), 0.0)],
+    ids=["ten rows", "one row", "last row"],
+)
+def test_multipliers_of_any_row_are_looked_at(rows: slice, factor: float):
+    problem = load_problem("simple_pendulum")
+    request = Request(t_eval=np.linspace(*problem.t_span, 51), rtol=1e-6)
+    made = load_solver("projected").solve(problem, request)
+    lam = made.lam.copy()
+    lam[rows] *= factor
+    for draw in range(5):
+        assert judge(problem, request, made, draw=draw).doubt == ""
+        assert judge(problem, request, replace(made, lam=lam), draw=draw).doubt.startswith("multipliers: ")
+
+
+@pytest.mark.parametrize("asked", [{"rtol": 1e-2}, {"rtol": 1e-4}, {"steps": 400}], ids=str)
+@pytest.mark.parametrize("name", ["simple_pendulum", "knife_edge", "jay_negrut_test1"])
+def test_multipliers_may_be_those_of_the_step_before(name: str, asked: dict[str, Any]):
+    problem = load_problem(name)
+    made = load_solver("hht").solve(problem, Request(**asked))
+    lam, mu = (np.concatenate([x[:1], x[:-1]]) for x in (made.lam, made.mu))
+    assert judge(problem, Request(**asked), replace(made, lam=lam, mu=mu)).doubt == ""
+
+
 def test_the_same_draw_looks_at_the_same_rows_and_another_at_others():
     problem = load_problem("simple_pendulum")
     request = Request(t_eval=np.linspace(*problem.t_span, 401), rtol=1e-6)
     made = load_solver("projected").solve(problem, request)
     starts = [{window.start for window in judge(problem, request, made, draw=draw).windows} for draw in (3, 3, 4)]
     assert starts[0] == starts[1] != starts[2]
+
+
+def bumped(made: Solution) -> Solution:
+    """A pendulum that is ahead by up to 0.05 rad around 2.5 s, with the velocities of that, and accelerations of nothing."""
+    s = np.clip((made.t - 2.5) / 0.5, -1.0, 1.0)
+    angle = np.arctan2(made.q[:, 1], made.q[:, 0]) + 0.05 * (1 - s**2) ** 4
+    rate = made.q[:, 0] * made.v[:, 1] - made.q[:, 1] * made.v[:, 0] - 0.8 * s * (1 - s**2) ** 3
+    q = np.column_stack([np.cos(angle), np.sin(angle)])
+    return replace(made, q=q, v=rate[:, None] * np.column_stack([-q[:, 1], q[:, 0]]))
+
+
+def test_velocities_that_fit_a_wrong_motion_in_the_middle_do_not_hide_it():
+    problem = replace(load_problem("simple_pendulum"), t_span=(0.0, 5.0))
+    request = Request(rtol=1e-6, t_eval=np.linspace(0.0, 5.0, 401))
+    made = load_solver("projected").solve(problem, request)
+    for draw in range(5):
+        assert judge(problem, request, made, draw=draw).doubt == ""
+        assert judge(problem, request, bumped(made), draw=draw).doubt.startswith("equations of motion: ")
+
+
+def test_an_honest_rest_before_does_not_hide_rows_that_stand_still():
+    """A fall at whose beginning ten rows creep; later a row is given twice."""
+    t = np.linspace(0.0, 1.0, 401)
+    q, v = fall(t).q, fall(t).v
+    q[:10], v[:10] = 1e-8 * t[:10, None], 1e-8
+    q[301], v[301] = q[300], v[300]
+    found = stand_out(t, lambda some: (q[some], v[some]), np.ones(2))
+    assert {0, 300} <= set(found)
+
+
+def test_the_states_of_few_steps_are_held_at_once():
+    ends, asked = np.linspace(0.0, 1.0, 20_001), []
+
+    def states(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(some.size)
+        one = fall(ends[some])
+        return one.q, one.v
+
+    t = np.linspace(0.0, 1.0, 11)
+    assert judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t), Steps(ends, states)).doubt == ""
+    assert max(asked) <= 1001
+
+
+def test_a_leap_between_two_blocks_of_steps_is_found():
+    ends = np.linspace(0.0, 1.0, 3001)
+    t = np.linspace(0.0, 1.0, 11)
+    one = fall(ends, q=fall(ends).q + 0.01 * (ends > ends[1000])[:, None])
+    found = judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t), Steps(ends, lambda some: (one.q[some], one.v[some])))
+    assert found.doubt.startswith("equations of motion: ")
