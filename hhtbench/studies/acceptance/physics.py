@@ -1,4 +1,4 @@
-"""Physics at its extremes: stiffness, masses, ranks, sizes, jumps, long runs (rows P1 to P14)."""
+"""Physics at its extremes: singular positions, sizes, jumps, long runs (rows P7 to P14)."""
 
 from __future__ import annotations
 
@@ -7,165 +7,17 @@ import warnings
 from collections import Counter
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.callbacks import FUNCTIONS
-from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
-from hhtbench.studies.acceptance.scenes import Q0, V0, DoublePendulum, Rod, apart, ends, over, plane, problem
+from hhtbench.studies.acceptance.rows import Finding, every, row
+from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, ends, over, plane, problem
 from hhtbench.testing.scenes import Frame, pendulum
 from hhtbench.testing.subject import Declined
 
 STATUS = hb.Status
-
-
-@row(
-    "P1",
-    "spring of 1e2..1e14 N/m on a pendulum at fixed h = 1e-3",
-    "success, at most 6 Newton iterations a step, error at most 1e-3",
-)
-def stiffness(asked: Asked) -> Finding:
-    """Against the rigid rod from 1e8 on; below that against a run with a tenth of the step. By tolerance for the others."""
-    errors, iterations, faults = {}, 0.0, {}
-    rigid = hb.load_problem("stiff_spring_pendulum(stiffness=inf)").reference
-    for power in (2, 4, 6, 8, 10, 12, 14):
-        given = hb.load_problem(f"stiff_spring_pendulum(stiffness=1e{power})")
-        times = np.asarray(rigid["t"])  # type: ignore[index]
-        request: dict[str, Any] = {"step": 1e-3} if asked.is_hht else {"rtol": 1e-5}
-        found = asked.solve(given, **request, t_eval=times)
-        faults[f"1e{power}"] = ends(found, STATUS.success)
-        if not found.success:
-            continue
-        finer = {"step": 1e-4} if asked.is_hht else {"rtol": 1e-8}
-        exact = rigid["q"] if power >= 8 else asked.solve(given, **finer, t_eval=times).q  # type: ignore[index]
-        errors[power] = float(np.abs(found.q - exact).max() / np.max(given.scales.q))
-        iterations = max(iterations, (found.counters.newton_iterations or 0) / max(found.counters.steps_accepted or 1, 1))
-        if errors[power] > 1e-3:
-            faults[f"1e{power}"] = f"error {errors[power]:.1e}"
-    faults["iterations"] = "" if iterations <= 6 or not asked.is_hht else f"{iterations:.1f} a step"
-    return every(
-        faults, f"largest error {max(errors.values(), default=np.nan):.1e}, at most {iterations:.2g} iterations a step"
-    )
-
-
-@row(
-    "P2",
-    "lower mass of a double pendulum 1e-8..1e8 times the upper one; fixed h = 1e-3",
-    "success, error at most 1e-3",
-    long=True,
-)
-def mass_ratios(asked: Asked) -> Finding:
-    """Straight at the start; against DOP853 on the angles' own equations."""
-    faults, steps, worst = {}, {}, 0.0
-    for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
-        given = problem(DoublePendulum(ratio=10.0**power), *DoublePendulum.straight(0.5), (0.0, 1.0))
-        exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, 10.0**power, 1.0))
-        for way, request in asked.ways().items():
-            finer = {**request, "step": 1e-3} if "step" in request else request
-            found = asked.solve(given, **finer, max_num_steps=50_000)
-            case = f"1e{power} {way}"
-            faults[case] = ends(found, STATUS.success)
-            steps[case] = found.counters.steps_accepted or 0
-            if found.success:
-                error = float(np.abs(found.q[-1] - exact).max())
-                worst = max(worst, error)
-                faults[case] = "" if error <= 1e-3 else f"error {error:.1e}"
-    return every(faults, f"largest error {worst:.1e}, at most {max(steps.values())} steps")
-
-
-def double_pendulum_angles(start: float, ratio: float, t: float) -> tuple[float, float]:
-    """Angles [rad] at ``t`` [s] of the double pendulum released straight at ``start``, by DOP853 in minimal coordinates."""
-    from scipy.integrate import solve_ivp
-
-    def rates(_: float, y: Any) -> Any:
-        upper, lower, w, z = y
-        s, c = np.sin(upper - lower), np.cos(upper - lower)
-        pull = s * w**2 - 9.81 * np.sin(lower)
-        rate = (-ratio * s * z**2 - (1 + ratio) * 9.81 * np.sin(upper) - ratio * c * pull) / (1 + ratio * s**2)
-        return [w, z, rate, pull - c * rate]
-
-    found = solve_ivp(rates, (0, t), [start, start, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-12)
-    return float(found.y[0, -1]), float(found.y[1, -1])
-
-
-class MasslessAngle(hb.System):
-    """The unit pendulum with its angle as a third coordinate that has no mass."""
-
-    mass_matrix: Any = hb.parameter((1.0, 1.0, 0.0))
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
-        return jnp.stack([0.0 * t, -9.81 + 0.0 * t, 0.0 * t])
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """Place and angle agree."""
-        return jnp.stack([q[0] - jnp.sin(q[2]), q[1] + jnp.cos(q[2])])
-
-
-@row("P3", "singular M, regular KKT matrix", "result, error at most 1e-6")
-def singular_mass(asked: Asked) -> Finding:
-    """A pendulum with its angle as a coordinate without mass; 4000 steps, or a tolerance of 1e-8."""
-    given = problem(MasslessAngle(), [*Q0, 1.0], [*V0, 0.5], (0.0, 1.0))
-    bare = problem(Rod(), Q0, V0, (0.0, 1.0))
-    worst = 0.0
-    for alpha, request in [(x, {"steps": 4000}) for x in ALPHAS] if asked.is_hht else [(None, {"rtol": 1e-8})]:
-        found = asked.solve(given, alpha=alpha, **request)
-        if not found.success:
-            return Finding(measured=ends(found, STATUS.success), holds=False)
-        exact = hb.solve(bare, "scipy(method='DOP853')", rtol=1e-12, atol=1e-13)
-        worst = max(
-            worst, float(np.abs(found.q[-1, :2] - exact.q[-1]).max()), float(np.abs(found.v[-1, :2] - exact.v[-1]).max())
-        )
-    return bounded(worst, 1e-6, "error")
-
-
-@row("P4", "singular KKT matrix: a coordinate with neither mass nor constraint", "singular_iteration_matrix that names it")
-def singular_matrix(asked: Asked) -> Finding:
-    """Constant and as a function."""
-    masses: dict[str, Any] = {"constant": [1.0, 0.0], "function": lambda t, q: np.diag([1.0, 0.0])}
-    faults = {}
-    for case, mass in masses.items():
-        given = problem(hb.NumpySystem(mass_matrix=mass, force=FUNCTIONS["force"]), Q0, V0)
-        for way, request in asked.ways().items():
-            faults[f"{case} {way}"] = ends(asked.solve(given, **request), STATUS.singular_iteration_matrix, words=("mass",))
-    return every(faults)
-
-
-@row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z right, or redundant_constraints naming the rows")
-def duplicated(asked: Asked) -> Finding:
-    """Against the single row."""
-    faults, worst = {}, 0.0
-    for way, request in asked.ways().items():
-        right = asked.solve(problem(plane(), Q0, V0, (0.0, 0.3)), **request)
-        for factor in (1.0, 3.7, 1e-8):
-            rows = np.array([1.0, factor])
-            twice = plane(
-                constraint=lambda t, q, rows=rows: rows * (q @ q - 1) / 2,
-                constraint_jacobian=lambda t, q, rows=rows: rows[:, None] * q,
-            )
-            found = asked.solve(problem(twice, Q0, V0, (0.0, 0.3)), **request)
-            fault = ends(found, STATUS.success, STATUS.redundant_constraints)
-            if found.success:
-                worst = max(worst, apart(found, right))
-                fault = "" if apart(found, right) <= 1e-5 else f"off by {apart(found, right):.1e}"
-            faults[f"x {factor:g} {way}"] = fault
-    return every(faults, f"off by at most {worst:.1e}")
-
-
-@row("P6", "contradictory constraints", "inconsistent_initial")
-def contradictory(asked: Asked) -> Finding:
-    """Two radii."""
-    system = plane(
-        constraint=lambda t, q: np.array([q @ q - 1, q @ q - 1.21]) / 2, constraint_jacobian=lambda t, q: np.stack([q, q])
-    )
-    return every(
-        {
-            way: ends(asked.solve(problem(system, Q0, V0), **x), STATUS.inconsistent_initial)
-            for way, x in asked.ways().items()
-        }
-    )
 
 
 NAMED = (

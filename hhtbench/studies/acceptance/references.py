@@ -46,7 +46,8 @@ def _nan(x: hb.Solution) -> hb.Solution:
 
 
 def _constant(x: hb.Solution) -> hb.Solution:
-    return replace(x, **{name: np.repeat(getattr(x, name)[:1], x.t.size, axis=0) for name in ("q", "v", "lam", "mu")})
+    q, v, lam, mu = (np.repeat(rows[:1], x.t.size, axis=0) for rows in (x.q, x.v, x.lam, x.mu))
+    return replace(x, q=q, v=v, lam=lam, mu=mu)
 
 
 LIES: dict[str, Callable[[hb.Solution], hb.Solution]] = {

@@ -75,7 +75,7 @@ class Row:
         began = time.perf_counter()
         if self.measure is None:
             measured = f"{self.tests}; not shown: {self.gap}" if self.gap else self.tests
-            verdict, failing = Verdict.tested, ()
+            verdict, failing = Verdict.tested, tuple[str, ...]()
         else:
             measured, verdict, failing = _measured(self.measure, asked, timed)
         seconds = time.perf_counter() - began

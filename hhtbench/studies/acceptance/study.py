@@ -13,11 +13,14 @@ from hhtbench.studies.acceptance import (
     convergence,
     inputs,
     linear_algebra_events,
+    masses,
     method,
     options_time,
     physics,
+    random_faults,
     references,
     reproducibility,
+    side_effects,
     store,
 )
 from hhtbench.studies.acceptance.asked import ASKED, Asked
@@ -28,10 +31,13 @@ SECTIONS = (
     convergence,
     inputs,
     callbacks,
+    side_effects,
     options_time,
+    masses,
     physics,
     linear_algebra_events,
     reproducibility,
+    random_faults,
     references,
     store,
 )
