@@ -51,7 +51,8 @@ class Missed:
         self._half = float(np.sign(end - t)) * min(h, abs(end - t)) / 2
         self._longer = (h / min(h, abs(end - t))) ** 2  # where less than a step is left, the error of a whole one
         self._between = sorted((t + self._half, end - self._half))
-        self.so_far = FINEST * size  #: (2n,)
+        at_jump = np.abs(flow.at(t + self._half) - flow.at(t) - self._half * flow.rate)  # where the interval begins at one
+        self.so_far = np.maximum(FINEST * size, self._longer * at_jump)  #: (2n,)
         for k in range(1, 2 * STEPS_SEEN):
             self._look(t + k * self._half)
 

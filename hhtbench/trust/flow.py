@@ -124,6 +124,7 @@ class Flow:
             self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
         if not np.isfinite(self._steps.f).all():
             raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
+        self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``
         self.pieces: list[Any] = []  #: dense outputs of the steps so far
 
     def at(self, t: float) -> Vector:

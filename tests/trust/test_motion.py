@@ -270,3 +270,10 @@ def test_a_leap_between_two_blocks_of_steps_is_found():
     one = fall(ends, q=fall(ends).q + 0.01 * (ends > ends[1000])[:, None])
     found = judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t), Steps(ends, lambda some: (one.q[some], one.v[some])))
     assert found.doubt.startswith("equations of motion: ")
+
+
+@pytest.mark.parametrize("solver", ["hht", "generalised_alpha"])
+def test_constant_steps_may_be_off_where_the_force_jumps_at_a_row(solver: str):
+    """A brake that pulls as soon as the time is not that of the start."""
+    system = NumpySystem(force=lambda t, q, v: 0 * q - (9.81 if t > 0.0 else 0.0))
+    assert judged(replace(FALL, system=system), load_solver(solver), steps=1000).doubt == ""
