@@ -35,6 +35,15 @@ class Straight(Honest):
         return replace(solution, q=problem.q0 + since * problem.v0, v=np.tile(problem.v0, (since.size, 1)))
 
 
+class Larger(Honest):
+    """A motion that becomes larger and larger than it is, by one in a hundred."""
+
+    def tampered(self, problem, solution):
+        share = (solution.t - problem.t_span[0]) / (problem.t_span[1] - problem.t_span[0])
+        grown = 1.0 + 0.01 * share[:, None]
+        return replace(solution, q=grown * solution.q, v=grown * solution.v)
+
+
 class Frozen(Honest):
     """Nothing moves."""
 
