@@ -36,11 +36,11 @@ class Straight(Honest):
 
 
 class Larger(Honest):
-    """A motion that becomes larger and larger than it is, by one in a hundred."""
+    """A motion that becomes larger and larger than it is, by three in a hundred."""
 
     def tampered(self, problem, solution):
         share = (solution.t - problem.t_span[0]) / (problem.t_span[1] - problem.t_span[0])
-        grown = 1.0 + 0.01 * share[:, None]
+        grown = 1.0 + 0.03 * share[:, None]
         return replace(solution, q=grown * solution.q, v=grown * solution.v)
 
 
