@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, plan_steps
 from hhtbench.result import Solution
@@ -47,6 +48,10 @@ class HHTSolver:
             return f"unknown option {', '.join(unknown)}; known: {', '.join(known)}"
         if declined := self.integrator.declined(problem, request, {**self.options, **request.options}):
             return declined
+        return self._lacks_accuracy(request)
+
+    def _lacks_accuracy(self, request: Request) -> str | None:
+        """What ``request`` does not say of steps and tolerances; None: nothing."""
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
         if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
@@ -55,6 +60,8 @@ class HHTSolver:
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem`` over its interval."""
+        if self._lacks_accuracy(request):
+            raise ProblemError(f"{self._lacks_accuracy(request)}.")
         options = {**self.options, **request.options}
         asked: dict[str, Any] = {name: value for name, value in vars(request).items() if name != "options"}
         if request.rtol is not None and request.atol is None:
