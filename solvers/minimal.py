@@ -23,6 +23,7 @@ from hhtbench.request import Request
 from hhtbench.result import Solution
 from solvers import cvode, hht, scipy_ivp
 from solvers._ending import OwnMultipliers, solution_of
+from solvers._multipliers import recovered
 from solvers._start import Failure, Place, dynamics_for, of_dynamics
 
 INNER: dict[str, Callable[..., Any]] = {"scipy": scipy_ivp.solver, "cvode": cvode.solver, "hht": hht.solver}
@@ -58,7 +59,8 @@ class MinimalSolver:
         lam, mu = np.full((found.t.size, s.m), np.nan), np.full((found.t.size, s.p), np.nan)
         guesses = (np.zeros(s.m) if problem.lam_guess is None else problem.lam_guess, np.zeros(s.p))
         own = OwnMultipliers(lam, mu, guesses, "unknown", "unknown", "unknown")
-        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own)
+        many = functools.partial(recovered, run.dynamics, run.work, None, found.t, q, v, lam, mu)
+        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, many)
         return replace(whole, counters=found.counters)
 
     def warm_up(self, problem: Problem, request: Request) -> None:

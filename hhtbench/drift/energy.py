@@ -8,8 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import Dynamics
-from hhtbench.protocol import declared
+from hhtbench.lowering import Dynamics, compile_function
 
 States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 KNOWN = 0.5  # of the imbalance: the power's integral must be known better,
@@ -32,20 +31,25 @@ class Fed(NamedTuple):
 
 def power_needs_multipliers(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> bool:
     """Whether the declared power depends on lam or mu: it is not a number where these are none."""
-    s, xp = dynamics.structure, dynamics.xp
-    found = declared(dynamics.system, "power")(t, xp.asarray(q), xp.asarray(v), *(xp.full(k, np.nan) for k in (s.m, s.p)))
-    return not np.isfinite(float(found))
+    s = dynamics.structure
+    found = compile_function(power_with, dynamics, route="xla")(t, q, v, np.full(s.m, np.nan), np.full(s.p, np.nan))
+    return not np.isfinite(found).all()
+
+
+def power_with(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
+    """The declared power [W] with these multipliers, (1,)."""
+    return dynamics.xp.reshape(dynamics.system.power(t, q, v, lam, mu), (1,))
 
 
 def power_of_state(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """The declared power [W] where it does not depend on the multipliers, (1,)."""
     s, xp = dynamics.structure, dynamics.xp
-    return xp.reshape(dynamics.system.power(t, q, v, xp.zeros(s.m), xp.zeros(s.p)), (1,))
+    return power_with(dynamics, t, q, v, xp.zeros(s.m), xp.zeros(s.p))
 
 
 def power_of_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     """The same with the multipliers of the acceleration level, which must be linear in them."""
-    return dynamics.xp.reshape(dynamics.system.power(t, q, v, *_recovered(dynamics, t, q, v)), (1,))
+    return power_with(dynamics, t, q, v, *_recovered(dynamics, t, q, v))
 
 
 def with_middles(states: States) -> States:

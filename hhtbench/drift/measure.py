@@ -24,6 +24,7 @@ from hhtbench.drift.energy import (
     with_middles,
 )
 from hhtbench.lowering import Dynamics, compile_function, derive
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol import Problem, declared
 from hhtbench.result import Solution
 
@@ -31,6 +32,8 @@ NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
 MOST_OWN = 5000  # states at which the acceleration level is looked at, each by a linear system of its own
 CHUNK = 256  # states per call: one compiled shape for all lengths
+
+_names = Cache(16)  # of invariants, by system
 
 
 @dataclass(frozen=True)
@@ -268,8 +271,12 @@ def _change(values: Vector) -> Vector:
 
 
 def _invariant_names(problem: Problem, t: float, q: Vector, v: Vector) -> tuple[str, ...]:
+    """Remembered: functions of JAX that are called without compiling take as long as a small solve."""
     function = declared(problem.system, "invariants")
-    return () if function is None else tuple(sorted(function(t, q, v)))
+    if function is None:
+        return ()
+    names: tuple[str, ...] = _names.find(by_id(problem.system), lambda: tuple(sorted(function(t, q, v))))
+    return names
 
 
 def _relative(xp: Any, value: Any, size: Any) -> Any:

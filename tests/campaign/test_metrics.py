@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, Status, System, load_solver
+from hhtbench.campaign import accuracy
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
 from hhtbench.drift import measure as drift
 from hhtbench.evidence import plain
@@ -356,3 +357,18 @@ def test_the_power_of_a_moving_constraint_comes_from_its_multiplier(kind: str):
     made = solution(t=t, q=t[:, None] ** 2, v=2 * t[:, None], lam=0.0, carried=None)
     drift = measure(problem, replace(made, lam=lam)).metrics["drift"]
     assert drift["energy"] < 1e-6
+
+
+def test_an_exact_solution_is_computed_at_some_rows_from_the_first_to_the_last(monkeypatch):
+    """A run of a million steps is compared at two thousand of them."""
+    monkeypatch.setattr(accuracy, "MOST_EXACT", 10)
+    asked: list[float] = []
+
+    def noted(t: float) -> Motion:
+        asked.append(t)
+        return exact(t)
+
+    found = measure(circle(exact=noted), solution(t=np.linspace(0, 1, 41), lam=0.5)).metrics["errors"]
+    assert (len(asked), asked[0], asked[-1]) == (10, 0.0, 1.0)
+    assert found["points"] == 10
+    assert found["lam"]["end"] == 0.0
