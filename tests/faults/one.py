@@ -19,7 +19,7 @@ from hhtbench.testing.scenes import SCENES
 from tests.faults.loops import STALE, follow_the_sources
 from tests.testing.claims import claims_of
 
-SECONDS = 150  # of processor time: a fault may make a loop endless; without one all checks take a third of it
+SECONDS = 75  # of processor time: a fault may make a loop endless; without one all checks take a third of it
 
 
 class Failures:
