@@ -4,7 +4,7 @@
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (12 minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
-# make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (long: an hour and more)
+# make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (half an hour and more)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
