@@ -1,10 +1,8 @@
 """How often the bench doubts an honest solve, and how many lies it finds: the library, every solver, many tolerances.
 
-``python -m tests.performance.trust [--only honest|lies|multipliers] [PROBLEM ...]``; half an hour for all.  An honest solve
-that is doubted is listed with its error: whether it deserves that is for the reader.  ``multipliers``: those that solvers
-carry themselves, which are less accurate than those of the acceleration level and as honest, and such as are off by a part.
-The exit code is 1 where an honest solve with an error below a hundredth is doubted, or where a lie about the motion is
-believed at tolerances of 1e-6 or tighter.
+``python -m tests.performance.trust [--only honest|lies] [PROBLEM ...]``; half an hour for all.  An honest solve that is
+doubted is listed with its error: whether it deserves that is for the reader.  The exit code is 1 where one with an error
+below a hundredth is doubted, or where a lie is believed at tolerances of 1e-6 or tighter.
 """
 
 from __future__ import annotations
@@ -44,7 +42,6 @@ STEPPED = ("hht(alpha=-0.05)", "generalised_alpha", "hht_i3", "rattle")
 RTOL = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 STEPS = (60, 200, 600, 2000)
 ROWS = 51
-OFF = (0.1, 0.01, 0.009, 0.001)  # parts by which multipliers are made wrong
 MAX_SECONDS = 1.5  # of one solve
 
 
@@ -98,24 +95,6 @@ def lies(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:
             yield motion, setting, judge(problem, Request(t_eval=t, **setting), rows, steps)
 
 
-def multipliers(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:
-    """What was said of the multipliers, setting and judgement: those that every solver carries, and wrong ones."""
-    for solvers, asked in ((CONTROLLED, "rtol"), (STEPPED, "steps")):
-        for name in solvers:
-            for setting in (one for one in settings() if asked in one):
-                request, solver = Request(max_seconds=MAX_SECONDS, **setting), load_solver(name)
-                made = None if solver.accepts(problem, request) is not None else solver.solve(problem, request)
-                if made is None or made.status is not Status.success:
-                    continue
-                if made.carried is not None:
-                    own = {part: np.where(np.isfinite(x), x, getattr(made, part)) for part, x in made.carried.items()}
-                    yield f"own of {name}", setting, judge(problem, request, replace(made, **own))
-                if made.lam.any() or made.mu.any():
-                    for part in OFF:
-                        wrong = replace(made, lam=(1 + part) * made.lam, mu=(1 + part) * made.mu)
-                        yield f"off by {part:.1%}", setting, judge(problem, request, wrong)
-
-
 def show(title: str, table: dict[str, dict[str, Counter[str]]], heads: list[str]) -> None:
     """Rows of ``found/all (not judged)``."""
     click.echo(f"\n{title}\n\n| | {' | '.join(heads)} |\n|---|{'---|' * len(heads)}")
@@ -146,10 +125,9 @@ def main(words: list[str]) -> int:
     plan, wrong = registered_plans(), 0
     false: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
     found: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
-    reactions: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
     for name in names:
         problem = load_problem(validated_spec(name, plan))
-        if only in ("", "honest"):
+        if only != "lies":
             for solver, setting, judgement, error in honest(problem):
                 false[solver][heading(setting)][outcome(judgement)] += 1
                 if judgement.doubt:
@@ -157,25 +135,18 @@ def main(words: list[str]) -> int:
                     wrong += small
                     word = "FALSE" if small else "doubted"
                     click.echo(f"{word}: {name}, {solver}, {heading(setting)}: error {error}; {judgement.doubt}")
-        if only in ("", "lies"):
+        if only != "honest":
             for motion, setting, judgement in lies(problem):
                 found[motion][heading(setting)][outcome(judgement)] += 1
                 if not judgement.doubt and setting.get("rtol", 1.0) <= 1e-6:
                     wrong += 1
                     click.echo(f"MISSED: {name}, {motion}, {heading(setting)} {judgement.not_judged}")
-        if only in ("", "multipliers"):
-            for what, setting, judgement in multipliers(problem):
-                reactions[what][heading(setting)][outcome(judgement)] += 1
-                if judgement.doubt and what.startswith("own"):
-                    click.echo(f"doubted: {name}, {what}, {heading(setting)}: {judgement.doubt}")
         click.echo(f"{name} done", err=True)
     heads = [heading(setting) for setting in settings()]
     if false:
         show("Honest solves that are doubted, of all (not judged)", false, heads)
     if found:
         show("Lies that are found, of all (not judged)", found, heads)
-    if reactions:
-        show("Multipliers that are doubted, of all (not judged)", reactions, heads)
     return 1 if wrong else 0
 
 
