@@ -184,14 +184,25 @@ def load_rows(path: str | Path) -> list[RunRow]:
 
 def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
     """Rows as :func:`load_rows` gives them, and what could not be read, in words, "" where all could."""
+    reading = read_store(path)
+    return [row for _, row in reading.sound], reading.warning(path)
+
+
+def read_store(path: str | Path) -> Reading:
+    """All that a store tells, as :func:`load_rows` reads it, and what is damaged.
+
+    Raises
+    ------
+    ProblemError
+        There is no such file, or it is no store of this version.
+    """
     file = store_file(path)
     if not file.is_file():
         raise ProblemError(f"there is no store {path}.")
     reading = _look(file)
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
-    losses = "" if reading.whole else f"{path} is damaged: {reading.losses}; run the campaign again."
-    return [row for _, row in reading.sound], losses
+    return reading
 
 
 def _look(path: Path) -> Reading | None:
