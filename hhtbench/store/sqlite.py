@@ -1,7 +1,8 @@
 """The store: one SQLite file, one writer with one connection, every row with its hash.
 
-Rollback journal and full synchronisation: SQLite before 3.51.3 can lose pages of a write-ahead log, and a row must be on
-the disk before the cell counts as done.
+Rollback journal: SQLite before 3.51.3 can lose pages of a write-ahead log.  Synchronisation "extra": a row must be on the
+disk before the cell counts as done, and with "full" the end of a transaction, the journal's removal from its folder, is not;
+after a power failure the journal would be there again and undo it.
 """
 
 from __future__ import annotations
@@ -213,13 +214,14 @@ def _look(path: Path) -> Reading | None:
     ProblemError
         It is no store, one of another version, or cannot be opened.
     """
-    if not path.exists() or path.stat().st_size == 0:
+    if not path.exists():
         return None
-    with path.open("rb") as file:
-        start = file.read(len(HEADER))
-    if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
-        raise ProblemError(f"{path} is no store but another kind of file; name another.")
     try:
+        if path.with_name(f"{path.name}-journal").exists():
+            _connect_existing(path).close()  # undoes what was begun: of a new store the beginning may not be there yet
+        if path.stat().st_size == 0:
+            return None
+        _refuse_another_kind(path)
         with closing(_connect_existing(path)) as connection:
             refuse_other_version(connection, path)
             tables = _tables(connection)
@@ -229,6 +231,14 @@ def _look(path: Path) -> Reading | None:
             return None if tables == set() else read(connection)
     except sqlite3.Error as error:
         raise ProblemError(f"the store {path} cannot be opened: {error}.") from error
+
+
+def _refuse_another_kind(path: Path) -> None:
+    """Raise for a file that has hardly anything of a database's header."""
+    with path.open("rb") as file:
+        start = file.read(len(HEADER))
+    if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
+        raise ProblemError(f"{path} is no store but another kind of file; name another.")
 
 
 def _tables(connection: sqlite3.Connection) -> set[str] | None:
@@ -260,7 +270,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=30.0)  # waits for a reader; a second writer is kept out by the lock
     connection.text_factory = bytes
     connection.execute("PRAGMA journal_mode = DELETE")
-    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("PRAGMA synchronous = EXTRA")
     return connection
 
 

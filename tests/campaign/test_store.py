@@ -347,7 +347,7 @@ def test_wrong_places_and_versions_are_refused(tmp_path: Path):
 
 def test_rows_are_on_the_disk_when_put_returns(tmp_path: Path):
     with Store(tmp_path / "runs.db") as store:
-        assert store._connection.execute("PRAGMA synchronous").fetchone()[0] == 2  # FULL
+        assert store._connection.execute("PRAGMA synchronous").fetchone()[0] == 3  # EXTRA
         assert store._connection.execute("PRAGMA journal_mode").fetchone()[0] == b"delete"
         store.put(ROW, "cell")
         assert load_rows(tmp_path / "runs.db") == [ROW]  # seen from another connection: committed
