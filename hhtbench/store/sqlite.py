@@ -130,6 +130,8 @@ class Store:
 
     def _open(self) -> sqlite3.Connection:
         """A connection to a sound file: the one that is there, or a new one with the rows saved from it."""
+        if self._file.exists() and self._file.stat().st_size == 0:  # touched, or cut off: that cannot be told apart
+            self.repairs = ("the file is empty; if it has held rows, they are gone and their cells run again.",)
         reading = _look(self._file)
         if reading is None or reading.whole:
             return _prepared(self._file)

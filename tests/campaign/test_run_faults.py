@@ -33,7 +33,7 @@ KILLS = 50
 SHARES = {"worker": 0.6, "runner": 0.25, "group": 0.15}  # of the kills; a group is the runner with all it has started
 PAUSES = (0.1, 3.0)  # s between two of them
 SOLVERS = "told(seconds=0.1), told(does=segv), told(does='raise'), hht, ida(form=ggl)"
-RTOL = [f"{mantissa}e-{power}" for power in (3, 4) for mantissa in range(1, 9)] + ["1e-6"]
+RTOL = [f"{mantissa}e-3" for mantissa in range(1, 9)] + ["1e-6"]
 PATIENCE = 60.0  # s until something must have happened
 
 
@@ -253,7 +253,7 @@ def spoilt(folder: Path, expected: dict[str, dict[str, Any]], tmp_path: Path) ->
     """A run that was killed in its middle."""
     campaign = Campaign(folder, tmp_path / "runs.sqlite")
     runner = campaign.start()
-    until(lambda: some_rows(campaign, 40))
+    until(lambda: some_rows(campaign, 30))
     os.kill(runner.pid, signal.SIGKILL)
     runner.communicate()
     campaign.look()

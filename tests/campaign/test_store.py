@@ -272,6 +272,16 @@ def test_a_truncated_file_is_set_aside_and_only_rows_that_are_whole_are_used(tmp
     assert list(tmp_path.glob("runs.db.damaged-*"))
 
 
+def test_a_file_that_was_cut_off_to_nothing_is_told(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path)
+    path.write_bytes(b"")
+    with Store(path) as store:
+        assert store.repairs == ("the file is empty; if it has held rows, they are gone and their cells run again.",)
+    with Store(path) as store:
+        assert store.repairs == ()
+
+
 def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
     path = tmp_path / "notes.db"
     path.write_text("my notes " * 500)
