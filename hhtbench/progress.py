@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 EVERY = 30.0  # [s] between two lines in a file or a pipe
+WINDOW = 600.0  # [s] of the past from which a bar estimates what is left: cells may take minutes
 NO_CURSOR = ("dumb", "unknown")  # kinds of terminals on which no line can be drawn again
 
 
@@ -69,7 +70,13 @@ class Bar:
         words = TextColumn("{task.description}", markup=False)
         columns = words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("left")
         # What goes to stdout is the result and may be in a pipe: it is never redirected to where the bar is.
-        self._bars = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+        self._bars = Progress(
+            *columns,
+            console=Console(stderr=True),
+            transient=True,
+            redirect_stdout=False,
+            speed_estimate_period=WINDOW,
+        )
         self._part = ""
         self._task: TaskID | None = None
 
@@ -85,7 +92,7 @@ class Bar:
         if self._task is None or part != self._part:
             if self._task is not None:
                 self._bars.remove_task(self._task)  # one line only: rich erases as many above it when it starts again
-            self._part, self._task = part, self._bars.add_task(part)
+            self._part, self._task = part, self._bars.add_task(part, total=total, completed=done)
         self._bars.update(self._task, total=total, completed=done)
 
     def say(self, text: str) -> None:

@@ -192,7 +192,7 @@ def test_a_solver_that_writes_two_gigabytes_neither_fails_nor_fills_the_disk(
 def test_a_solver_that_keeps_memory_is_given_a_fresh_worker_and_finishes(outside: Path, tmp_path: Path):
     """Of 400 MB a solve, three solves a cell, in workers that may use 2 GB: every second cell or so meets the limit."""
     solver = "told(does='hoard')"
-    tight = tuple(value * 1e-6 for value in range(1, 7))
+    tight = tuple(value * 1e-6 for value in range(1, 5))
     asked = Campaign(grids=(Grid(problems=("fall",), solvers=(solver,), rtol=tight),), max_seconds=9.0)
     with Store(tmp_path / "runs.db") as store:
         run_campaign(asked, store, limits=Limits(jobs=1, memory=2 * 2**30), timing=False)

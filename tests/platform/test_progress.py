@@ -68,6 +68,7 @@ def test_a_terminal_shows_a_bar_with_the_remaining_time_that_is_gone_at_the_end(
         told.say("something happened")
     last = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue()).split("\r")[-2]
     assert re.search(r"accuracy .*━.* 5/10 0:00:0\d left\n", last), last
+    assert "/100" not in terminal.getvalue(), "no other total is shown for a moment"
     assert terminal.getvalue().endswith("\x1b[1A\x1b[2K"), "its line is erased"
 
 
