@@ -14,6 +14,7 @@ function tailored(box) {
   if (box.clientWidth < 480) {
     layout.margin = {l: 58, r: 10, t: 20, b: 50};
     layout.font.size = 12;
+    for (const trace of data) trace.mode = trace.mode.replace("+text", "");
     for (const axis of [layout.xaxis, layout.yaxis]) {
       delete axis.minor;
       if (axis.tickvals) {

@@ -12,9 +12,9 @@ from hhtbench.report.words import AT_MOST, MEASURES, NOTHING, plural, short, tim
 from hhtbench.store.rows import RunRow
 
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
-NOTE = (
-    "Cheapest: of those who reach the error on the most problems of the kind, the smallest geometric mean of their costs; "
-    "behind it how many problems, where not all. Second and HHT: how many times dearer, over the problems that both reach. "
+READING = (
+    "The table. Cheapest: of those who reach the error on the most problems of the kind, the smallest geometric mean of "
+    "their costs; behind it on how many problems, where not on all. Second and HHT: how many times dearer, over the problems that both reach. "
     "Stiff: at an error of 1e-02 explicit methods take more steps than implicit ones."
 )
 
@@ -29,7 +29,7 @@ def decisions(
         for bound in BOUNDS:
             choices = analysis.decide(rows, kinds, measure, asked, bound)
             body = [_line(choice, measure) for choice in choices]
-            tables[measure, bound] = make_table(["kind of problem", "error", "cheapest", "second", "HHT"], body, NOTE)
+            tables[measure, bound] = make_table(["kind of problem", "error", "cheapest", "second", "HHT"], body)
     return tables
 
 

@@ -53,7 +53,7 @@ def overview(content: Content, styles: Mapping[str, SolverStyle], drawings: Draw
     }
     found = {
         "Drift against cost at equal accuracy": drift_views(content.rows, styles),
-        "How many errors are reached, and at which cost": profile_views(content.rows, styles, front),
+        "Errors reached within a cost": profile_views(content.rows, styles, front),
     }
     return "\n".join(figure_of(title, title, _named(views), drawings) for title, views in found.items() if views)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from statistics import median
 from typing import Any
 
@@ -52,18 +53,15 @@ def _told(found: Mapping[str, Sequence[DriftCost]]) -> str:
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
     medians = {entry: _median(lines) for entry, lines in found.items()}
-    named = _named(medians)
-    data = [_single(entry, found[entry], styles[entry]) for entry in styles if entry in found]
-    data += [
-        _middle(entry, medians[entry], len(found[entry]), styles[entry], entry in named)
-        for entry in styles
-        if entry in found
-    ]
+    places = _label_places(medians)
+    own = [entry for entry in styles if entry in found]
+    data = [_single(entry, found[entry], styles[entry]) for entry in own]
+    data += [_middle(entry, medians[entry], len(found[entry]), styles[entry], places.get(entry)) for entry in own]
     everything = [line for lines in found.values() for line in lines]
     x = _limits(math.log10(line.ratio) for line in everything)
     y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
     what = "processor time" if measure == "time" else "evaluations"
-    layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True))
+    layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
     layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
     return {"data": data, "layout": layout}
 
@@ -72,14 +70,15 @@ def _median(lines: Sequence[DriftCost]) -> tuple[float, float]:
     return median(line.ratio for line in lines), max(median(line.drift for line in lines), LEAST_DRIFT)
 
 
-def _named(medians: Mapping[str, tuple[float, float]]) -> set[str]:
-    """Whom no other beats in both, and HHT's cheapest: names of all would hide one another."""
+def _label_places(medians: Mapping[str, tuple[float, float]]) -> dict[str, str]:
+    """Names beside whom no other beats in both, and beside HHT's cheapest: those of all would hide one another."""
 
     def beaten(place: tuple[float, float]) -> bool:
         return any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in medians.values())
 
     own = min((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
-    return {own} | {entry for entry, place in medians.items() if not beaten(place)}
+    named = {own} | {entry for entry, place in medians.items() if not beaten(place)}
+    return dict(zip(sorted(named, key=lambda entry: medians[entry]), cycle(("top center", "bottom center")), strict=False))
 
 
 def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[str, Any]:
@@ -95,15 +94,15 @@ def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[
     }
 
 
-def _middle(entry: str, place: tuple[float, float], count: int, style: SolverStyle, named: bool) -> dict[str, Any]:
+def _middle(entry: str, place: tuple[float, float], count: int, style: SolverStyle, label: str | None) -> dict[str, Any]:
     return {
         "type": "scatter",
         "name": entry,
-        "mode": "markers+text" if named else "markers",
+        "mode": "markers+text" if label else "markers",
         "x": [rounded(place[0])],
         "y": [rounded(place[1])],
         "text": [short(entry)],
-        "textposition": "top center",
+        "textposition": label or "top center",
         "textfont": {"size": 12},
         "customdata": [f"median of {plural(count, 'problem')}"],
         "hovertemplate": "<b>%{fullData.name}</b><br>%{customdata}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
