@@ -14,7 +14,8 @@ from hhtbench.store.rows import RunRow
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
 READING = (
     "The table. Cheapest: of those who reach the error on the most problems of the kind, the smallest geometric mean of "
-    "their costs; behind it on how many problems, where not on all. Second and HHT: how many times dearer, over the problems that both reach. "
+    "their costs; behind it on how many problems, where not on all. Second and HHT: how many times dearer, over the "
+    "problems where both get there. "
     "Stiff: at an error of 1e-02 explicit methods take more steps than implicit ones."
 )
 

@@ -142,7 +142,7 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
 SEARCH = 0.35  # opacity of the curves that count the search
 SEARCHED = (
     " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
-    "failed ones included. What is not reached is in no curve."
+    "failed ones included. What is not reached, or was not run, is in no curve."
 )
 COUNTED = {
     "time": "",
