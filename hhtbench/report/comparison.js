@@ -40,7 +40,7 @@ function refresh() {
   for (const button of document.querySelectorAll("[data-base]")) {
     button.setAttribute("aria-pressed", String(!clicked.size && button.dataset.base === base));
   }
-  for (const box of boxes) if (box.data) draw(box);
+  drawAll(draw);
 }
 
 for (const button of buttons) {
@@ -52,11 +52,7 @@ for (const button of document.querySelectorAll("[data-base]")) {
   button.addEventListener("click", () => { base = button.dataset.base; clicked.clear(); refresh(); });
 }
 
-// One of several is shown: the view of a figure with its caption, the table of one measure and bound of the drift.
-function press(button) {
-  for (const other of button.parentElement.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === button));
-}
-
+// A view of a figure with its caption.
 for (const button of document.querySelectorAll(".views button")) {
   button.addEventListener("click", () => {
     const figure = button.closest("figure");
@@ -67,13 +63,5 @@ for (const button of document.querySelectorAll(".views button")) {
     if (box.data) draw(box);
   });
 }
-for (const button of document.querySelectorAll(".choose button")) {
-  button.addEventListener("click", () => {
-    press(button);
-    const chosen = [...document.querySelectorAll(".choose [aria-pressed=true]")].map(other => other.dataset.choice).join(" ");
-    for (const table of document.querySelectorAll("[data-table]")) table.hidden = table.dataset.table !== chosen;
-  });
-}
 
 refresh();
-drawAll(draw);

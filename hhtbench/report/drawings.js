@@ -40,16 +40,22 @@ for (const box of boxes) {
 }
 
 // Plots near the window first, the others one by one in pauses: the page answers at once however many there are.
+let watch, pause;
+let finish = () => {};
 function drawAll(draw) {
+  watch?.disconnect();
+  clearTimeout(pause);
+  for (const box of boxes) delete box.dataset.drawn;
   const once = box => { if (!box.dataset.drawn) { box.dataset.drawn = "yes"; draw(box); } };
-  const watch = new IntersectionObserver(entries => {
+  watch = new IntersectionObserver(entries => {
     for (const entry of entries) if (entry.isIntersecting) { watch.unobserve(entry.target); once(entry.target); }
   }, {rootMargin: "600px"});
   boxes.forEach(box => watch.observe(box));
   const next = () => {
     const box = boxes.find(other => !other.dataset.drawn);
-    if (box) { once(box); setTimeout(next, 30); }
+    if (box) { once(box); pause = setTimeout(next, 30); }
   };
-  setTimeout(next, 30);
-  addEventListener("beforeprint", () => boxes.forEach(once));
+  pause = setTimeout(next, 30);
+  finish = () => boxes.forEach(once);
 }
+addEventListener("beforeprint", () => finish());

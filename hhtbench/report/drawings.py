@@ -60,7 +60,7 @@ class Drawings:
             f'<script type="application/gzip" id="{name}">{base64.b64encode(content).decode()}</script>'
             for name, content in packed.items()
         ]
-        shared = "\n".join(_text(name) for name in ("drawings.js", "sorting.js"))
+        shared = "\n".join(map(_text, ("tables.js", "drawings.js")))  # tables need not wait for the library
         return "\n".join([*elements, f'<script type="module">\n{shared}\n{script}</script>'])
 
 

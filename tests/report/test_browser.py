@@ -24,17 +24,19 @@ FLAGS = (
 LOOKING = """
 <body><script type="module">
 const told = {};
+async function drawn(page) {
+  while ([...page.querySelectorAll(".plot")].some(box => !box.dataset.drawn || !box.querySelector(".nsewdrag"))) {
+    await new Promise(soon => setTimeout(soon, 50));
+  }
+}
 async function opened(width) {
   const frame = document.createElement("iframe");
   frame.style = `width: ${width}px; height: 900px`;
   frame.src = "index.html";
   document.body.append(frame);
   await new Promise(ready => frame.addEventListener("load", ready));
-  const page = frame.contentDocument;
-  while ([...page.querySelectorAll(".plot")].some(box => !box.querySelector(".nsewdrag"))) {
-    await new Promise(soon => setTimeout(soon, 50));
-  }
-  return page;
+  await drawn(frame.contentDocument);
+  return frame.contentDocument;
 }
 const texts = found => [...found].map(one => one.textContent);
 const names = box => box.data.filter(trace => trace.visible).map(trace => trace.name);
@@ -74,6 +76,7 @@ try {
   told.views = texts(figure.querySelectorAll(".views button"));
   told.front = [...new Set(names(box))];
   button(wide, "all").click();
+  await drawn(wide);
   told.all = [...new Set(names(box))];
   const label = () => box.layout.xaxis.title.text;
   told.label = [label()];

@@ -23,3 +23,16 @@ for (const header of document.querySelectorAll("thead th")) {
     header.ariaSort = sign > 0 ? "ascending" : "descending";
   });
 }
+
+// Of several buttons one is pressed; of the tables to decide by that of a measure and a bound of the drift is shown.
+function press(button) {
+  for (const other of button.parentElement.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === button));
+}
+
+for (const button of document.querySelectorAll(".choose button")) {
+  button.addEventListener("click", () => {
+    press(button);
+    const chosen = [...document.querySelectorAll(".choose [aria-pressed=true]")].map(other => other.dataset.choice).join(" ");
+    for (const table of document.querySelectorAll("[data-table]")) table.hidden = table.dataset.table !== chosen;
+  });
+}
