@@ -33,6 +33,8 @@ from hhtbench.store.rows import RunRow
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 WEIGHT = "b/convergence.html"  # by `verify b`, the same
+STABILITY = "stability.html"  # by `study stability`, the same
+BESIDE = {WEIGHT: "the weight b", STABILITY: "stability at the extremes"}
 
 
 def write_comparison(
@@ -70,7 +72,7 @@ def write_comparison(
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
         others = {SPEED: "machine speed"} if write_speed(folder, command) else {}
-        others |= {WEIGHT: "the weight b"} if (folder / WEIGHT).is_file() else {}
+        others |= {page: name for page, name in BESIDE.items() if (folder / page).is_file()}
         (folder / "index.html").write_text(_page(content, command, evidence, curves, others), encoding="utf-8")
         (folder / "report.md").write_text(_markdown(content, command, evidence), encoding="utf-8")
     except OSError as error:
