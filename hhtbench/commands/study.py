@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from hhtbench.commands.acceptance import acceptance_command
+from hhtbench.commands.atlas import atlas_command
 from hhtbench.commands.stability import stability_command
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.studies.selection import study_selection
@@ -56,4 +57,5 @@ def selection_command(
 
 
 study_command.add_command(acceptance_command)
+study_command.add_command(atlas_command)
 study_command.add_command(stability_command)

@@ -9,8 +9,6 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from tabulate import tabulate
-
 from hhtbench import analysis
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
@@ -23,10 +21,9 @@ from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.frame import Chart
 from hhtbench.report.legend import legend
-from hhtbench.report.markdown import claims, environment_table, escape_text
+from hhtbench.report.markdown import claims, environment_table, escape_text, markdown_table
 from hhtbench.report.speed_page import PAGE as SPEED
 from hhtbench.report.speed_page import write_speed
-from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.store.rows import RunRow
 
@@ -114,15 +111,15 @@ PARTS = ("html", "css", "js")
 def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
     """The text of ``report.md``."""
     parts = [f"# {TITLE}", *map(escape_text, content.sentences), "The same with charts: [index.html](index.html)."]
-    parts += ["## Wins and losses", *_markdown_table(content.balance)]
+    parts += ["## Wins and losses", *markdown_table(content.balance)]
     parts += ["## The rules", "\n".join(f"- {escape_text(rule)}" for rule in content.rules)]
-    parts += ["## HHT against the cheapest other solver", *_markdown_table(content.against)]
-    parts += ["## Drift at equal accuracy", *_markdown_table(content.drift)]
+    parts += ["## HHT against the cheapest other solver", *markdown_table(content.against)]
+    parts += ["## Drift at equal accuracy", *markdown_table(content.drift)]
     for part in content.parts:
         parts += [f"## {escape_text(part.name)}", *map(escape_text, part.sentences)]
         for caption, table in part.tables.items():
-            parts += [f"### {caption}", *_markdown_table(table)]
-    parts += ["## Runs that failed or are not believed", *_markdown_table(content.failures)]
+            parts += [f"### {caption}", *markdown_table(table)]
+    parts += ["## Runs that failed or are not believed", *markdown_table(content.failures)]
     parts += ["## How it was made", f"```\n{command}\n```", f"Rows of {_created(content.rows)}."]
     parts += [environment_table(environment) for environment in tables.environments(content.rows)]
     if evidence is not None:
@@ -164,13 +161,6 @@ def _figure(problem: str, chart: Chart, box: str) -> str:
 {box}
 <figcaption class="caption">{escape(chart.caption)}</figcaption>
 </figure>"""
-
-
-def _markdown_table(table: Table) -> list[str]:
-    headers = [escape_text(header) for header in table.headers]
-    body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
-    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
-    return [text, escape_text(table.note)] if table.note else [text]
 
 
 def _verdict_box(evidence: Evidence | None, curves: bool) -> str:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tabulate import tabulate
-
-from hhtbench.report.markdown import escape_text
+from hhtbench.report.markdown import escape_text, markdown_table
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.studies.stability.study import Stability, letters
 from hhtbench.testing.extremes.cell import Axis, Kind
@@ -58,17 +56,11 @@ def points(found: Stability, axis: Axis) -> str:
 def markdown(found: Stability) -> str:
     """The whole as text."""
     parts = [f"# {TITLE}", ABOUT, f"Made by `hhtbench study stability`, seed {found.seed}.", f"Letters: {KEY}."]
-    parts += ["## Where each solver is safe", *(f"- {escape_text(found.sentence(solver))}" for solver in found.solvers)]
-    parts += ["## Right cells", _text(counts(found))]
+    parts += ["## Where each solver is safe"]
+    parts += ["\n".join(f"- {escape_text(found.sentence(solver))}" for solver in found.solvers)]
+    parts += ["## Right cells", *markdown_table(counts(found))]
     for axis in found.axes:
         parts += [f"## {axis.name}", escape_text(axis.sentence), f"Parameter: {axis.label}; {points(found, axis)}."]
-        parts += [_text(lines(found, axis))]
+        parts += markdown_table(lines(found, axis))
     made = ", ".join(f"{name} {value}" for name, value in found.environment.items())
     return "\n\n".join([*parts, f"{found.seconds / 60:.0f} minutes; {made}."]) + "\n"
-
-
-def _text(table: Table) -> str:
-    body = [[escape_text(f"{cell.text} {cell.detail}".strip()) for cell in row] for row in table.rows]
-    headers = [escape_text(header) for header in table.headers]
-    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
-    return f"{text}\n\n{table.note}" if table.note else text

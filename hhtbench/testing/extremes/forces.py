@@ -17,7 +17,7 @@ from hhtbench.testing.subject import ACCURACY
 SPAN = 2.0  # [s]
 JUMP = 0.7  # [s], no multiple of a step
 RTOL, STEP = 1e-4, 1e-3
-LATE = 20  # rows after which a wrong start must have left the multipliers
+LATE = 20  # rows, at most half of them, after which a wrong start must have left the multipliers
 
 
 @axis("jump", "jump of the force [m/s^2]")
@@ -35,8 +35,8 @@ def jump(seed: int) -> Iterator[Cell]:
 @axis("wrong_a0", "jump of the force right after the start [m/s^2]")
 def wrong_a0(seed: int) -> Iterator[Cell]:
     """The acceleration and the multipliers at the start are wrong: motion, and multipliers twenty rows later, closed."""
-    for size in (1e-2, 1.0, 1e2, 1e4, 1e8):
-        make, small = partial(pushed, size, 0.0, SPAN), size in (1.0, 1e4)
+    for size in (1e-2, 2.0, 1e2, 1e4, 1e8):
+        make, small = partial(pushed, size, 0.0, SPAN), size in (2.0, 1e4)
         for line, request, most in (
             ("rtol 0.0001", {"rtol": RTOL}, ACCURACY * RTOL),
             ("h = 0.001 s", {"step": STEP}, 2 * STEP),
@@ -49,7 +49,7 @@ def wrong_a0(seed: int) -> Iterator[Cell]:
 def _late_multipliers(problem: Problem, found: Solution) -> float:
     """Largest scaled error of the multipliers that the solver itself holds, where it holds some."""
     own = found.lam if found.carried is None else found.carried["lam"]
-    late = np.abs(own - exact(problem, found, "lam"))[LATE:] / problem.scales.lam
+    late = np.abs(own - exact(problem, found, "lam"))[min(LATE, found.t.size // 2) :] / problem.scales.lam
     return float(np.max(late, initial=0.0))
 
 
