@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from hhtbench.analysis import DOUBTED, number, points
 from hhtbench.report.tables import Cell, Table, make_table
@@ -41,7 +41,10 @@ class Atlas:
 
     def causes(self) -> Table:
         """A line a solver and form, a column a cause: how many runs."""
-        causes = [cause for cause, _ in self._counted(lambda x: x.cause)]
+        counted: Counter[str] = Counter()
+        for x in self.failures:
+            counted[x.cause] += x.runs
+        causes = [cause for cause, _ in counted.most_common()]
         lines = sorted({(x.solver, x.form) for x in self.failures})
         rows = [[solver, form, *(str(self._runs(solver, form, cause) or "") for cause in causes)] for solver, form in lines]
         failed = sum(x.runs for x in self.failures)
@@ -50,7 +53,7 @@ class Atlas:
     def table(self) -> Table:
         """A line a failure, silently wrong ones first."""
         ordered = sorted(self.failures, key=lambda x: (x.cause != SILENT, x.solver, x.form, x.problem, x.accuracy))
-        rows = [
+        rows: list[list[str | Cell]] = [
             [
                 *(x.solver, x.form, x.problem, x.accuracy, Cell(x.cause, "bad"), str(x.runs)),
                 *("" if x.reached is None else f"{100 * x.reached:.3g} %", x.message[:120]),
@@ -63,39 +66,35 @@ class Atlas:
         """Plain values, for JSON."""
         return {"schema": "hhtbench.atlas/1", "runs": self.runs, "failures": [asdict(x) for x in self.failures]}
 
-    def _counted(self, key: Any) -> list[tuple[str, int]]:
-        found: Counter[str] = Counter()
-        for x in self.failures:
-            found[key(x)] += x.runs
-        return found.most_common()
-
     def _runs(self, solver: str, form: str, cause: str) -> int:
         return sum(x.runs for x in self.failures if (x.solver, x.form, x.cause) == (solver, form, cause))
 
 
 def failure_atlas(rows: Sequence[RunRow]) -> Atlas:
     """Every run that failed, is not believed, or is off by more than a hundred tolerances and says nothing."""
-    groups: dict[tuple[str, ...], list[RunRow]] = {}
+    groups: dict[_Kind, list[RunRow]] = {}
     for row in rows:
         cause = cause_of(row)
         if cause not in ("", DECLINED):
-            groups.setdefault((*_solver_and_form(row.solver), row.problem, _decade(row), cause), []).append(row)
-    failures = [_failure(*key, own) for key, own in groups.items()]
-    return Atlas(failures=tuple(failures), runs=sum(row.status != DECLINED for row in rows))
+            solver, form = _solver_and_form(row.solver)
+            groups.setdefault(_Kind(solver, form, row.problem, _decade(row), cause), []).append(row)
+    failures = tuple(_failure(kind, own) for kind, own in groups.items())
+    return Atlas(failures=failures, runs=sum(row.status != DECLINED for row in rows))
 
 
-def _failure(solver: str, form: str, problem: str, accuracy: str, cause: str, rows: Sequence[RunRow]) -> Failure:
+class _Kind(NamedTuple):
+    """What runs of one :class:`Failure` have in common."""
+
+    solver: str
+    form: str
+    problem: str
+    accuracy: str
+    cause: str
+
+
+def _failure(kind: _Kind, rows: Sequence[RunRow]) -> Failure:
     known = [reached for row in rows if (reached := number(row.metrics, "reached")) is not None]
-    return Failure(
-        solver=solver,
-        form=form,
-        problem=problem,
-        accuracy=accuracy,
-        cause=cause,
-        runs=len(rows),
-        reached=max(known, default=None),
-        message=rows[0].message,
-    )
+    return Failure(**kind._asdict(), runs=len(rows), reached=max(known, default=None), message=rows[0].message)
 
 
 def cause_of(row: RunRow) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from hhtbench.studies.stability.workers import Measured
 from hhtbench.testing.extremes.cell import Axis, Kind
 
 LINE = 17  # pixels of one line of a map
+PALEST = 0.35
 MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and without colours
     Kind.right: ("#009E73", "square"),
     Kind.named: ("#56B4E9", "diamond"),
@@ -91,7 +93,7 @@ def axis_map(measured: list[Measured], label: str) -> go.Figure:
             text=[_told(x) for x in own],
             name=kind.label,
             mode="markers",
-            marker={"color": colour, "symbol": symbol, "size": 11},
+            marker={"color": colour, "symbol": symbol, "size": 11, "opacity": [_opacity(x) for x in own]},
             hovertemplate="%{y}<br>%{x}: %{text}",
         )
     figure.update_layout(
@@ -100,11 +102,20 @@ def axis_map(measured: list[Measured], label: str) -> go.Figure:
         margin={"l": 20, "r": 16, "t": 36, "b": 60},
         font={"family": colours.FONT, "size": 12, "color": colours.TEXT},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        showlegend=True,
         hovermode="closest",
         xaxis=_categories(columns) | {"title": {"text": label}},
         yaxis=_categories(rows[::-1]) | {"automargin": True, "gridcolor": colours.FINE_GRID},
     )
     return figure
+
+
+def _opacity(x: Measured) -> float:
+    """Of a right cell: full from a hundredth of the allowed error on, pale at all of it."""
+    share = x.outcome.share
+    if x.outcome.kind is not Kind.right or not share:
+        return 1.0
+    return PALEST + (1.0 - PALEST) * min(max(-math.log10(share), 0.0), 2.0) / 2.0
 
 
 def _categories(names: list[str]) -> dict[str, object]:

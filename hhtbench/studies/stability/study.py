@@ -103,11 +103,14 @@ WORDS = {
 
 def letters(measured: Sequence[Measured]) -> dict[str, dict[str, str]]:
     """Solver -> line -> a letter a cell, along the parameter."""
-    found: dict[str, dict[str, str]] = {}
-    for x in sorted(measured, key=lambda x: x.x):
-        lines = found.setdefault(x.solver, {})
-        lines[x.line] = lines.get(x.line, "") + x.outcome.kind.letter
-    return found
+    groups: dict[str, dict[str, list[Measured]]] = {}
+    for x in measured:
+        groups.setdefault(x.solver, {}).setdefault(x.line, []).append(x)
+    return {solver: {line: _spelled(own) for line, own in lines.items()} for solver, lines in groups.items()}
+
+
+def _spelled(line: Sequence[Measured]) -> str:
+    return "".join(x.outcome.kind.letter for x in sorted(line, key=lambda x: x.x))
 
 
 def _plain(x: Measured) -> dict[str, Any]:
@@ -143,7 +146,7 @@ def study_stability(
     batches = [_batch(axis, solver, seed, small) for axis in axes for solver in columns]
     found = measure_all([batch for batch in batches if batch.places], jobs, tell)
     places = {axis.name: index for index, axis in enumerate(axes)}
-    found.sort(key=lambda x: (places[x.axis], columns.index(x.solver), x.line, x.x))
+    found.sort(key=lambda x: (places[x.axis], columns.index(x.solver)))
     seconds = time.perf_counter() - began
     return Stability(axes=axes, solvers=columns, seed=seed, measured=tuple(found), seconds=seconds)
 
