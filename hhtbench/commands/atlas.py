@@ -20,7 +20,7 @@ from hhtbench.studies.stability.atlas import failure_atlas
 def atlas_command(store: Path, json_file: Path | None) -> None:
     """Tell how the runs of a campaign failed: solver, form, problem and accuracy with the typed cause, as Markdown.
 
-    A success counts as silently wrong where its error is more than a hundred times the tolerance.
+    A success counts as silently wrong where its error is more than a thousand times the tolerance.
     """
     require_folder(json_file)
     rows, losses = sound_rows(store)
