@@ -7,7 +7,7 @@ asks for the same cells as one that was never interrupted.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -227,17 +227,18 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
 
 
 def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
-    """A reading of every cell, as they come; never more under way than there are cores."""
+    """A reading of every cell, as they come; never more under way than there are cores.
+
+    A pool that has no more workers is told of all cells at once: it sends each to the worker that has it compiled.
+    """
     waiting = iter(cells.items())
-    flights: dict[Future[dict[str, Any]], str] = {}
-    while True:
-        for key, cell in islice(waiting, min(pool.limits.jobs, usable_cores()) - len(flights)):
+    most = len(cells) if pool.limits.jobs <= usable_cores() else usable_cores()
+    while some := dict(islice(waiting, most)):
+        flights: dict[Future[dict[str, Any]], str] = {}
+        for key, cell in some.items():
             task = Task(problem=cell.problem, solver=cell.solver, request=cell.request, repeats=1)
             flights[pool.submit(run_task, task)] = key
-        if not flights:
-            return
-        done, _ = wait(flights, return_when=FIRST_COMPLETED)
-        yield from ((flights.pop(future), future.result()) for future in done)
+        yield from ((flights[future], future.result()) for future in as_completed(flights))
 
 
 def _with_timing(row: RunRow, changes: Mapping[str, Any]) -> RunRow:

@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from hhtbench.commands.acceptance import acceptance_command
+from hhtbench.commands.atlas import atlas_command
+from hhtbench.commands.stability import stability_command
 from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.progress import progress
@@ -68,3 +70,5 @@ def selection_command(
 
 
 study_command.add_command(acceptance_command)
+study_command.add_command(atlas_command)
+study_command.add_command(stability_command)
