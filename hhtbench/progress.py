@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -79,6 +80,7 @@ class Bar:
         )
         self._part = ""
         self._task: TaskID | None = None
+        self._lock = threading.Lock()  # a line comes from whatever thread has something to say
 
     def __enter__(self) -> Bar:
         self._start()
@@ -89,11 +91,12 @@ class Bar:
 
     def advance(self, part: str, done: int, total: int) -> None:
         """``done`` of ``total`` of ``part`` are there; ``total`` may grow."""
-        if self._task is None or part != self._part:
-            if self._task is not None:
-                self._bars.remove_task(self._task)  # one line only: rich erases as many above it when it starts again
-            self._part, self._task = part, self._bars.add_task(part, total=total, completed=done)
-        self._bars.update(self._task, total=total, completed=done)
+        with self._lock:
+            if self._task is None or part != self._part:
+                if self._task is not None:
+                    self._bars.remove_task(self._task)  # one line only: rich erases as many above it when it starts again
+                self._part, self._task = part, self._bars.add_task(part, total=total, completed=done)
+            self._bars.update(self._task, total=total, completed=done)
 
     def say(self, text: str) -> None:
         """A line on stderr, above the bar."""
@@ -105,9 +108,10 @@ class Bar:
 
     def _above(self, text: str, err: bool) -> None:
         """Not through rich: it would break long lines at the terminal's width."""
-        self._bars.stop()
-        click.echo(text, err=err)
-        self._start()
+        with self._lock:
+            self._bars.stop()
+            click.echo(text, err=err)
+            self._start()
 
     def _start(self) -> None:
         self._bars.start()

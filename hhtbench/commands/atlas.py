@@ -8,10 +8,8 @@ from pathlib import Path
 import click
 
 from hhtbench.errors import ProblemError
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
-from hhtbench.report.markdown import markdown_table
-from hhtbench.store import sound_rows
-from hhtbench.studies.stability.atlas import failure_atlas
 
 
 @click.command("atlas")
@@ -21,7 +19,13 @@ def atlas_command(store: Path, json_file: Path | None) -> None:
     """Tell how the runs of a campaign failed: solver, form, problem and accuracy with the typed cause, as Markdown.
 
     A success counts as silently wrong where its error is more than a thousand times the tolerance.
+    For example: hhtbench study atlas --store runs.sqlite --json atlas.json
     """
+    with ends_at_once():
+        from hhtbench.report.markdown import markdown_table
+        from hhtbench.store import sound_rows
+        from hhtbench.studies.stability.atlas import failure_atlas
+
     require_folder(json_file)
     rows, losses = sound_rows(store)
     if losses and not rows:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import json_option, require_folder, write_json
-from hhtbench.studies.stability.page import write_stability
-from hhtbench.studies.stability.study import letters, study_stability
-from hhtbench.studies.stability.tables import markdown
-from hhtbench.studies.stability.workers import Batch, Measured
+from hhtbench.progress import progress
+
+if TYPE_CHECKING:
+    from hhtbench.studies.stability.workers import Batch, Measured
 
 
 @click.command("stability")
@@ -38,11 +40,22 @@ def stability_command(
     """Measure solvers along every axis of the extremes: arrived rightly, ended with a cause, out of budget, silently wrong.
 
     A letter a cell, along the parameter: r right, n a named cause, b out of budget, W silently wrong, C crashed or hung,
-    - declined.  For example: hhtbench study stability --only stiffness --solver hht --solver ida
+    - declined.
+    For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
+    with ends_at_once():
+        from hhtbench.studies.stability.page import write_stability
+        from hhtbench.studies.stability.study import study_stability
+        from hhtbench.studies.stability.tables import markdown
+
     for file in (out, json_file):
         require_folder(file)
-    found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=_tell)
+    with progress() as told:
+
+        def tell(batch: Batch, measured: Sequence[Measured]) -> None:
+            told.show(_shown(batch, measured))
+
+        found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=tell, progress=told.advance)
     click.echo()
     for solver in found.solvers:
         click.echo(found.sentence(solver))
@@ -53,9 +66,11 @@ def stability_command(
     write_json(found.as_dict(), json_file)
 
 
-def _tell(batch: Batch, measured: Sequence[Measured]) -> None:
+def _shown(batch: Batch, measured: Sequence[Measured]) -> str:
     """One batch as letters."""
+    from hhtbench.studies.stability.study import letters
+
     seconds = sum(x.outcome.seconds for x in measured)
     lines = [f"{batch.axis}, {batch.solver} [{seconds:.0f} s]"]
     lines += [f"    {text} {line}" for line, text in letters(measured)[batch.solver].items()]
-    click.echo("\n".join(lines))
+    return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -139,12 +140,23 @@ def study_stability(
     jobs: int = 2,
     small: bool = False,
     tell: Callable[[Batch, Sequence[Measured]], None] = lambda batch, measured: None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Stability:
-    """Measure the axes ``only``, by default all but the longer run, with ``solvers``; ``small``: few cells of each."""
+    """Measure the axes ``only``, by default all but the longer run, with ``solvers``; ``small``: few cells of each.
+
+    ``tell`` hears of each batch, ``progress`` how many of how many are measured, both from the thread that has measured it.
+    """
     began = time.perf_counter()
     axes, columns = chosen_axes(only), tuple(solvers) or SOLVERS
-    batches = [_batch(axis, solver, seed, small) for axis in axes for solver in columns]
-    found = measure_all([batch for batch in batches if batch.places], jobs, tell)
+    batches = [batch for axis in axes for solver in columns if (batch := _batch(axis, solver, seed, small)).places]
+    done = itertools.count(1)
+
+    def told(batch: Batch, measured: Sequence[Measured]) -> None:
+        tell(batch, measured)
+        progress("batches", next(done), len(batches))
+
+    progress("batches", 0, len(batches))
+    found = measure_all(batches, jobs, told)
     places = {axis.name: index for index, axis in enumerate(axes)}
     found.sort(key=lambda x: (places[x.axis], columns.index(x.solver)))
     seconds = time.perf_counter() - began
