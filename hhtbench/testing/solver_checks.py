@@ -7,12 +7,12 @@ from functools import partial
 
 from hhtbench.protocol import Solver
 from hhtbench.testing.check import Check, check_expected
-from hhtbench.testing.claims import conduct, control, failures, frames, motion
+from hhtbench.testing.claims import conduct, control, events, failures, frames, motion
 from hhtbench.testing.claims.registry import claims_of
 from hhtbench.testing.extremes.checks import extreme_checks
 from hhtbench.testing.subject import ACCURACY, ITERATIONS, Claims, Subject
 
-CLAIMS = tuple(claim for module in (motion, control, frames, conduct, failures) for claim in claims_of(module))
+CLAIMS = tuple(claim for module in (motion, control, events, frames, conduct, failures) for claim in claims_of(module))
 
 
 def check_names(suite: str = "claims") -> list[str]:
