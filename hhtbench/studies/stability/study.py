@@ -66,7 +66,7 @@ class Stability:
         return text + (f" Not on {'; '.join(unsafe)}." if unsafe else "")
 
     def _misled(self, axis: str, solver: str) -> list[Measured]:
-        return [x for x in self.of(axis, solver) if not x.outcome.kind.honest and x.outcome.kind is not Kind.declined]
+        return [x for x in self.of(axis, solver) if x.outcome.kind.misleading]
 
     def _where(self, axis: str, solver: str) -> str:
         """How many cells, and between which values of the parameter."""

@@ -29,7 +29,7 @@ def counts(found: Stability) -> Table:
 
 def _share(found: Mapping[Kind, int]) -> Cell:
     asked = sum(count for kind, count in found.items() if kind is not Kind.declined)
-    wrong = found.get(Kind.wrong, 0) + found.get(Kind.crashed, 0)
+    wrong = sum(count for kind, count in found.items() if kind.misleading)
     if not asked:
         return Cell("-")
     tone = "bad" if wrong else "good" if found.get(Kind.right, 0) == asked else ""

@@ -7,7 +7,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,9 +44,9 @@ class Kind(enum.Enum):
         self.text = text
 
     @property
-    def honest(self) -> bool:
-        """Whether nobody is misled."""
-        return self in (Kind.right, Kind.named, Kind.budget)
+    def misleading(self) -> bool:
+        """Whether it ended otherwise than a caller can rely on."""
+        return self in (Kind.wrong, Kind.crashed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Outcome:
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None
-    seconds: float = 0.0  #: on the clock
+    seconds: float = 0.0  #: on the clock, compilation included
 
 
 @dataclass(frozen=True)
@@ -114,23 +114,28 @@ def axis(name: str, label: str) -> Callable[[Callable[[int], Iterable[Cell]]], A
 
 
 def measure(cell: Cell, solver: Solver | str) -> Outcome:
-    """One solve, judged; its functions are compiled in a solve of one step before it."""
+    """One solve, judged; whatever a solver raises is how it ended."""
+    try:
+        chosen = _with(solver, cell.options)
+    except ProblemError as error:
+        return Outcome(kind=Kind.declined, status=Status.declined.label, message=str(error))
     began = time.perf_counter()
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            problem, chosen = cell.make(), _with(solver, cell.options)
-            request = _rows(problem, cell.request)
-            solve(problem, chosen, **{**request, "max_seconds": COMPILING, "max_num_steps": 1})
-            began = time.perf_counter()
-            found = solve(problem, chosen, max_seconds=cell.seconds, **request)
-            outcome = judge(cell, problem, found)
-    except ProblemError as error:  # of an option that it has not
-        outcome = Outcome(kind=Kind.declined, status=Status.declined.label, message=str(error))
-    except Exception as error:  # noqa: BLE001  whatever a solver raises is how it ended
+            outcome = _solved(cell, chosen)
+    except Exception as error:  # noqa: BLE001
         text = f"{type(error).__name__}: {error}"
         outcome = Outcome(kind=Kind.crashed, status=Status.crashed.label, message=text)
-    return _timed(outcome, time.perf_counter() - began)
+    return replace(outcome, seconds=time.perf_counter() - began)
+
+
+def _solved(cell: Cell, solver: Solver) -> Outcome:
+    """Functions are compiled in a solve of one step before the one that has the cell's budget."""
+    problem = cell.make()
+    request = _rows(problem, cell.request)
+    solve(problem, solver, **{**request, "max_seconds": COMPILING, "max_num_steps": 1})
+    return judge(cell, problem, solve(problem, solver, max_seconds=cell.seconds, **request))
 
 
 def _rows(problem: Problem, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -144,22 +149,21 @@ def _with(solver: Solver | str, options: Mapping[str, Any]) -> Solver:
     return load_solver(solver, **options)
 
 
-def _timed(outcome: Outcome, seconds: float) -> Outcome:
-    return Outcome(**{**vars(outcome), "seconds": seconds})
-
-
 def judge(cell: Cell, problem: Problem, found: Solution) -> Outcome:
     """The class of an end; an error that is not a number is larger than any."""
-    counters = found.counters
-    work = {"steps": counters.steps_accepted, "evaluations": counters.residual_evaluations}
-    ended = {"status": found.status.label, "message": found.message, **work}
+    ended = Outcome(
+        kind=_kind(found.status),
+        status=found.status.label,
+        message=found.message,
+        steps=found.counters.steps_accepted,
+        evaluations=found.counters.residual_evaluations,
+    )
     if not found.success:
-        return Outcome(kind=_kind(found.status), **ended)  # type: ignore[arg-type]
+        return ended
     errors = {name: float(known.error(problem, found)) for name, known in cell.expected.items()}
     shares = [errors[name] / known.most for name, known in cell.expected.items()]
     share = max((x if math.isfinite(x) else math.inf for x in shares), default=math.inf)
-    kind = Kind.right if share <= 1.0 else Kind.wrong
-    return Outcome(kind=kind, errors=errors, share=share, **ended)  # type: ignore[arg-type]
+    return replace(ended, kind=Kind.right if share <= 1.0 else Kind.wrong, errors=errors, share=share)
 
 
 def _kind(status: Status) -> Kind:

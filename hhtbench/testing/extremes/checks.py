@@ -28,4 +28,4 @@ def _holds(cell: Cell, subject: Subject) -> None:
     errors = ", ".join(f"{name} off by {error:.2g}" for name, error in found.errors.items())
     allowed = "; ".join(f"{known.most:.2g} of {name}" for name, known in cell.expected.items())
     told = f"success, but {errors}; allowed are {allowed}" if found.kind is Kind.wrong else found.message
-    expect(found.kind.honest, told)
+    expect(not found.kind.misleading, told)

@@ -7,6 +7,7 @@ stiffness of 1e14 across a motion leaves no roundoff in it.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -271,6 +272,7 @@ def double_pendulum(ratio: float, span: float) -> Problem:
     )
 
 
+@cache
 def double_pendulum_angles(start: float, ratio: float, t: float) -> tuple[float, float]:
     """Angles [rad] at ``t`` [s] of the double pendulum released straight at ``start``, by DOP853 in minimal coordinates."""
 
