@@ -90,6 +90,7 @@ def test_profile_has_a_strong_curve_and_a_pale_one_with_the_search_which_costs_m
     assert strong["opacity"] > pale["opacity"]
     assert strong["y"][-1] == pytest.approx(pale["y"][-1])
     assert all(a <= b for a, b in zip(strong["x"], pale["x"], strict=True))
+    assert sum(pale["x"]) > 1.1 * sum(strong["x"])
     assert time.figure["front"] == ["hht(alpha=0)"]
     assert min(min(trace["x"]) for trace in relative.figure["data"] if len(trace["x"]) > 1) == 1.0
     assert "Dolan and Moré" in relative.caption
