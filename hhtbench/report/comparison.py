@@ -10,8 +10,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from tabulate import tabulate
-
 from hhtbench import analysis
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
@@ -24,11 +22,10 @@ from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
 from hhtbench.report.legend import legend
-from hhtbench.report.markdown import claims, environment_table, escape_text
+from hhtbench.report.markdown import claims, environment_table, escape_text, markdown_table
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.speed_page import PAGE as SPEED
 from hhtbench.report.speed_page import write_speed
-from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.report.words import MEASURES, bounded, plural
 from hhtbench.store.rows import RunRow
@@ -36,6 +33,8 @@ from hhtbench.store.rows import RunRow
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 WEIGHT = "b/convergence.html"  # by `verify b`, the same
+STABILITY = "stability.html"  # by `study stability`, the same
+BESIDE = {WEIGHT: "the weight b", STABILITY: "stability at the extremes"}
 
 
 def write_comparison(
@@ -73,7 +72,7 @@ def write_comparison(
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
         others = {SPEED: "machine speed"} if write_speed(folder, command) else {}
-        others |= {WEIGHT: "the weight b"} if (folder / WEIGHT).is_file() else {}
+        others |= {page: name for page, name in BESIDE.items() if (folder / page).is_file()}
         (folder / "index.html").write_text(_page(content, command, evidence, curves, others), encoding="utf-8")
         (folder / "report.md").write_text(_markdown(content, command, evidence), encoding="utf-8")
     except OSError as error:
@@ -127,17 +126,17 @@ def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
     parts = [f"# {TITLE}", *map(escape_text, content.sentences), "The same with charts: [index.html](index.html)."]
     parts.append(content.reading)
     for (measure, bound), table in content.decisions.items():
-        parts += [f"## By {MEASURES[measure]}, {bounded(bound)}", *_markdown_table(table)]
-    parts += ["## Wins and losses", *_markdown_table(content.balance)]
+        parts += [f"## By {MEASURES[measure]}, {bounded(bound)}", *markdown_table(table)]
+    parts += ["## Wins and losses", *markdown_table(content.balance)]
     parts += ["## The rules", "\n".join(f"- {escape_text(rule)}" for rule in content.rules)]
     for kind, table in content.against.items():
-        parts += [f"## HHT against the cheapest other solver: {kind.text}", *_markdown_table(table)]
-    parts += ["## Drift at equal accuracy", *_markdown_table(content.drift)]
+        parts += [f"## HHT against the cheapest other solver: {kind.text}", *markdown_table(table)]
+    parts += ["## Drift at equal accuracy", *markdown_table(content.drift)]
     for part in content.parts:
         parts += [f"## {escape_text(part.name)}", *map(escape_text, part.sentences)]
         for caption, table in part.tables.items():
-            parts += [f"### {caption}", *_markdown_table(table)]
-    parts += ["## Runs that failed or are not believed", *_markdown_table(content.failures)]
+            parts += [f"### {caption}", *markdown_table(table)]
+    parts += ["## Runs that failed or are not believed", *markdown_table(content.failures)]
     parts += [
         "## How it was made",
         f"```\n{command}\n```",
@@ -178,11 +177,6 @@ def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, Solve
 </section>"""
 
 
-def _markdown_table(table: Table) -> list[str]:
-    headers = [escape_text(header) for header in table.headers]
-    body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
-    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
-    return [text, escape_text(table.note)] if table.note else [text]
 
 
 def _verdict_box(evidence: Evidence | None, curves: bool) -> str:
