@@ -177,8 +177,6 @@ def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, Solve
 </section>"""
 
 
-
-
 def _verdict_box(evidence: Evidence | None, curves: bool) -> str:
     if evidence is None:
         return ""
