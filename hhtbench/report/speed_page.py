@@ -156,7 +156,6 @@ def time_figure(lines: Sequence[Race]) -> go.Figure:
         yaxis={
             "title": "problem",
             "automargin": True,
-            "dtick": 1,  # every problem has its name
             "categoryorder": "array",
             "categoryarray": names[::-1],
             "gridcolor": colours.FINE_GRID,
