@@ -188,7 +188,7 @@ def test_a_dark_page_has_a_dark_ground_and_figures_turned_round(report, told):
 
 
 def test_every_problem_has_its_name_on_the_axis_of_the_page_of_speed_and_plots_fill_three_fifths_of_a_telephone(tmp_path):
-    names = ["slider_crank_equal_lengths", *(f"problem_{number}" for number in range(24))]
+    names = ["slider_crank_equal_lengths(t_end=0.2)", *(f"problem_{number}" for number in range(24))]
     runs = [asdict(replace(row, problem=name, key=f"{name}{row.key}")) for name in names for row in RUNS]
     written(tmp_path, SPEED | {"runs": runs, "duels": []})
     told = looked_at(tmp_path, SPEED_PAGE)
