@@ -53,16 +53,13 @@ def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
 
 
 def layout_of(x_axis: dict[str, Any], y_axis: dict[str, Any]) -> dict[str, Any]:
-    """What all charts of the page have in common; a ground that shows the page's, light or dark."""
+    """What all charts of the page have in common."""
     return {
         "height": HEIGHT,
         "margin": {"l": 76, "r": 16, "t": 30, "b": 60},
         "font": {"family": colours.FONT, "size": 14, "color": colours.TEXT},
-        "paper_bgcolor": colours.GROUND,
-        "plot_bgcolor": colours.GROUND,
         "showlegend": False,
         "hovermode": "closest",
-        "modebar": {"bgcolor": colours.GROUND, "color": colours.GUIDE, "activecolor": colours.TEXT},
         "xaxis": x_axis,
         "yaxis": y_axis,
     }

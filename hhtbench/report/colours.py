@@ -31,7 +31,6 @@ OTHER_FAMILIES = ("#17BECF", "#9E2A2B", "#5B8C5A", "#B8860B")
 SHADES = (0.0, -0.4, 0.35)  # below 0 towards black, above 0 towards white
 
 GUIDE = "#767676"
-GROUND = "rgba(0, 0, 0, 0)"  # of figures: they show the page's, light or dark
 GRID = "rgba(128, 128, 128, 0.22)"  # as good on a dark page
 FINE_GRID = "rgba(128, 128, 128, 0.1)"
 TEXT = "#222222"

@@ -18,7 +18,6 @@ from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import FAILED, Content, Part, content_of
-from hhtbench.report.decisions import READING
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
@@ -91,7 +90,7 @@ def _page(content: Content, command: str, evidence: Evidence | None, curves: boo
         scope=_scope(content, others),
         losses=f'<p class="verdict bad">{escape(content.losses)}</p>' if content.losses else "",
         decision=decision_section(content.decisions),
-        reading=_prose(READING),
+        reading=_prose(content.reading),
         overview=overview(content, styles, drawings),
         contents="\n".join(f'<a href="#{anchor(part.name)}">{escape(part.name)}</a>' for part in content.parts),
         summary="\n".join(f"<p>{_prose(part)}</p>" for part in content.sentences),
@@ -125,7 +124,7 @@ PARTS = ("html", "css", "js")
 def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
     """The text of ``report.md``."""
     parts = [f"# {TITLE}", *map(escape_text, content.sentences), "The same with charts: [index.html](index.html)."]
-    parts.append(READING)
+    parts.append(content.reading)
     for (measure, bound), table in content.decisions.items():
         parts += [f"## By {MEASURES[measure]}, {bounded(bound)}", *markdown_table(table)]
     parts += ["## Wins and losses", *markdown_table(content.balance)]

@@ -10,7 +10,7 @@ from typing import Any
 from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, Campaign, Kind
 from hhtbench.report import contest, runs
-from hhtbench.report.decisions import decisions
+from hhtbench.report.decisions import decisions, reading
 from hhtbench.report.rules import rules
 from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
@@ -49,6 +49,7 @@ class Content:
     targets: tuple[float, ...]  #: errors that were asked for
     kinds: Mapping[Kind, tuple[str, ...]]  #: the problems of each
     decisions: Mapping[tuple[str, float | None], Table]  #: by measure and bound of the drift
+    reading: str  #: how they are to be read
     balance: Table
     against: Mapping[Kind, Table]
     drift: Table
@@ -62,6 +63,7 @@ class Content:
             "losses": self.losses,
             "summary": list(self.sentences),
             "rules": list(self.rules),
+            "reading": self.reading,
             "decisions": {
                 f"{MEASURES[by]}, {bounded(held)}": table.as_dict() for (by, held), table in self.decisions.items()
             },
@@ -87,6 +89,7 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
         sentences=(*([losses] if losses else []), *summary(found.rows), *older(found)),
         rules=tuple(rules(found.rows)),
         targets=whole.targets,
+        reading=reading(whole),
         kinds=kinds,
         decisions=decisions(found.rows, kinds, whole),
         balance=contest.balance(found.rows),

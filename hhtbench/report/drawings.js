@@ -6,6 +6,11 @@ const library = document.createElement("script");
 library.textContent = await unpacked("plotly");
 document.head.append(library);
 const figures = JSON.parse(await unpacked("figures"));
+const clear = "rgba(0, 0, 0, 0)";  // figures show the page's ground, light or dark
+for (const {layout} of figures) {
+  layout.paper_bgcolor = layout.plot_bgcolor = clear;
+  layout.modebar = {bgcolor: clear, color: "#767676", activecolor: "#222222"};
+}
 const config = {responsive: true, displaylogo: false, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 const boxes = [...document.querySelectorAll(".plot")];
 
@@ -18,7 +23,7 @@ function values(array) {
 // What a figure shows, a line a point; a mark at the edge has no value there.
 function csv({data, layout}) {
   const cell = value => typeof value === "number" ? value : `"${String(value ?? "").replaceAll("<br>", "; ").replaceAll('"', '""')}"`;
-  const lines = [["curve", layout.xaxis.title.text, layout.yaxis.title.text, "remark"]];
+  const lines = [["curve", layout.xaxis.title?.text ?? "x", layout.yaxis.title?.text ?? "y", "remark"]];
   for (const trace of data) {
     const y = trace.meta ? [trace.meta.y] : values(trace.y);
     const text = [trace.text ?? ""].flat();

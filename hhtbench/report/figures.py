@@ -46,8 +46,6 @@ def _lay_out(result: go.Figure, plot: Plot, x_range: list[float], y_range: list[
     rows = _legend_rows(plot)
     result.update_layout(
         template="none",
-        paper_bgcolor=colours.GROUND,
-        plot_bgcolor=colours.GROUND,
         height=HEIGHT + rows * LEGEND_ROW,
         margin={"l": 84, "r": 20, "t": 30, "b": 74 + rows * LEGEND_ROW},
         font={"family": colours.FONT, "size": 14, "color": colours.TEXT},

@@ -113,7 +113,7 @@ def outcome(line: Comparison) -> str:
 def behind(line: Comparison) -> str:
     """Whom the verdict is about, why one side does not get there, and what it would need at least."""
     if line.factor is not None and line.rival is not None:
-        return f"against {line.rival.entry}"
+        return f"against {short(line.rival.entry)}"
     least = line.least_factor
     more = f"more than {times(least)}" if least is not None and least > 1 else ""
     if line.outcome == "alone":

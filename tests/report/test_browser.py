@@ -7,10 +7,12 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import asdict, replace
 
 import pytest
 
 from tests.report.synthetic import PROBLEMS, SOLVERS
+from tests.report.test_speed import RUNS, SPEED, written
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: the page is not looked at")
@@ -20,8 +22,8 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"),
     *("--allow-file-access-from-files", "--disable-dev-shm-usage", "--hide-scrollbars"),
 )
-# Opens the page in frames of two widths, waits until all is drawn, and tells what it finds and does there.
-LOOKING = """
+# Opens pages in frames, waits until all is drawn, and tells what it finds and does there.
+FRAMES = """
 <body><script type="module">
 const told = {};
 async function drawn(page) {
@@ -29,15 +31,28 @@ async function drawn(page) {
     await new Promise(soon => setTimeout(soon, 50));
   }
 }
-async function opened(width) {
+async function opened(name, width) {
   const frame = document.createElement("iframe");
   frame.style = `width: ${width}px; height: 900px`;
-  frame.src = "index.html";
+  frame.src = name;
   document.body.append(frame);
   await new Promise(ready => frame.addEventListener("load", ready));
   await drawn(frame.contentDocument);
   return frame.contentDocument;
 }
+const widths = page => [...page.querySelectorAll(".plot .nsewdrag")].map(area => area.getBoundingClientRect().width);
+try {
+  LOOKING
+} catch (error) {
+  told.error = String(error.stack ?? error);
+}
+const result = document.createElement("pre");
+result.id = "told";
+result.textContent = JSON.stringify(told);
+document.body.replaceChildren(result);
+</script></body>
+"""
+COMPARISON = """
 const texts = found => [...found].map(one => one.textContent);
 const names = box => box.data.filter(trace => trace.visible).map(trace => trace.name);
 const button = (page, words) => [...page.querySelectorAll("button")].find(one => one.textContent === words);
@@ -49,11 +64,10 @@ async function csv(figure) {
   return [link.download, await (await fetch(link.href)).text()];
 }
 
-try {
-  const wide = await opened(WIDE), narrow = await opened(NARROW);
+  const wide = await opened("index.html", WIDE), narrow = await opened("index.html", NARROW);
   told.plots = wide.querySelectorAll(".plot").length;
   told.overflow = [wide, narrow].map(page => page.documentElement.scrollWidth);
-  told.drawn = [...narrow.querySelectorAll(".plot .nsewdrag")].map(area => area.getBoundingClientRect().width);
+  told.drawn = widths(narrow);
   const style = page => page.defaultView.getComputedStyle(page.body).backgroundColor;
   told.ground = style(wide);
   told.filter = wide.defaultView.getComputedStyle(wide.querySelector(".plot")).filter;
@@ -85,21 +99,20 @@ try {
   told.captions = texts([...figure.querySelectorAll(".caption")].filter(one => !one.hidden));
   told.csv = await csv(figure);
   told.profile = await csv(wide.getElementById("plot-errors-reached-within-a-cost"));
-} catch (error) {
-  told.error = String(error.stack ?? error);
-}
-const result = document.createElement("pre");
-result.id = "told";
-result.textContent = JSON.stringify(told);
-document.body.replaceChildren(result);
-</script></body>
+"""
+SPEED_PAGE = """
+  const pages = [await opened("speed.html", NARROW), await opened("speed.html", WIDE)];
+  told.drawn = widths(pages[0]);
+  told.overflow = pages[0].documentElement.scrollWidth;
+  told.names = pages.map(page => [...page.querySelector(".plot").querySelectorAll(".ytick")].map(one => one.textContent));
 """
 
 
-def looked_at(report, *flags):
-    """What the script has told of the page in the folder ``report``."""
+def looked_at(report, script, *flags):
+    """What the script has told of the pages in the folder ``report``."""
     page = report / "looking.html"
-    page.write_text(LOOKING.replace("WIDE", str(WIDE)).replace("NARROW", str(NARROW)), encoding="utf-8")
+    whole = FRAMES.replace("LOOKING", script).replace("WIDE", str(WIDE)).replace("NARROW", str(NARROW))
+    page.write_text(whole, encoding="utf-8")
     command = [CHROMIUM, *FLAGS, *flags, page.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     page.unlink()
@@ -112,7 +125,7 @@ def looked_at(report, *flags):
 
 @pytest.fixture(scope="module")
 def told(report):
-    return looked_at(report)
+    return looked_at(report, COMPARISON)
 
 
 def test_every_figure_is_drawn(told):
@@ -169,6 +182,16 @@ def test_data_of_the_view_come_as_csv(told, rows):
 
 def test_a_dark_page_has_a_dark_ground_and_figures_turned_round(report, told):
     assert (told["ground"], told["filter"]) == ("rgb(255, 255, 255)", "none")
-    dark = looked_at(report, "--blink-settings=preferredColorScheme=0")
+    dark = looked_at(report, COMPARISON, "--blink-settings=preferredColorScheme=0")
     assert max(map(int, re.findall(r"\d+", dark["ground"]))) < 60
     assert dark["filter"] == "invert(1) hue-rotate(180deg)"
+
+
+def test_every_problem_has_its_name_on_the_axis_of_the_page_of_speed_and_plots_fill_three_fifths_of_a_telephone(tmp_path):
+    names = ["slider_crank_equal_lengths(t_end=0.2)", *(f"problem_{number}" for number in range(24))]
+    runs = [asdict(replace(row, problem=name, key=f"{name}{row.key}")) for name in names for row in RUNS]
+    written(tmp_path, SPEED | {"runs": runs, "duels": []})
+    told = looked_at(tmp_path, SPEED_PAGE)
+    assert [set(found) for found in told["names"]] == [set(names)] * 2
+    assert told["overflow"] == NARROW
+    assert min(told["drawn"]) >= 0.6 * NARROW
