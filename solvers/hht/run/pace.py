@@ -83,7 +83,7 @@ def noisy_force(engine: Engine, state: State, rtol: float) -> str:
         if difference > rtol * size:
             relative = difference / (size or 1.0)
             return (
-                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size: make "
-                "them functions of t, q and v alone, or loosen the tolerances beyond their noise."
+                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size: "
+                "make them functions of t, q and v alone, or loosen the tolerances beyond their noise."
             )
     return ""
