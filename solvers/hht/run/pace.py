@@ -14,7 +14,7 @@ from solvers._start import Failure
 from solvers.hht.run.engine import Engine
 from solvers.hht.step.state import State
 
-LOOK = 250  # accepted steps before the first look
+LOOK = 500  # accepted steps before the first look: about those of a first call
 SETTLED = 1_000  # accepted steps after which step control has long found its length
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 STUCK = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
@@ -83,7 +83,7 @@ def noisy_force(engine: Engine, state: State, rtol: float) -> str:
         if difference > rtol * size:
             relative = difference / (size or 1.0)
             return (
-                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size: make "
-                "them functions of t, q and v alone, or loosen the tolerances beyond their noise."
+                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size: "
+                "make them functions of t, q and v alone, or loosen the tolerances beyond their noise."
             )
     return ""
