@@ -1,4 +1,8 @@
-"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one."""
+"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one.
+
+That of any size too where a reaction that depends on v is nonlinear in lam, as the friction of a two-sided guide is:
+(F9) is solved by Newton's iteration, which begins without multipliers, and so is a function of t and y alone.
+"""
 
 from __future__ import annotations
 
@@ -121,7 +125,7 @@ def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:
         row = local.row
-        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n] = t, q, v
+        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n], row[1 + 2 * n :] = t, q, v, 0.0
         local.done[0] = False
         local.call()
         return local.x.copy() if local.done[0] else np.full(local.x.size, np.nan)
@@ -134,7 +138,6 @@ class _Loops(threading.local):
 
     def __init__(self, entries: Entries, dynamics: Dynamics) -> None:
         z = entries.memory(dynamics)
-        z.i[mem.LINEAR] = True
         self.x = view(z, mem.X)
         rows, self.done = np.zeros((1, 1 + dynamics.structure.n + self.x.size)), np.zeros(1, dtype=bool)
         self.row = rows[0]
