@@ -93,6 +93,13 @@ class Pendulum(System):
         return circle(jnp, t, q)
 
 
+class Dragging(Pendulum):
+    """The same with a reaction that depends on v and is linear in lam."""
+
+    def reaction(self, t, q, v, lam):
+        return -lam[0] * (q + 0.3 * v / jnp.sqrt(v @ v + 1e-2))
+
+
 class Rubbing(Pendulum):
     """The same as a bead on a wire, with friction: a reaction that depends on v, and on lam not linearly."""
 
