@@ -1,4 +1,4 @@
-for (const box of document.querySelectorAll(".plot")) {
+drawAll(box => {
   const figure = figures[box.dataset.figure];
   Plotly.newPlot(box, figure.data, figure.layout, config);
-}
+});

@@ -148,6 +148,8 @@ def time_figure(lines: Sequence[Race]) -> go.Figure:
         )
     figure.update_layout(
         template="none",
+        paper_bgcolor=colours.GROUND,
+        plot_bgcolor=colours.GROUND,
         height=150 + LINE * len(names),
         margin={"l": 20, "r": 16, "t": 40, "b": 60},
         font={"family": colours.FONT, "size": 13, "color": colours.TEXT},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 from hhtbench.analysis import Comparison, Point, family
 
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
+SHORT = {"time": "processor time", "evaluations": "evaluations"}
 NOTHING = "\N{EN DASH}"
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 STAR = "the process waited: the median reading took clearly more wall time than processor time"
@@ -23,6 +25,11 @@ KINDS = {  # why a target is not reached
     "unfinished": "stopped",
 }
 UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
+
+
+def short(entry: str) -> str:
+    """A solver's spec without the names of what tells itself."""
+    return re.sub(r"\b(method|form|solver|alpha|rho_inf)=", "", entry).replace("constant step", "constant h")
 
 
 def shown(value: float | None) -> str:

@@ -480,8 +480,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
 Function = Callable[..., Any]
 
 
-def numpy_pendulum(t_span: tuple[float, float] = SPAN, **changes: Function) -> Scene:
-    """The pendulum as plain callables, some of them replaced."""
+def numpy_pendulum(t_span: tuple[float, float] = SPAN, **changes: Function | None) -> Scene:
+    """The pendulum as plain callables, some of them replaced, or left out by None."""
     like = pendulum(t_span=t_span)
     pull = np.array([0.0, -GRAVITY, 0.0])
     functions: dict[str, Any] = {

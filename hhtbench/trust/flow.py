@@ -64,6 +64,12 @@ class Equations:
         """What acts but for the reactions, (n,)."""
         return -self._left_over(self._level, t, y, np.zeros(sum(self._sizes)))
 
+    def inertia(self, t: float, y: Vector, vdot: Vector) -> Vector:
+        """M vdot (n,) of accelerations (n,)."""
+        n, x = self._n, np.zeros(self._n + sum(self._sizes))
+        x[:n] = vdot
+        return np.asarray(self._level.terms(t, y[:n].copy(), y[n:].copy(), x)[0][:n], dtype=np.float64) + self.force(t, y)
+
     def needed(self, t: float, y: Vector) -> tuple[Vector, Vector] | None:
         """Accelerations (n,) and the reaction (n,) that the acceleration level determines; None where it does not."""
         try:

@@ -85,7 +85,9 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     equations, size = Equations(problem), sizes_of(problem, solution.q, solution.v)
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
-    looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
+    some = _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()}))
+    ends = steps.t if steps is not None else solution.t if request.t_eval is None else None
+    looked_at = rows_of(follower, solution, some, ends)
     starts += _bent(looked_at, size)
     windows = []
     for rows, multipliers in _windows(problem, solution, steps, size, starts):

@@ -11,6 +11,8 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.metadata import distribution
 from pathlib import Path
 from queue import Queue
 
@@ -28,9 +30,14 @@ LONGEST = 110  # characters of a message
 
 
 def copy_tree(target: Path) -> Path:
-    """The sources."""
+    """The sources, as an installed distribution of their own: names of solvers and problems mean those of the copy."""
     for name in COPIED:
         shutil.copytree(ROOT / name, target / name)  # with compiled modules: those of a fault are told by their time
+    shutil.copy(ROOT / "pyproject.toml", target)
+    installed = distribution("hhtbench")
+    about = f"hhtbench-{installed.version}.dist-info"
+    without_origin = shutil.ignore_patterns("direct_url.json")  # it names the folder that the copy was made of
+    shutil.copytree(str(installed.locate_file(about)), target / about, ignore=without_origin)
     return target
 
 
@@ -43,60 +50,85 @@ def run_checks(tree: Path, checked: str, first: str = "") -> dict[str, str]:
     if done.returncode == -signal.SIGXCPU:
         return {"flagged": "time", "message": f"the checks did not end in {SECONDS} s of processor time"}
     try:
-        return json.loads(done.stdout.splitlines()[-1])
+        found = json.loads(done.stdout.splitlines()[-1])
     except (ValueError, IndexError):
         last = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
         return {"flagged": "import", "message": last[-1]}
+    if found["unsound"]:
+        raise click.ClickException(f"{checked}: {found['unsound']}")
+    return found
 
 
-def find(fault: Fault, trees: Queue[Path]) -> dict[str, str]:
+@dataclass(frozen=True)
+class Found:
+    """What became of one fault."""
+
+    fault: Fault
+    flagged: str  #: the check that found it; "": none did
+    message: str  #: what it said
+    seconds: float  #: of wall time
+
+    def row(self) -> list[str]:
+        """Of the table."""
+        fault, flagged = self.fault, self.flagged or "SURVIVES"
+        return [fault.name, fault.file, fault.checked, flagged, self.message[:LONGEST], f"{self.seconds:.0f}"]
+
+
+def find(fault: Fault, trees: Queue[Path]) -> Found:
     """Plant one fault in a copy that is free, check, and take it out again."""
     tree = trees.get()
     before = fault.plant(tree)
+    began = time.perf_counter()
     try:
         found = run_checks(tree, fault.checked, fault.first)
-        click.echo(f"{fault.name}: {found['flagged'] or 'SURVIVES'}", err=True)
-        return found
     finally:
         (tree / fault.file).write_text(before, encoding="utf-8")
         trees.put(tree)
+    result = Found(fault, found["flagged"], found["message"], time.perf_counter() - began)
+    click.echo(f"{fault.name}: {result.flagged or 'SURVIVES'} ({result.seconds:.0f} s)", err=True)
+    return result
 
 
 @click.command()
 @click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Copies in which faults are looked for."
 )
-@click.option("--only", default="", help="Faults whose name or file holds this text.")
+@click.option("--only", multiple=True, help="Faults whose name or file holds this text; may be given several times.")
 @click.option("--sound", is_flag=True, help="First check that without a fault nothing is flagged.")
-def main(jobs: int, only: str, sound: bool) -> None:
+def main(jobs: int, only: tuple[str, ...], sound: bool) -> None:
     """Plant every fault; exit 1 where fewer than 95 % are found."""
-    chosen = [fault for fault in FAULTS if only in fault.name or only in fault.file]
+    chosen = [fault for fault in FAULTS if not only or any(text in fault.name or text in fault.file for text in only)]
+    if not chosen:
+        raise click.BadParameter(f"no fault's name or file holds {' or '.join(only)}", param_hint="--only")
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as threads:
         trees: Queue[Path] = Queue()
         for index in range(jobs):
             trees.put(copy_tree(Path(folder).resolve() / str(index)))
         if sound:
-            refuse_unsound(trees, sorted({fault.checked for fault in chosen}))
-        rows, survivors = [], []
-        for fault, found in zip(chosen, threads.map(lambda fault: find(fault, trees), chosen), strict=True):
-            flagged = found["flagged"] or "SURVIVES"
-            rows.append([fault.name, fault.file, fault.checked, flagged, found["message"][:LONGEST]])
-            survivors += [] if found["flagged"] else [fault.name]
-    click.echo(tabulate(rows, headers=["fault", "planted in", "checked", "flagged by", "which says"], disable_numparse=True))
-    share = 1 - len(survivors) / len(chosen)
-    click.echo(
-        f"\n{len(chosen) - len(survivors)} of {len(chosen)} faults found ({share:.0%}), {time.perf_counter() - began:.0f} s"
-    )
-    click.echo("survivors: " + (", ".join(survivors) or "none"))
-    sys.exit(0 if share >= WANTED else 1)
+            refuse_unsound(trees, chosen)
+        found = list(threads.map(lambda fault: find(fault, trees), chosen))
+    sys.exit(0 if report(found, time.perf_counter() - began) >= WANTED else 1)
 
 
-def refuse_unsound(trees: Queue[Path], every: list[str]) -> None:
+def report(found: list[Found], seconds: float) -> float:
+    """Print the table and who survives, with what explains it; the share of the faults that were found."""
+    heads = ["fault", "planted in", "checked", "flagged by", "which says", "s"]
+    click.echo(tabulate([one.row() for one in found], headers=heads, disable_numparse=True))
+    survivors = [one.fault for one in found if not one.flagged]
+    share = 1 - len(survivors) / len(found)
+    click.echo(f"\n{len(found) - len(survivors)} of {len(found)} faults found ({share:.0%}), {seconds:.0f} s")
+    click.echo("survivors: " + ("" if survivors else "none"))
+    for fault in survivors:
+        click.echo(f"  {fault.name} ({fault.file}): {fault.survives or 'not explained'}")
+    return share
+
+
+def refuse_unsound(trees: Queue[Path], chosen: list[Fault]) -> None:
     """End where the checks flag something without any fault: they would find every fault."""
     tree = trees.get()
-    for checked in every:
-        found = run_checks(tree, checked)
+    for checked, first in sorted({(fault.checked, fault.first if fault.by_tests else "") for fault in chosen}):
+        found = run_checks(tree, checked, first)
         click.echo(f"without a fault, {checked}: {found['flagged'] or 'nothing flagged'} {found['message']}", err=True)
         if found["flagged"]:
             sys.exit(1)

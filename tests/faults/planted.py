@@ -13,10 +13,16 @@ class Fault:
 
     name: str
     file: str
-    checked: str  #: the solver whose checks should find it, "problem:SPEC" or "scene:NAME"
-    first: str  #: how the names of checks begin that are tried before the others; "": in their order
+    checked: str  #: the solver whose checks should find it, "problem:SPEC", "scene:NAME" or "tests:FILES"
+    first: str  #: how the names of checks begin that are tried before the others; of tests: what their names hold, as ``-k``
     right: str  #: occurs once in the file
     wrong: str
+    survives: str = ""  #: why no check finds it, where that is known
+
+    @property
+    def by_tests(self) -> bool:
+        """Whether tests should find it that no check of a solver can replace."""
+        return self.checked.startswith("tests:")
 
     def planted(self, text: str) -> str:
         """``text`` of the file with the fault.

@@ -1,4 +1,4 @@
-"""What only error control that takes steps back can do: a force that begins within a thousandth of the interval."""
+"""What only error control can do: it takes steps back where a force begins within a thousandth of the interval, and goes on."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from hhtbench.testing.subject import Declined, Subject, expect
 
 BEGINS, WITHIN = 0.53, 1e-3  # [s]
 SIZE = 100.0  # [m/s^2]
+GROWN = 10.0  # a second after steps of a thousandth no method needs them any more
 
 
 class Pushed(System):
@@ -39,13 +40,30 @@ def _log_cosh(s: float) -> float:
     return abs(s) + math.log1p(math.exp(-2 * abs(s))) - math.log(2.0)
 
 
-@claim("tolerance/onset")
-def sudden_force_is_resolved(subject: Subject) -> None:
-    """A force that begins at once costs no more than the tolerance: the step across its onset is taken back."""
+def _asked(subject: Subject) -> tuple[Problem, tuple[dict[str, Any], ...]]:
+    """The problem and requests from coarse to fine."""
     problem = Problem(name="onset", system=Pushed(), t_span=(0.0, 1.0), q0=np.zeros(2), v0=np.zeros(2))
     ladder = subject.ladder(problem)
     if "rtol" not in ladder[0]:
         raise Declined(f"{subject.name} has no error control")
+    return problem, ladder
+
+
+@claim("tolerance/growth")
+def steps_grow_again(subject: Subject) -> None:
+    """After a force has begun, steps become long again: its onset takes short ones, the steady force does not."""
+    problem, ladder = _asked(subject)
+    lengths = np.diff(subject.succeeds(problem, **ladder[1]).t)
+    grown = float(np.max(lengths[np.argmin(lengths) :]) / np.min(lengths))
+    expect(
+        grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least"
+    )
+
+
+@claim("tolerance/onset")
+def sudden_force_is_resolved(subject: Subject) -> None:
+    """A force that begins at once costs no more than the tolerance: the step across its onset is taken back."""
+    problem, ladder = _asked(subject)
     place = quad(_speed, 0.0, 1.0, points=[BEGINS], epsabs=0.0, epsrel=1e-10)[0]
     for request in ladder[1:]:
         solution = subject.succeeds(problem, **request)

@@ -10,7 +10,7 @@ from scipy.integrate import simpson
 
 from hhtbench.protocol import declared
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import SCENES, Scene, multipliers, oscillator
+from hhtbench.testing.scenes import SCENES, Scene, multipliers, numpy_pendulum, oscillator
 from hhtbench.testing.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
 
 EVERY = tuple(SCENES)
@@ -19,6 +19,8 @@ ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
 FALLS = 0.8  # least order of a method that claims none
 TOLD = 0.2  # by how much a measured order may miss the claimed one
 RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
+DIFFERENCES = 1e-8  # what constraints hold to whose derivatives are differences
+DERIVATIVES = ("constraint_jacobian", "constraint_time_derivative", "constraint_acceleration", "force_jacobians")
 UNEVEN = np.array([1.0, 2.0, 1.5, 3.0, 1.0])  # lengths of steps, as parts of one another
 TILES = (40, 80)  # of them
 STIFF = {"stiff": (1e10, 1e4), "viscous": (1e8, 1e8)}  # stiffness [1/s^2] and damping [1/s], of slow motions
@@ -120,7 +122,10 @@ def _expect_levels(scene: Scene, solution: Any, bound: float, where: str) -> Non
 def multipliers_are_those_of_the_acceleration_level(subject: Subject, name: str) -> None:
     """The multipliers of every row are those with which the constraints hold at the acceleration level of that row."""
     scene = subject.scene(name)
-    solution = subject.solved(scene, **subject.fine(scene.problem))
+    _expect_acceleration_level(scene, subject.solved(scene, **subject.fine(scene.problem)))
+
+
+def _expect_acceleration_level(scene: Scene, solution: Any) -> None:
     held = zip(solution.t, solution.q, solution.v, strict=True)
     known = np.array([multipliers(scene.equations(float(t), q, v)) for t, q, v in held])
     given = np.hstack([solution.lam, solution.mu])
@@ -154,6 +159,29 @@ def energy_is_balanced(subject: Subject, name: str) -> None:
     lost = abs(energy[-1] - energy[0] - work) / max(1.0, *np.abs(energy))
     bound = 10 * subject.bound(request, scene.problem)
     expect(lost <= bound, f"energy is off its balance by {lost:.1e} of its size; expected {bound:.1e} at most")
+
+
+@claim("callables/declared")
+def plain_functions(subject: Subject) -> None:
+    """A system of plain functions that declares its derivatives moves as the same system does in JAX."""
+    _expect_pendulum(subject, numpy_pendulum())
+
+
+@claim("callables/differences")
+def plain_functions_without_derivatives(subject: Subject) -> None:
+    """So does one that declares none, whose derivatives come from differences."""
+    _expect_pendulum(subject, numpy_pendulum(**dict.fromkeys(DERIVATIVES)))
+
+
+def _expect_pendulum(subject: Subject, scene: Scene) -> None:
+    request = subject.ladder(scene.problem)[1]
+    solution = subject.succeeds(scene.problem, **request)
+    bound = subject.bound(request, scene.problem)
+    for which in ("q", "v"):
+        error = errors(scene, solution)[which]
+        expect(error <= bound, f"the error of {which} is {error:.1e}; expected {bound:.1e} at most")
+    _expect_acceleration_level(scene, solution)
+    _expect_levels(scene, solution, max(DIFFERENCES, subject.claims.drift or 10 * bound), "a step")
 
 
 @claim("implicit", *STIFF)

@@ -158,7 +158,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             return after.ended
         if taken == look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
-            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, (first, before, pace), state, stop)):
+            by_error, paces = stepper.plan.by_error, (first, before, pace)
+            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances.finest)):
                 return ended
     return Failure(Status.success, Status.success.text)
 
