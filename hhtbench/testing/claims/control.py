@@ -55,9 +55,7 @@ def steps_grow_again(subject: Subject) -> None:
     problem, ladder = _asked(subject)
     lengths = np.diff(subject.succeeds(problem, **ladder[1]).t)
     grown = float(np.max(lengths[np.argmin(lengths) :]) / np.min(lengths))
-    expect(
-        grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least"
-    )
+    expect(grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least")
 
 
 @claim("tolerance/onset")
