@@ -155,7 +155,7 @@ def test_the_whole_acceleration_level_holds_at_the_solution(route):
     """Variable mass, rheonomic, nonlinear reaction, both kinds of constraints: (H16) row by row."""
     dynamics = derive(Rich() if route == "jax" else RICH_NUMPY, 0.3, Q3, V3)
     found = AccelerationLevel(dynamics).solve(0.3, Q3, V3, np.ones(1))
-    forces = dynamics.force(0.3, Q3, V3) + dynamics.reaction(0.3, Q3, found.lam)
+    forces = dynamics.force(0.3, Q3, V3) + dynamics.reaction(0.3, Q3, V3, found.lam)
     forces = forces + dynamics.velocity_reaction(0.3, Q3, V3, found.mu)
     np.testing.assert_allclose(dynamics.mass(0.3, Q3) @ found.vdot, forces, atol=1e-11)
     ahead, back = ((0.3 + e, Q3 + e * V3 + e * e / 2 * found.vdot, V3 + e * found.vdot) for e in (1e-5, -1e-5))

@@ -48,7 +48,7 @@ def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     residual = [dynamics.residual(t, q, v, mass @ vdot, lam, mu), rows @ vdot + rest]
     top = [mass]
     if s.m:
-        top.append(-dynamics.reaction_jacobians(t, q, lam)[1])
+        top.append(-dynamics.reaction_jacobians(t, q, v, lam)[2])
     if s.p:
         top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
     bottom = [rows, xp.zeros((s.m + s.p, s.m + s.p))]
@@ -131,7 +131,16 @@ class AccelerationLevel:
                 converged = True
                 break
             last = size
+        else:
+            converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
+
+    def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
+        """Whether roundoff is left of the equations at ``x``: multipliers near zero beside large forces are roundoff too."""
+        residual, matrix = self.terms(t, q, v, x)
+        sizes = abs(matrix) @ np.abs(x) + np.abs(self.terms(t, q, v, 0.0 * x)[0])
+        n = self.structure.n
+        return all(np.max(np.abs(residual[rows])) <= CONVERGED * np.max(sizes[rows]) for rows in (np.s_[:n], np.s_[n:]))
 
 
 def _solve_scaled(matrix: Matrix, right: Vector, n: int) -> Vector | None:
