@@ -4,6 +4,8 @@
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
 #               all numbers go to reports/latest/speed.json, the page "speed" of the report is made from them (12 minutes)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
+# make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
+#               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (half an hour and more)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser
@@ -18,6 +20,7 @@ JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
+FAULTS := $(addprefix tests/campaign/,$(addsuffix .py,test_run_faults test_disk_faults test_damage test_execute test_store test_interruption))
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
 # Compiled functions are kept between runs, so that a second run does not compile again.
@@ -26,7 +29,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test validate faults docs picture loops clean
+.PHONY: bench bench-chain bench-engine test test-faults validate faults docs picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -40,6 +43,9 @@ test: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+
+test-faults: $(STAMP)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "" $(FAULTS)
 
 # Exudyn is the optional extra "bench"; without it the ratios are missing.
 bench-chain: $(STAMP)

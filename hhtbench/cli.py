@@ -1,4 +1,7 @@
-"""The command ``hhtbench``.  Exit codes: 0 all well, 1 a claim fails or a solve stops early, 2 wrong use, 130 Ctrl-C."""
+"""The command ``hhtbench``.
+
+Exit codes: 0 all well, 1 a claim fails or a solve stops early, 2 wrong use, 129, 130, 143 SIGHUP, Ctrl-C, SIGTERM.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "State what PROBLEM declares, what is therefore not computed, and how it is evaluated.",
     ),
     "list": ("commands.list", "List problems, solvers and verifications."),
-    "reference": ("reference.command", "Certified reference solutions with error bars."),
+    "reference": ("commands.reference", "Certified reference solutions with error bars."),
     "report": (
         "commands.report",
         "Write the comparison of a campaign; a verification in the folder is shown with it.",
     ),
     "run": (
-        "campaign.command",
+        "commands.run",
         "Run problems x solvers x tolerances or steps into a store; what it holds already is not run again.",
     ),
     "select": (
@@ -38,20 +41,21 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot be told.",
     ),
     "show": (
-        "drawing.command",
+        "commands.show",
         "Draw the motion of PROBLEM from its sketch: phases in one picture (.png, .svg) or a film (.gif, .html).",
     ),
     "solve": (
         "commands.solve",
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
+    "status": ("commands.status", "Say what the store of a campaign holds, and what is left to do."),
     "study": ("commands.study", "Studies of the bench's own advice, and of solvers at their extremes."),
     "trade": (
         "commands.trade",
         "Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.",
     ),
     "validate": (
-        "validation.command",
+        "commands.validate",
         "Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.",
     ),
     "verify": ("commands.verify", "Measure the claims of the verification NAME."),
@@ -103,7 +107,8 @@ def main(traceback: bool) -> None:
 
     PROBLEM is a name with parameters, "planar_chain(n_links=100)", or a file, "my_file.py:problem(k=1)".
 
-    Exit codes: 0 all well; 1 a claim fails or a solve stops early; 2 wrong use; 130 interrupted.
+    Exit codes: 0 all well; 1 a claim fails or a solve stops early; 2 wrong use; 130 interrupted (129, 143 by
+    SIGHUP, SIGTERM).
     """
 
 

@@ -160,6 +160,9 @@ def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
                 rows.append(Statement("not computed", f"F_{letter}", f"F_{letter} is zero", reason))
     if s.m and not s.rheonomic:
         rows.append(Statement("not computed", "g_t", "g_t is zero", "the constraint does not depend on t"))
+    if s.reaction_uses_v:
+        text = "the reaction takes v: the end reaction of HHT's steps is an unknown, its velocity that of the end"
+        rows.append(Statement("computed", "Q_v", text, "reaction is declared as a function of (t, q, v, lam)"))
     if s.p and not s.velocity_reaction_uses_v:
         text = "the velocity reaction's derivative by v is zero"
         rows.append(Statement("not computed", "Q_v", text, "the velocity reaction does not depend on v"))
@@ -272,6 +275,8 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
 def _step_size(s: Structure) -> str:
     size = s.n + 2 * s.m + (s.n + s.p if s.p else 0)
     most = size + (s.n if s.m else 0)
+    if s.reaction_uses_v:
+        return f"{most} x {most}"
     if most == size or s.mass != "variable":
         return f"{size} x {size}" + (f" ({most} x {most} for b != 0)" if most > size else "")
     return f"{most} x {most} ({size} x {size} with a predictor reaction and b = 0)"

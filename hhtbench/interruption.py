@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command once and for all, with the exit code that shells know: 128 and the signal's number.
+"""Ctrl-C, SIGTERM and SIGHUP end a command once and for all, with the exit code of shells: 128 and the number of the signal.
 
 Python's own way, an exception wherever it happens to be, is lost in a library that catches everything while it is imported.
 """
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(KeyboardInterrupt):

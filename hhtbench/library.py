@@ -13,19 +13,25 @@ from hhtbench.processes import worker_processes
 from hhtbench.registry import list_problems, load_problem
 
 
-def check_all(jobs: int, tell: Callable[[str], None] = lambda text: None) -> Evidence:
-    """The rows of every problem's check, their ids preceded by the problem's name; ``tell`` gets a line a problem.
+def check_all(
+    jobs: int, tell: Callable[[str], None] = lambda text: None, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> Evidence:
+    """The rows of every problem's check, their ids preceded by the problem's name.
+
+    ``tell`` gets a line a problem, ``progress`` how many of how many are checked.
 
     A problem that cannot even be made is one failing row.
     """
     began, found = time.perf_counter(), {}
     with worker_processes(jobs) as pool:
         waiting = {pool.submit(_check_one, name): name for name in list_problems()}
+        progress("problems", 0, len(waiting))
         for done in as_completed(waiting):
             name = waiting[done]
             found[name] = done.result()
             wrong = [row.id for row in found[name].rows if row.passed is False]
             tell(f"{found[name].summary} ({found[name].seconds:.1f} s)" + (f": {', '.join(wrong)}" if wrong else ""))
+            progress("problems", len(found), len(waiting))
     rows = [
         replace(row, id=f"{name}/{row.id}", claim=f"{name}: {row.claim}")
         for name, evidence in sorted(found.items())

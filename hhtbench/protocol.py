@@ -88,6 +88,10 @@ DERIVATIVES = {
     "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
 }
 SIGNATURES = PHYSICS | DERIVATIVES
+WITH_VELOCITY = {  # of a reaction that depends on v too, as friction in a joint does: its four arguments tell
+    "reaction": _signature("t q v lam", "n"),
+    "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
+}
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
@@ -111,6 +115,7 @@ PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of d
     "velocity_constraint_jacobian": "pn",
     "velocity_constraint_q": "pn",
     "reaction_q": "nn",
+    "reaction_v": "nn",
     "mass_matrix": "nn",
     "mass_product_jacobian": "nn",
 }
@@ -141,6 +146,7 @@ class System(eqx.Module):
         ``g`` and ``k``.
     ``reaction(t, q, lam) -> (n,)``, ``velocity_reaction(t, q, v, mu) -> (n,)``
         Generalised reaction forces; ``-g_q^T lam`` and ``-k_v^T mu`` if undeclared.  May be nonlinear in ``lam``.
+        ``reaction(t, q, v, lam)``, with ``v`` among its arguments, may depend on velocities too: friction in a joint.
     ``energy(t, q, v) -> scalar``, ``invariants(t, q, v) -> dict of scalars``
         Measured, never used by a solver.
     ``power(t, q, v, lam, mu) -> scalar``
@@ -210,6 +216,34 @@ class NumpySystem:
 def declared(system: System | NumpySystem, name: str) -> Any:
     """What ``system`` declares under ``name``, or None."""
     return getattr(system, name, None)
+
+
+def reaction_takes_velocity(system: System | NumpySystem) -> bool:
+    """Whether ``reaction`` is declared as a function of (t, q, v, lam), and not of (t, q, lam).
+
+    What takes both, as a function of any number of arguments does, is given three.
+    """
+    function = declared(system, "reaction")
+    return (
+        callable(function) and accepts(function, WITH_VELOCITY["reaction"]) and not accepts(function, SIGNATURES["reaction"])
+    )
+
+
+def accepts(function: Callable[..., Any], signature: Signature) -> bool:
+    """Whether ``function`` can be called with the arguments of ``signature``; True where it does not tell."""
+    try:
+        inspect.signature(function).bind(*signature.arguments)
+    except TypeError:
+        return False
+    except ValueError:  # a function of C
+        return True
+    return True
+
+
+def signature_of(system: System | NumpySystem, name: str) -> Signature:
+    """What the function ``name`` that ``system`` may declare takes and returns: of reactions with or without v."""
+    with_velocity = name in WITH_VELOCITY and reaction_takes_velocity(system)
+    return WITH_VELOCITY[name] if with_velocity else SIGNATURES[name]
 
 
 def checked_patterns(sparsity: Any) -> Mapping[str, Any]:

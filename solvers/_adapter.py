@@ -20,7 +20,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
-from hhtbench.protocol import PHYSICS, Problem, System, declared
+from hhtbench.protocol import PHYSICS, Problem, System, declared, reaction_takes_velocity
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 from solvers import forms
@@ -135,7 +135,8 @@ def _structure(problem: Problem) -> Structure | None:
     there = {name: declared(system, name) is not None for name in PHYSICS}
     linear = not there["reaction"] and not there["velocity_reaction"]
     m, p = int(there["constraint"]), int(there["velocity_constraint"])  # how many, only the functions know
-    return Structure(n=problem.q0.size, m=m, p=p, mass="variable", linear_reaction=linear)
+    uses_v = reaction_takes_velocity(system)
+    return Structure(n=problem.q0.size, m=m, p=p, mass="variable", linear_reaction=linear, reaction_uses_v=uses_v)
 
 
 class SundialsMatrix:

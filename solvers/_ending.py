@@ -9,12 +9,14 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import minimum_norm, padded, redundant_rows, unreduced
+from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
+MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
+LEFT = "a step has led to another branch of the rows that are held, or the rank has changed; take smaller steps."
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
@@ -58,13 +60,16 @@ def solution_of(
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
         t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
-        lam, mu = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
+        whole = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
+    t, q, v = t[: len(whole.lam)], q[: len(whole.lam)], v[: len(whole.lam)]
     status, message = end.status, f"{end.message} {found.note}".strip()
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
+    if whole.instead is not None and status in (Status.success, Status.event):
+        status, message = whole.instead, whole.note
     held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
     of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, carried=held, **of_run, **more)
+    return Solution(t=t, q=q, v=v, lam=whole.lam, mu=whole.mu, carried=held, **of_run, **more)
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -126,24 +131,42 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
     return found
 
 
-def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Multipliers:
+def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Recovered:
     """Multipliers of all constraints, of least norm where the solver works without the redundant ones.
 
-    Where the time budget ends before, zeros stand for the redundant ones in the rest.
+    Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time where a
+    constraint that was left out is violated: a step has led to another branch of the others, or the rank is another one.
     """
     whole = unreduced(run.dynamics)
     if whole is run.dynamics:
-        return multipliers
+        return Recovered(*multipliers)
     lam, mu = padded(run.dynamics, *multipliers)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
+    sizes = size_of(rows[1]), size_of(rows[2])
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
         try:
             run.work.check_time()
             at = levels.at(float(t), q, v)
         except BudgetSpent:
             break
+        if lost := _lost(at, redundant, sizes):
+            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {LEFT}"
+            return Recovered(lam[:i], mu[:i], note, Status.redundant_constraints)
         lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
-    return lam, mu
+    return Recovered(lam, mu)
+
+
+def _lost(at: Levels, redundant: tuple[int, ...], sizes: tuple[float, float]) -> str:
+    """Which of the ``redundant`` rows is violated, in words; ``sizes`` of q and v."""
+    position, velocity = at.scaled_position(sizes[0]), at.scaled_velocity(sizes[1])
+    off = velocity.copy()
+    off[: position.size] = np.maximum(position, velocity[: position.size])
+    out = np.isin(np.arange(off.size), redundant)
+    worst = int(np.argmax(np.where(out, off, -1.0)))
+    if off[worst] <= max(CONSISTENT, MARGIN * float(np.max(off, where=~out, initial=0.0))):
+        return ""
+    name = f"g[{worst}]" if worst < position.size else f"k[{worst - position.size}]"
+    return f"{name} is off by {off[worst]:.2g} of its size"
 
 
 def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solution]) -> Solution:

@@ -54,7 +54,7 @@ def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the
             suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
         suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
         suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
-        suspects["reaction"] = lambda: d.reaction(t, q, d.xp.zeros(s.m))
+        suspects["reaction"] = lambda: d.reaction(t, q, v, d.xp.zeros(s.m))
     if s.p:
         suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
         if full:

@@ -47,6 +47,11 @@ from solvers._start import (
 
 __all__ = ["Halt", "Run"]
 
+ROOT = 1e-6  # of v': roots of (F9) that differ by less are one, found from two guesses
+OTHER_ROOT = (
+    "the form ode begins Newton's iteration for the multipliers without any, and finds others than those of the start, "
+    "which lam_guess picks; take one of the dae forms"
+)
 Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y' (size,)
 
 
@@ -139,11 +144,20 @@ class Run:
         self.jacobian = self.guard.wrap(form.jacobian, matrix, jacobians=1)
         self.rhs = self.guard.wrap(form.rhs, vector, residuals=form.points)
         self.rhs_jacobian = self.guard.wrap(form.rhs_jacobian, matrix, jacobians=1)
+        if not self._same_root():
+            return Failure(Status.newton_failed, OTHER_ROOT)
         self.y = self.start.y
         self._output(self.t0, self.y, None, lambda _: self.start.yp)
         if self.request.dense_output:
             self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
+
+    def _same_root(self) -> bool:
+        """Whether the underlying ODE finds the multipliers of the start: where several solve (F9) it may find others."""
+        if self.form.kind != "ode" or self.dynamics.structure.linear_reaction:
+            return True
+        vdot, found = self.first.vdot, self.rhs(self.t0, self.start.y)[self.first.vdot.size :]
+        return bool(np.max(np.abs(found - vdot)) <= ROOT * max(1.0, float(np.max(np.abs(vdot)))))
 
     def _looked_at(self, place: Place, guesses: Guesses) -> tuple[Dynamics, Acceleration] | Failure:
         """The dynamics, and accelerations and multipliers of a start that may be bad or unusual."""

@@ -17,7 +17,8 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along
-from hhtbench.protocol import DERIVATIVES, PATTERNS, SIGNATURES, checked_patterns, declared, full_pattern
+from hhtbench.lowering.dynamics.dynamics import as_declared
+from hhtbench.protocol import DERIVATIVES, PATTERNS, checked_patterns, declared, full_pattern, signature_of
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
@@ -41,9 +42,9 @@ def constraint_of(dynamics: Dynamics, t: Any, q: Any) -> Any:
     return dynamics.constraint(t, q)
 
 
-def reaction_of(dynamics: Dynamics, t: Any, q: Any, lam: Any) -> Any:
+def reaction_of(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any) -> Any:
     """Q (n,)."""
-    return dynamics.reaction(t, q, lam)
+    return dynamics.reaction(t, q, v, lam)
 
 
 def velocity_constraint_of(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
@@ -76,7 +77,7 @@ def _points(t: float, q: Vector, v: Vector) -> Iterator[tuple[float, Vector, Vec
 
 def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v: Vector, defined: bool) -> bool:
     values = {"t": t, "q": q, "v": v, "lam": np.cos(np.arange(1.0, dynamics.structure.m + 1))}
-    signature = SIGNATURES[name]
+    signature = signature_of(dynamics.system, name)
     arguments = [values[symbol] for symbol in signature.arguments]
     for i in range(len(signature.results)):
         both = [compile_function(part_of, d, name, i) for d in (dynamics, derived)]
@@ -93,7 +94,7 @@ def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v:
 
 def part_of(dynamics: Dynamics, name: str, i: int, *arguments: Any) -> Any:
     """Matrix ``i`` of what the function ``name`` returns, or its only array, as one vector; None has no entries."""
-    value = getattr(dynamics, name)(*arguments)
+    value = as_declared(dynamics, name)(*arguments)
     part = value[i] if isinstance(value, tuple) else value
     return dynamics.xp.zeros(0) if part is None else part.ravel()
 
@@ -182,7 +183,8 @@ def _patterned(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> dict[str, 
     if s.m:
         g, reaction = call(constraint_of), call(reaction_of)
         found["constraint_jacobian"] = (lambda y: g(t, y), q)
-        found["reaction_q"] = (lambda y: reaction(t, y, lam), q)
+        found["reaction_q"] = (lambda y: reaction(t, y, v, lam), q)
+        found["reaction_v"] = (lambda y: reaction(t, q, y, lam), v)
     if s.p:
         found["velocity_constraint_jacobian"] = (lambda y: k(t, q, y), v)
         found["velocity_constraint_q"] = (lambda y: k(t, y, v), q)

@@ -8,17 +8,13 @@ from importlib.resources import files
 from pathlib import Path
 
 from hhtbench import analysis
-from hhtbench.analysis import Point
 from hhtbench.report import colours
 from hhtbench.report.chart import draw
-from hhtbench.report.charts import STATE_ERROR, problem_charts
+from hhtbench.report.charts import PRECISION, problem_charts
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.frame import Chart
-from hhtbench.report.marks import curves_of
-from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.store import RunRow
 
-WORK = ("work-time", "work-evaluations")  #: of the report's charts
 PAGE = """\
 <!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -34,10 +30,7 @@ pre {{ overflow-x: auto; font-size: 13px }}</style></head>
 
 def trade_charts(rows: Sequence[RunRow]) -> list[Chart]:
     """Error against time, evaluations and, where there are constraints, drift; ``rows`` are those of one problem."""
-    name = rows[0].problem if rows else ""
-    charts = [chart for chart in problem_charts(rows, name) if chart.id in WORK]
-    drift = _against_drift(analysis.points(rows))
-    return charts + ([drift] if drift.traces else [])
+    return [chart for chart in problem_charts(rows, rows[0].problem) if chart.group == PRECISION] if rows else []
 
 
 def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, file: Path) -> None:
@@ -65,24 +58,3 @@ def _box(chart: Chart, styles: Mapping[str, colours.SolverStyle], drawings: Draw
     figure["layout"] |= {"title": {"text": escape(chart.title)}, "showlegend": True}
     figure["layout"]["margin"] |= {"t": 60}
     return drawings.box(figure, figure["layout"]["height"])
-
-
-def _against_drift(runs: Sequence[Point]) -> Chart:
-    """The larger of both levels' drift; zero has no place on a logarithmic axis and is drawn at the least."""
-    traces, marks = curves_of(
-        [run for run in runs if run.success and _drift(run) is not None], _drift, lambda run: run.error
-    )
-    return Chart(
-        id="drift",
-        title="Error against drift",
-        caption="Left and low is better: small error with small violation of the constraints.",
-        x_label="largest scaled drift of position and velocity constraints",
-        y_label=STATE_ERROR,
-        traces=traces,
-        marks=marks,
-    )
-
-
-def _drift(run: Point) -> float | None:
-    known = [value for value in (run.position, run.velocity) if value is not None]
-    return max(max(known), LEAST_DRIFT) if known else None

@@ -22,7 +22,7 @@ from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentenc
 from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
-from hhtbench.campaign.command import refuse_misspelt
+from hhtbench.campaign.asked import refuse_misspelt
 from hhtbench.campaign.execute import WorkerPool, machine_limits
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem

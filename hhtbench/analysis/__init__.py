@@ -15,6 +15,7 @@ from hhtbench.analysis.cells import (
     problems,
     typical,
 )
+from hhtbench.analysis.decision import Choice, Place, decide
 from hhtbench.analysis.drift import (
     drift,
     drift_series,
@@ -23,6 +24,7 @@ from hhtbench.analysis.drift import (
     invariant_series,
     multiplier_series,
 )
+from hhtbench.analysis.drift_cost import DriftCost, drift_costs
 from hhtbench.analysis.fronts import (
     BOUNDS,
     SAME,
@@ -35,12 +37,15 @@ from hhtbench.analysis.fronts import (
     constrained_levels,
     fronts,
     level_of,
+    pareto,
     targets_of,
 )
+from hhtbench.analysis.kinds import Kind, kinds
 from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
 from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, Missing
 from hhtbench.analysis.newest import Newest, newest
-from hhtbench.analysis.outcomes import counters, failures, machines, silent, statuses
+from hhtbench.analysis.outcomes import FailureRow, counters, failures, machines, silent, statuses
+from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
 from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
 
 __all__ = [
@@ -57,14 +62,21 @@ __all__ = [
     "TYPICAL_ERROR",
     "UNKNOWN",
     "Campaign",
+    "Choice",
     "Comparison",
     "Cost",
+    "DriftCost",
     "End",
+    "FailureRow",
+    "Kind",
     "Missing",
     "Newest",
     "Next",
+    "Place",
     "Point",
+    "Profile",
     "Race",
+    "Reach",
     "Rules",
     "Slope",
     "by_entry",
@@ -73,7 +85,9 @@ __all__ = [
     "constrained_levels",
     "convergence",
     "counters",
+    "decide",
     "drift",
+    "drift_costs",
     "drift_series",
     "entries",
     "equally_accurate",
@@ -82,6 +96,7 @@ __all__ = [
     "fronts",
     "invariant_names",
     "invariant_series",
+    "kinds",
     "level_of",
     "machines",
     "multiplier_series",
@@ -89,9 +104,13 @@ __all__ = [
     "newest",
     "next_setting",
     "number",
+    "pareto",
     "points",
     "problems",
+    "profiles",
     "race",
+    "reaches",
+    "relative_profiles",
     "silent",
     "statuses",
     "targets_of",

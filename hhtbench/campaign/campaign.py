@@ -7,7 +7,7 @@ asks for the same cells as one that was never interrupted.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -98,6 +98,9 @@ class AccuracyPass:
         self._rows: dict[str, RunRow] = {}  # by key
         self._outdated: set[str] = set()  # keys of rows that are run again
         self._open = dict.fromkeys(asks, 0)  # cells under way of every pair
+        self._finished: set[Name] = set()  # pairs that ask for no more
+        self._of_finished = 0  # cells of those
+        self._asked_for = 0  # cells of all pairs
         self._flights: dict[Future[dict[str, Any]], tuple[Name, Cell]] = {}
         self._landed: SimpleQueue[Future[dict[str, Any]]] = SimpleQueue()
 
@@ -128,22 +131,19 @@ class AccuracyPass:
         while not self._open[pair]:
             cells = self._asks[pair]([self._rows[cell.key] for cell in self._asked[pair]])
             if not cells:
+                self._finished.add(pair)
+                self._of_finished += len(self._asked[pair])
                 return
             self._asked[pair] += cells
+            self._asked_for += len(cells)
             for cell in cells:
                 row = self._store.get(cell.key)
                 if row is not None:
                     self._rows[cell.key] = row
-                    if self._stands(row, cell):
+                    if row.status not in self._retry and stands(row, cell):
                         continue
                     self._outdated.add(cell.key)
                 self._submit(pair, cell)
-
-    def _stands(self, row: RunRow, cell: Cell) -> bool:
-        """Nobody asks for it again, and it would not come out otherwise with the budget given now."""
-        if row.status in self._retry:
-            return False
-        return row.status != Status.deadline.label or row.request["max_seconds"] >= cell.request["max_seconds"]
 
     def _submit(self, pair: Name, cell: Cell) -> None:
         self._open[pair] += 1
@@ -165,7 +165,18 @@ class AccuracyPass:
             self._rows[entry.row.key] = stays or entry.row
 
     def _progress(self) -> None:
-        self._tell("accuracy", self.ran - len(self._flights), self.ran)
+        self._tell("accuracy", self.ran - len(self._flights), self.ran + self._not_yet_asked())
+
+    def _not_yet_asked(self) -> int:
+        """Cells that the other pairs will still ask for, if they come to as many as those that have finished."""
+        if not self._finished:
+            return 0
+        return max(0, round(self._of_finished / len(self._finished) * len(self._asks)) - self._asked_for)
+
+
+def stands(row: RunRow, cell: Cell) -> bool:
+    """Whether the row of a cell would not come out otherwise with the budget that is given now."""
+    return row.status != Status.deadline.label or row.request["max_seconds"] >= cell.request["max_seconds"]
 
 
 def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
@@ -194,7 +205,7 @@ def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
     """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times."""
     rows = {cell.key: store.get(cell.key) for cell in cells}
-    pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and _untimed(row)}
+    pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and untimed(row)}
     store.write(  # times of another machine go first of all: at no time are there those of two
         Entry(row=_with_timing(row, dict.fromkeys(TIMED)), identity=cell.identity, replaces=True)
         for cell, row in pending.values()
@@ -216,17 +227,18 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
 
 
 def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
-    """A reading of every cell, as they come; never more under way than there are cores."""
+    """A reading of every cell, as they come; never more under way than there are cores.
+
+    A pool that has no more workers is told of all cells at once: it sends each to the worker that has it compiled.
+    """
     waiting = iter(cells.items())
-    flights: dict[Future[dict[str, Any]], str] = {}
-    while True:
-        for key, cell in islice(waiting, min(pool.limits.jobs, usable_cores()) - len(flights)):
+    most = len(cells) if pool.limits.jobs <= usable_cores() else usable_cores()
+    while some := dict(islice(waiting, most)):
+        flights: dict[Future[dict[str, Any]], str] = {}
+        for key, cell in some.items():
             task = Task(problem=cell.problem, solver=cell.solver, request=cell.request, repeats=1)
             flights[pool.submit(run_task, task)] = key
-        if not flights:
-            return
-        done, _ = wait(flights, return_when=FIRST_COMPLETED)
-        yield from ((flights.pop(future), future.result()) for future in done)
+        yield from ((flights[future], future.result()) for future in as_completed(flights))
 
 
 def _with_timing(row: RunRow, changes: Mapping[str, Any]) -> RunRow:
@@ -234,7 +246,7 @@ def _with_timing(row: RunRow, changes: Mapping[str, Any]) -> RunRow:
     return replace(row, timing={**kept, **changes})
 
 
-def _untimed(row: RunRow) -> bool:
+def untimed(row: RunRow) -> bool:
     """A success without times, or with those of another machine."""
     if not row.success:
         return False

@@ -22,6 +22,7 @@ START = (
 )
 OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 PAGE = os.sysconf("SC_PAGE_SIZE")
+MOST_SAID = 16 * 2**20  # bytes on stderr that are kept: a solver that writes without end must not fill the disk
 
 
 class WorkerProcess:
@@ -70,11 +71,18 @@ class WorkerProcess:
                 self.worn = message.get("worn", False)
                 if "result" in message:
                     return dict(message["result"])
+            self._drop_flood()
         except (OSError, ValueError) as error:
             raise EOFError from error
         if self._process.poll() is not None:
             raise EOFError
         return None
+
+    def _drop_flood(self) -> None:
+        file = self._stderr.fileno()
+        if os.fstat(file).st_size > MOST_SAID:
+            os.ftruncate(file, 0)
+            os.lseek(file, 0, os.SEEK_SET)  # the worker writes where its parent is: they share the place
 
     def resident(self) -> int:
         """Memory in use [bytes]; 0 where the system does not say."""

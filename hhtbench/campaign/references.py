@@ -10,7 +10,7 @@ from pathlib import Path
 from hhtbench.campaign.plan import Campaign
 from hhtbench.campaign.sources import SourceReader
 from hhtbench.reference import certified
-from hhtbench.reference.auto import SECONDS
+from hhtbench.reference.auto import SECONDS, file_of
 from hhtbench.specs import canonical, parse_spec
 
 RESTS_ON = ("collocation", "projected")  #: solvers of certificates; with a problem's files they make a certificate's name
@@ -28,11 +28,26 @@ def auto_references(
     """
     if campaign.reference != "auto":
         return {}
+    files, _ = certified(_digests(campaign), _folder(store), jobs, tell, seconds)
+    return files
+
+
+def references_there(campaign: Campaign, store: Path) -> dict[str, Path]:
+    """Those of :func:`auto_references` that have been made; none is made now."""
+    if campaign.reference != "auto":
+        return {}
+    files = {spec: file_of(digest, _folder(store)) for spec, digest in _digests(campaign).items()}
+    return {spec: file for spec, file in files.items() if file.is_file()}
+
+
+def _folder(store: Path) -> Path:
+    return store.with_name(f"{store.name}.references")
+
+
+def _digests(campaign: Campaign) -> dict[str, str]:
     reader = SourceReader()
     specs = dict.fromkeys(canonical(text) for grid in campaign.grids for text in grid.problems)
-    names = {spec: _digest(spec, reader) for spec in specs}
-    files, _ = certified(names, store.with_name(f"{store.name}.references"), jobs, tell, seconds)
-    return files
+    return {spec: _digest(spec, reader) for spec in specs}
 
 
 def _digest(spec: str, reader: SourceReader) -> str:

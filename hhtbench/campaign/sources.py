@@ -39,29 +39,34 @@ class _Read:
 
 
 class SourceReader:
-    """Reads every file once; make one for each plan."""
+    """Reads every file once, and follows every problem and solver once; make one for each plan."""
 
     def __init__(self) -> None:
         self._read: dict[Path, _Read] = {}
         self._modules: dict[str, _Module | None] = {}
         self._folders: dict[str, tuple[Path, ...]] = {}
+        self._starts: dict[tuple[str, str], _Module | None] = {}
+        self._behind: dict[_Module, dict[str, str]] = {}
 
     def behind(self, problem: Spec, solver: Spec) -> dict[str, str]:
         """Content hash of every file and version of every library behind a run of ``solver`` on ``problem``."""
         found: dict[str, str] = {}
         starts = [self._start("problem", problem), self._start("solver", solver), *map(self._module, NUMERICS)]
-        for start in starts:
-            if start is not None:
-                self._follow(start, found)
+        for start in filter(None, starts):
+            found.update(self._followed(start))
         libraries = {*ALWAYS, *(name.removeprefix("library ") for name in found if name.startswith("library "))}
         found.update({f"library {name}": _version_of(name) for name in libraries})
         return {**found, "python": ".".join(platform.python_version_tuple()[:2])}
 
-    def _follow(self, start: _Module, found: dict[str, str]) -> None:
-        """Add ``start`` and all it imports of its own package and of hhtbench, directly or not."""
+    def _followed(self, start: _Module) -> dict[str, str]:
+        """``start``, its data and all it imports of its own package and of hhtbench, directly or not; its libraries."""
+        if start not in self._behind:
+            self._behind[start] = self._follow(start)
+        return self._behind[start]
+
+    def _follow(self, start: _Module) -> dict[str, str]:
         own = {start.name.partition(".")[0], "hhtbench"}
-        for name, digest in self._data(start):
-            found[name] = digest
+        found = dict(self._data(start))
         waiting = [start]
         while waiting:
             module = waiting.pop()
@@ -76,12 +81,15 @@ class SourceReader:
                     waiting.append(inner)
                 elif top not in own and _is_library(top):
                     found[f"library {top}"] = ""
+        return found
 
     def _start(self, kind: str, spec: Spec) -> _Module | None:
-        if spec.path is None:
-            return self._module(plugins.find(kind, spec.name).module)
-        file = Path(spec.path).expanduser()
-        return _Module(spec.path, file, file.parent) if file.is_file() else None
+        if spec.path is not None:
+            file = Path(spec.path).expanduser()
+            return _Module(spec.path, file, file.parent) if file.is_file() else None
+        if (kind, spec.name) not in self._starts:  # finding a name reads all distributions, 20 ms
+            self._starts[kind, spec.name] = self._module(plugins.find(kind, spec.name).module)
+        return self._starts[kind, spec.name]
 
     def _module(self, name: str) -> _Module | None:
         if name not in self._modules:

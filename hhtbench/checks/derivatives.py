@@ -48,7 +48,7 @@ class Derivative:
     part: str
     by: str  #: argument; "motion": along (1, v)
     member: str  #: function of Dynamics that gives it
-    entry: int | None = None  #: of the pair that this returns
+    entry: int | None = None  #: of the several that this returns
     rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
     first_order: bool = True  #: on the NumPy route it comes from first-order differences
 
@@ -81,8 +81,9 @@ DERIVED: dict[str, Derivative] = {
     "reaction_q": Derivative(
         "reaction_jacobians", "Q_q", "reaction", "q", "reaction_jacobians", 0, rests_on=("constraint_q",)
     ),
+    "reaction_v": Derivative("reaction_jacobians", "Q_v", "reaction", "v", "reaction_jacobians", 1),
     "reaction_lam": Derivative(
-        "reaction_jacobians", "Q_lam", "reaction", "lam", "reaction_jacobians", 1, rests_on=("constraint_q",)
+        "reaction_jacobians", "Q_lam", "reaction", "lam", "reaction_jacobians", 2, rests_on=("constraint_q",)
     ),
     "velocity_reaction_v": Derivative(
         "", "Q_v", "velocity_reaction", "v", "velocity_reaction_jacobians", 0, rests_on=("velocity_constraint_v",)
@@ -115,8 +116,8 @@ class Sample:
 
 def names_of(s: Structure) -> tuple[str, ...]:
     """The derivatives that a system of this structure has."""
-    parts = parts_of(s)
-    return tuple(name for name, derivative in DERIVED.items() if derivative.part in parts)
+    parts, none = parts_of(s), () if s.reaction_uses_v else ("reaction_v",)
+    return tuple(name for name, derivative in DERIVED.items() if derivative.part in parts and name not in none)
 
 
 def packed_derivatives(d: Dynamics, names: tuple[str, ...], z: Any, x: Any) -> Any:

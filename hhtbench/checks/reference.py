@@ -68,7 +68,7 @@ def _constraint_velocity(d: Dynamics, a: Any) -> Any:
 
 def _reaction(d: Dynamics, a: Any) -> Any:
     if d.xp is not jnp or declared(d.system, "reaction") is not None:
-        return d.reaction(a["t"], a["q"], a["lam"])
+        return d.reaction(a["t"], a["q"], a["v"], a["lam"])
     return -_transposed_product(lambda q: d.constraint(a["t"], q), a["q"], a["lam"])
 
 

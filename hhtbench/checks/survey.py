@@ -18,11 +18,12 @@ from hhtbench.protocol import (
     DERIVATIVES,
     PATTERNS,
     PHYSICS,
-    SIGNATURES,
     Problem,
+    Signature,
     System,
     checked_patterns,
     declared,
+    signature_of,
 )
 
 MEASURED = ("energy", "power", "invariants")  # no solver uses them
@@ -67,12 +68,14 @@ def survey(problem: Problem) -> Survey:
 
 
 def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
-    row_id, bound = f"shape/{name}", _bound(name, sizes)
+    row_id = f"shape/{name}"
     if name == "sparsity":
-        fault = _pattern_fault(declared(problem.system, "sparsity"), sizes)
+        fault, bound = _pattern_fault(declared(problem.system, "sparsity"), sizes), "known names, fitting shapes"
         return yes_or_fault(row_id, "sparsity gives boolean patterns by name", fault, "fits", bound)
-    claim = f"{name}({', '.join(SIGNATURES[name].arguments)}) returns {bound}"
-    missing = [MEANING[x] for x, size in sizes.items() if size is None and x in _letters(name)]
+    signature = signature_of(problem.system, name)
+    bound = "a dict of real scalars" if name == "invariants" else _bound(signature, sizes)
+    claim = f"{name}({', '.join(signature.arguments)}) returns {bound}"
+    missing = [MEANING[x] for x, size in sizes.items() if size is None and x in _letters(name, signature)]
     if missing:
         return not_measured(row_id, claim, bound, f"the number of {missing[0]} is not known, their function is faulty")
     if name == "mass_matrix" and not callable(declared(problem.system, name)):
@@ -81,27 +84,24 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
     elif not callable(declared(problem.system, name)):
         return yes_or_fault(row_id, claim, "no such function is declared", "", bound)
     else:
-        outcome = attempt(lambda: _fault(name, _call(problem, name, sizes), sizes))
+        outcome = attempt(lambda: _fault(name, _call(problem, name, sizes), signature, sizes))
     return yes_or_fault(row_id, claim, outcome.fault or outcome.value, bound, bound)
 
 
-def _letters(name: str) -> str:
+def _letters(name: str, signature: Signature) -> str:
     """The sizes that a function's arguments and result need; constraint and velocity_constraint set m and p themselves."""
     own = {"constraint": "m", "velocity_constraint": "p"}.get(name, "")
-    needed = "".join(SIGNATURES[name].results) + {"lam": "m", "mu": "p"}.get(SIGNATURES[name].arguments[-1], "")
+    needed = "".join(signature.results) + {"lam": "m", "mu": "p"}.get(signature.arguments[-1], "")
     return needed.replace(own, "") if own else needed
 
 
-def _bound(name: str, sizes: dict[str, int | None]) -> str:
-    if name == "invariants":
-        return "a dict of real scalars"
-    if name == "sparsity":
-        return "known names, fitting shapes"
+def _bound(signature: Signature, sizes: dict[str, int | None]) -> str:
     texts = [
-        str(tuple(x if sizes[x] is None else sizes[x] for x in letters)).replace("'", "")
-        for letters in SIGNATURES[name].results
+        str(tuple(x if sizes[x] is None else sizes[x] for x in letters)).replace("'", "") for letters in signature.results
     ]
-    return texts[0] if len(texts) == 1 else f"a pair of {texts[0]} and {texts[1]}"
+    if len(texts) == 1:
+        return texts[0]
+    return f"{', '.join(texts)}, three matrices" if len(texts) == 3 else f"a pair of {texts[0]} and {texts[1]}"
 
 
 def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]) -> tuple[Any, ...]:
@@ -110,7 +110,7 @@ def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]
     for letter, key, guess in (("m", "lam", problem.lam_guess), ("p", "mu", problem.mu_guess)):
         size = sizes[letter] or 0
         values[key] = guess if guess is not None and guess.size == size else np.zeros(size)
-    names = SIGNATURES[name].arguments[1:]
+    names = signature_of(problem.system, name).arguments[1:]
     if isinstance(problem.system, System):
         return (jnp.asarray(problem.t_span[0]), *(jnp.asarray(values[key]) for key in names))
     copies = [np.array(values[key]) for key in names]
@@ -125,17 +125,17 @@ def _call(problem: Problem, name: str, sizes: dict[str, int | None]) -> Any:
     return jax.eval_shape(function, *arguments) if isinstance(problem.system, System) else function(*arguments)
 
 
-def _fault(name: str, result: Any, sizes: dict[str, int | None]) -> str:
+def _fault(name: str, result: Any, signature: Signature, sizes: dict[str, int | None]) -> str:
     """What is wrong with ``result``; empty where it is as asked."""
     if name == "invariants":
         if not isinstance(result, dict):
             return f"got {type(result).__name__}"
         return next((f"{key}: {fault}" for key, value in result.items() if (fault := _array_fault(value, ()))), "")
-    shapes = [tuple(sizes[x] for x in letters) for letters in SIGNATURES[name].results]
+    shapes = [tuple(sizes[x] for x in letters) for letters in signature.results]
     if len(shapes) == 1:
         free = name in ("constraint", "velocity_constraint")  # their length is theirs to choose
         return _array_fault(result, None if free else shapes[0])
-    if not isinstance(result, (tuple, list)) or len(result) != 2:
+    if not isinstance(result, (tuple, list)) or len(result) != len(shapes):
         return f"got {type(result).__name__}"
     faults = [_array_fault(value, shape) for value, shape in zip(result, shapes, strict=True) if value is not None]
     return next(filter(None, faults), "")

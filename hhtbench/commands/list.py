@@ -15,7 +15,10 @@ KINDS = ("problem", "solver", "verification", "reference")
 @click.command("list")
 @json_option
 def list_command(json_file: Path | None) -> None:
-    """List problems, solvers and verifications."""
+    """List problems, solvers and verifications.
+
+    For example: hhtbench list --json names.json
+    """
     found = {kind: plugins.summaries(kind) for kind in KINDS}
     write_json(found, json_file)
     for kind, summaries in found.items():

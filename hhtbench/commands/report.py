@@ -8,10 +8,8 @@ from pathlib import Path
 import click
 
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import read_evidence
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, shown, write_json
-from hhtbench.report import write_comparison
-from hhtbench.store import sound_rows
 
 
 @click.command("report")
@@ -24,7 +22,13 @@ def report_command(store: Path, folder: Path, json_file: Path | None) -> None:
     """Write the comparison of a campaign; a verification in the folder is shown with it.
 
     Rows of a damaged store that cannot be read are named, on the page too; the exit code is then 1.
+    For example: hhtbench report --store runs.sqlite --folder reports/latest
     """
+    with ends_at_once():
+        from hhtbench.evidence import read_evidence
+        from hhtbench.report import write_comparison
+        from hhtbench.store import sound_rows
+
     require_folder(json_file)
     rows, losses = sound_rows(store)
     if losses and not rows:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from hhtbench.advice.selecting import select
-from hhtbench.analysis.fronts import MEASURES
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 
 
@@ -16,7 +15,7 @@ from hhtbench.output import FAILED, json_option, require_folder, write_json
 @click.argument("problem")
 @click.option("--accuracy", type=float, default=1e-4, show_default=True, help="Scaled error of q and v.")
 @click.option("--drift", type=float, help="Most scaled drift.  [default: any]")
-@click.option("--on", type=click.Choice(MEASURES), default="time", show_default=True, help="What shall be little.")
+@click.option("--on", metavar="[time|evaluations]", default="time", show_default=True, help="What shall be little.")
 @click.option(
     "--seconds", type=float, default=0.0, show_default=True, help="What measuring may take [s]; 0: nothing is run."
 )
@@ -39,6 +38,9 @@ def select_command(
 
     For example: hhtbench select andrews --accuracy 1e-4 --on evaluations
     """
+    with ends_at_once():
+        from hhtbench.advice.selecting import select
+
     for file in (json_file, store):
         require_folder(file)
     found = select(problem, accuracy=accuracy, drift=drift, on=on, seconds=seconds, store=store, database=database)

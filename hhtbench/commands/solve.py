@@ -8,10 +8,8 @@ from typing import Any
 
 import click
 
-from hhtbench.api import solve
-from hhtbench.commands.solution import as_dict, end_state, errors_at_end
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
-from hhtbench.registry import load_problem
 
 
 @click.command("solve")
@@ -28,7 +26,15 @@ from hhtbench.registry import load_problem
 @json_option
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Save the solution to this .npz file.")
 def solve_command(problem: str, solver: str, output: Path | None, json_file: Path | None, **request: Any) -> None:
-    """Integrate PROBLEM; print status, counters, end state and, where it is known, the error."""
+    """Integrate PROBLEM; print status, counters, end state and, where it is known, the error.
+
+    For example: hhtbench solve andrews --solver "ida(form=ggl)" --rtol 1e-6 --output run.npz
+    """
+    with ends_at_once():
+        from hhtbench.api import solve
+        from hhtbench.commands.solution import as_dict, end_state, errors_at_end
+        from hhtbench.registry import load_problem
+
     require_folder(output)
     require_folder(json_file)
     loaded = load_problem(problem)

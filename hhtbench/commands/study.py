@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 
 import click
 
 from hhtbench.commands.acceptance import acceptance_command
+from hhtbench.commands.atlas import atlas_command
+from hhtbench.commands.stability import stability_command
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
-from hhtbench.studies.selection import study_selection
+from hhtbench.progress import progress
 
 
 @click.group("study")
 def study_command() -> None:
-    """Studies of the bench's own advice, and of solvers at their extremes."""
+    """Studies of the bench's own advice, and of solvers at their extremes.
+
+    For example: hhtbench study selection
+    """
 
 
 @study_command.command("selection")
@@ -44,14 +49,26 @@ def selection_command(
     Without --store and --scenes the database of the package is judged, in seconds.
     For example: hhtbench study selection --scenes 116 --store families.sqlite --database mine.json
     """
+    with ends_at_once():
+        from hhtbench.studies.selection import study_selection
+
     for file in (store, database, json_file):
         require_folder(file)
-    found = study_selection(
-        store=store, scenes=scenes, seconds=seconds, jobs=jobs, database=database, tell=partial(click.echo, err=True)
-    )
+    with progress() as told:
+        found = study_selection(
+            store=store,
+            scenes=scenes,
+            seconds=seconds,
+            jobs=jobs,
+            database=database,
+            tell=told.say,
+            progress=told.advance,
+        )
     click.echo(found)
     write_json(found.as_dict(), json_file)
     sys.exit(0 if found.judgements else FAILED)
 
 
 study_command.add_command(acceptance_command)
+study_command.add_command(atlas_command)
+study_command.add_command(stability_command)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 
+from hhtbench.interruption import ends_at_once
 from hhtbench.output import conclude, json_option, require_folder, shown
-from hhtbench.registry import load_verification
-from hhtbench.report import write_report
+from hhtbench.progress import progress
 
 
 @click.command("verify")
@@ -21,16 +19,17 @@ from hhtbench.report import write_report
 )
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes.")
 def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs: int) -> None:
-    """Measure the claims of the verification NAME."""
+    """Measure the claims of the verification NAME.
+
+    For example: hhtbench verify paper --jobs 2 --report reports/latest
+    """
+    with ends_at_once():
+        from hhtbench.registry import load_verification
+        from hhtbench.report import write_report
+
     require_folder(json_file)
-    evidence = load_verification(name)(_progress(), jobs)
+    with progress() as told:
+        evidence = load_verification(name)(told.say, jobs)
     if folder is not None:
         write_report(evidence, folder, f"hhtbench verify {name} --report {shown(folder)}")
     conclude(evidence, json_file)
-
-
-def _progress() -> Callable[[str], None] | None:
-    """Lines on stderr for a person who waits; None where nobody looks."""
-    if not sys.stderr.isatty():
-        return None
-    return lambda text: click.echo(text, err=True)

@@ -39,7 +39,7 @@ def certified(
 
     Problems with a closed solution or a reference of their own are left out.  A solve may take ``seconds`` [s].
     """
-    files = {spec: folder / f"{digest[:16]}.json" for spec, digest in specs.items()}
+    files = {spec: file_of(digest, folder) for spec, digest in specs.items()}
     missing = [spec for spec, file in files.items() if not file.is_file()]
     refused: dict[str, str] = {}
     if missing:
@@ -58,6 +58,11 @@ def certified(
                 if why != KNOWN:
                     tell(f"reference of {waiting[done]}: {why or 'certified'}")
     return {spec: file for spec, file in files.items() if file.is_file()}, refused
+
+
+def file_of(digest: str, folder: Path) -> Path:
+    """Where the certificate lies that rests on what ``digest`` is of."""
+    return folder / f"{digest[:16]}.json"
 
 
 KNOWN = "the problem brings its own"  #: reason of :func:`certify_one` for problems whose truth is known

@@ -33,7 +33,8 @@ OTHER_SYMBOL = "triangle-up-open"
 def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
     """The figure as plotly.js takes it; its legend is the page's, which shows and hides a solver on all charts.
 
-    Not made by plotly.py's own classes, which look at every value for as long as all else of a report takes.
+    ``front`` names who is shown first.  Not made by plotly.py's own classes, which look at every value for as long as all
+    else of a report takes.
     """
     frame = make_frame(chart)
     order = {entry: index for index, entry in enumerate(styles)}
@@ -47,7 +48,13 @@ def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
         _end_ticks(x_axis, frame.x[1], frame.right)
     if chart.logarithmic_y:
         _end_ticks(y_axis, frame.y[1], frame.top)
-    layout = {
+    layout = layout_of(x_axis, y_axis) | {"shapes": _strips(chart, frame), "annotations": _labels(chart, frame)}
+    return {"data": data, "layout": layout, "front": [entry for entry in styles if entry in chart.front]}
+
+
+def layout_of(x_axis: dict[str, Any], y_axis: dict[str, Any]) -> dict[str, Any]:
+    """What all charts of the page have in common."""
+    return {
         "height": HEIGHT,
         "margin": {"l": 76, "r": 16, "t": 30, "b": 60},
         "font": {"family": colours.FONT, "size": 14, "color": colours.TEXT},
@@ -55,10 +62,7 @@ def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
         "hovermode": "closest",
         "xaxis": x_axis,
         "yaxis": y_axis,
-        "shapes": _strips(chart, frame),
-        "annotations": _labels(chart, frame),
     }
-    return {"data": data, "layout": layout}
 
 
 def _end_ticks(layout: dict[str, Any], end: float, strip: float) -> None:
@@ -80,8 +84,8 @@ def _trace(trace: Trace, style: SolverStyle) -> dict[str, Any]:
             "marker": {"color": style.colour, "size": 8, "symbol": style.symbol},
             "text": trace.text,
             "hovertemplate": "<b>%{fullData.name}</b><br>%{text}<extra></extra>",
-            "x": [_rounded(x) for x in trace.x],
-            "y": [_rounded(y) for y in trace.y],
+            "x": [rounded(x) for x in trace.x],
+            "y": [rounded(y) for y in trace.y],
         }
     else:
         look |= {
@@ -100,7 +104,8 @@ def packed(x: Sequence[float]) -> np.ndarray:
     return times.astype(np.float32) if near else times
 
 
-def _rounded(value: float | None) -> float | None:
+def rounded(value: float | None) -> float | None:
+    """As many digits as the page needs."""
     return None if value is None else float(f"{value:.{NARROW_DIGITS}g}")
 
 
@@ -109,6 +114,7 @@ def _mark(mark: EdgeMark, style: SolverStyle, place: tuple[float, float]) -> dic
         "type": "scatter",
         "x": [place[0]],
         "y": [place[1]],
+        "meta": {"x": mark.x, "y": mark.y},  # what is known of them, for the data's own file
         "name": mark.entry,
         "mode": "markers",
         "marker": {"symbol": _symbol(mark, style), "size": 11, "color": style.colour, "line": {"width": 2}},

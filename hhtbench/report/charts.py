@@ -3,32 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from hhtbench import analysis
-from hhtbench.analysis import Point
+from hhtbench.analysis import SUBJECT, Point, family
 from hhtbench.analysis.accuracy import COARSE
 from hhtbench.report.frame import Chart
-from hhtbench.report.marks import curves_of, told
+from hhtbench.report.marks import curves_of
 from hhtbench.report.runs import slope_text
-from hhtbench.report.series import charts_over_time
+from hhtbench.report.series import LEAST_DRIFT, MULTIPLIERS, charts_over_time
 from hhtbench.report.words import STAR, compared, listed, plural, uncounted
 from hhtbench.store.rows import RunRow
 
 AXES = {"rtol": "relative tolerance", "step": "step [s]", "steps": "step / length of the interval"}
+VIEWS = {"rtol": "tolerance", "step": "step", "steps": "number of steps"}
 WORK = {"time": "processor time [s]", "evaluations": "residual evaluations"}
 STATE_ERROR = "scaled error of q, v"
+PRECISION, CONVERGENCE = "Work and precision", "Convergence"  # titles of figures
 
 
 def problem_charts(rows: Sequence[RunRow], problem: str) -> list[Chart]:
-    """All charts of one problem that have something to show."""
+    """All charts of one problem that have something to show, those of a group one after the other."""
     own = [row for row in rows if row.problem == problem]
     curves = [
         *(_against_work(own, measure) for measure in WORK),
+        _against_drift(own),
         *(_convergence(own, kind) for kind in AXES),
         *charts_over_time(own),
         *(_multipliers(own, name) for name in ("lam", "mu")),
     ]
-    return [chart for chart in curves if chart is not None and _shows_something(chart)]
+    front = _front(analysis.points(own))
+    return [replace(chart, front=front) for chart in curves if chart is not None and _shows_something(chart)]
+
+
+def _front(runs: Sequence[Point]) -> frozenset[str]:
+    """HHT, and who has a run that no other beats in both error and work."""
+    best = {run.entry for measure in WORK for run in analysis.pareto(runs, measure)}
+    return frozenset(best | {run.entry for run in runs if family(run.entry) == SUBJECT})
 
 
 def _shows_something(chart: Chart) -> bool:
@@ -41,14 +52,41 @@ def _against_work(rows: Sequence[RunRow], measure: str) -> Chart | None:
     remark = _remark(runs) if measure == "time" else f" {uncounted(analysis.silent(rows))}".rstrip()
     return Chart(
         id=f"work-{measure}",
+        group=PRECISION,
+        view=measure,
         title=f"Error against {WORK[measure].partition(' [')[0]}",
-        caption=f"Left and low is better: small error{compared(runs)}, for little work.{remark}{told(marks)}",
+        caption=f"Left and low is better: small error{compared(runs)}, for little work.{remark}",
         x_label=WORK[measure],
         y_label=STATE_ERROR,
         traces=traces,
         marks=marks,
         limit=max((run.limit for run in runs), default=0.0),
     )
+
+
+def _against_drift(rows: Sequence[RunRow]) -> Chart | None:
+    """The larger of both levels' drift; zero has no place on a logarithmic axis and is drawn at the least."""
+    runs = [run for run in analysis.points(rows) if run.success and _drift(run) is not None]
+    if not runs:
+        return None
+    traces, marks = curves_of(runs, _drift, _error)
+    return Chart(
+        id="drift",
+        group=PRECISION,
+        view="drift",
+        title="Error against drift",
+        caption="Left and low is better: small error with small violation of the constraints.",
+        x_label="largest scaled drift of position and velocity constraints",
+        y_label=STATE_ERROR,
+        traces=traces,
+        marks=marks,
+        limit=max(run.limit for run in runs),
+    )
+
+
+def _drift(run: Point) -> float | None:
+    known = [value for value in (run.position, run.velocity) if value is not None]
+    return max(max(known), LEAST_DRIFT) if known else None
 
 
 def _error(run: Point) -> float | None:
@@ -77,8 +115,10 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
     what = "tolerance" if kind == "rtol" else "step"
     return Chart(
         id=f"convergence-{kind}",
+        group=CONVERGENCE,
+        view=VIEWS[kind],
         title=f"Error against {what}",
-        caption=f"What a {what} buys. {text}{told(marks)}",
+        caption=f"What a {what} buys. {text}",
         x_label=AXES[kind],
         y_label=STATE_ERROR,
         traces=traces,
@@ -96,8 +136,10 @@ def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
     symbol = {"lam": "λ (position constraints)", "mu": "μ (velocity constraints)"}[name]
     return Chart(
         id=f"multipliers-{name}",
+        group=MULTIPLIERS,
+        view=f"error of {symbol.partition(' ')[0]}",
         title=f"Error of the multipliers {symbol}",
-        caption="Multipliers recovered from the acceleration level, against wall time." + told(marks),
+        caption="Multipliers recovered from the acceleration level, against processor time.",
         x_label=WORK["time"],
         y_label=f"scaled error of {symbol.partition(' ')[0]}",
         traces=traces,

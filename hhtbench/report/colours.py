@@ -31,8 +31,8 @@ OTHER_FAMILIES = ("#17BECF", "#9E2A2B", "#5B8C5A", "#B8860B")
 SHADES = (0.0, -0.4, 0.35)  # below 0 towards black, above 0 towards white
 
 GUIDE = "#767676"
-GRID = "#e4e4e4"
-FINE_GRID = "#f2f2f2"
+GRID = "rgba(128, 128, 128, 0.22)"  # as good on a dark page
+FINE_GRID = "rgba(128, 128, 128, 0.1)"
 TEXT = "#222222"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 

@@ -1,23 +1,21 @@
-const hidden = new Set();
-const boxes = [...document.querySelectorAll(".plot")];
+let base = "front";  // who is shown where nobody has clicked: "front", "all" or "none"
+const clicked = new Map();  // solver -> shown or not
 const buttons = [...document.querySelectorAll(".legend .solver")];
+const inFront = new Set(figures.flatMap(figure => figure.front ?? []));
 
-function visible(figure) {
-  return figure.data.map(trace => !hidden.has(trace.name));
+function isShown(entry, front) {
+  return clicked.get(entry) ?? (base === "all" || (base === "front" && (!front || front.includes(entry))));
 }
 
-function draw(box) {
-  if (box.dataset.drawn) return;
-  box.dataset.drawn = "yes";
-  const figure = figures[box.dataset.figure];
-  const shown = visible(figure);
-  figure.data.forEach((trace, index) => { trace.visible = shown[index]; });
-  figure.layout.height = box.clientHeight;
+function tailored(box) {
+  const {data, layout, front} = structuredClone(figures[box.dataset.figure]);
+  for (const trace of data) trace.visible = isShown(trace.name, front);
+  layout.height = box.clientHeight;
   if (box.clientWidth < 480) {
-    figure.layout.margin = {l: 58, r: 10, t: 20, b: 50};
-    figure.layout.font.size = 12;
-    for (const name of ["xaxis", "yaxis"]) {
-      const axis = figure.layout[name];
+    layout.margin = {l: 58, r: 10, t: 20, b: 50};
+    layout.font.size = 12;
+    for (const trace of data) trace.mode = trace.mode.replace("+text", "");
+    for (const axis of [layout.xaxis, layout.yaxis]) {
       delete axis.minor;
       if (axis.tickvals) {
         const kept = (_, index, all) => all.length < 6 || index % 2 === 0;
@@ -27,35 +25,43 @@ function draw(box) {
       else if (typeof axis.dtick === "number" && axis.range[1] - axis.range[0] > 4) axis.dtick *= 2;
     }
   }
-  Plotly.newPlot(box, figure.data, figure.layout, {...config, displayModeBar: box.clientWidth < 480 ? false : "hover"});
+  return {data, layout};
+}
+
+function draw(box) {
+  const {data, layout} = tailored(box);
+  Plotly.react(box, data, layout, {...config, displayModeBar: box.clientWidth < 480 ? false : "hover"});
 }
 
 function refresh() {
-  for (const button of buttons) button.setAttribute("aria-pressed", String(!hidden.has(button.dataset.entry)));
-  for (const box of boxes) if (box.data) Plotly.restyle(box, {visible: visible(box)});
+  for (const button of buttons) {
+    button.setAttribute("aria-pressed", String(isShown(button.dataset.entry, [...inFront])));
+  }
+  for (const button of document.querySelectorAll("[data-base]")) {
+    button.setAttribute("aria-pressed", String(!clicked.size && button.dataset.base === base));
+  }
+  drawAll(draw);
 }
 
 for (const button of buttons) {
   const entry = button.dataset.entry;
-  button.addEventListener("click", () => { hidden.has(entry) ? hidden.delete(entry) : hidden.add(entry); refresh(); });
-  button.addEventListener("dblclick", () => { buttons.forEach(other => hidden.add(other.dataset.entry)); hidden.delete(entry); refresh(); });
+  button.addEventListener("click", () => { clicked.set(entry, button.ariaPressed !== "true"); refresh(); });
+  button.addEventListener("dblclick", () => { base = "none"; clicked.clear(); clicked.set(entry, true); refresh(); });
 }
-for (const button of document.querySelectorAll("[data-all]")) {
+for (const button of document.querySelectorAll("[data-base]")) {
+  button.addEventListener("click", () => { base = button.dataset.base; clicked.clear(); refresh(); });
+}
+
+// A view of a figure with its caption.
+for (const button of document.querySelectorAll(".views button")) {
   button.addEventListener("click", () => {
-    hidden.clear();
-    if (button.dataset.all === "false") buttons.forEach(other => hidden.add(other.dataset.entry));
-    refresh();
+    const figure = button.closest("figure");
+    const box = figure.querySelector(".plot");
+    press(button);
+    box.dataset.figure = button.dataset.figure;
+    for (const caption of figure.querySelectorAll(".caption")) caption.hidden = caption.dataset.figure !== button.dataset.figure;
+    if (box.data) draw(box);
   });
 }
 
-// Charts near the window first, the others one by one in pauses: the page answers at once however many there are.
-const watch = new IntersectionObserver(entries => {
-  for (const entry of entries) if (entry.isIntersecting) { watch.unobserve(entry.target); draw(entry.target); }
-}, {rootMargin: "600px"});
-boxes.forEach(box => watch.observe(box));
-function drawNext() {
-  const box = boxes.find(other => !other.dataset.drawn);
-  if (box) { draw(box); setTimeout(drawNext, 30); }
-}
-setTimeout(drawNext, 30);
-addEventListener("beforeprint", () => boxes.forEach(draw));
+refresh();

@@ -8,8 +8,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-
-from tabulate import tabulate
+from typing import Any
 
 from hhtbench import analysis
 from hhtbench.errors import ProblemError
@@ -18,21 +17,24 @@ from hhtbench.report import colours, runs, tables
 from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
-from hhtbench.report.content import Content, Part, content_of
+from hhtbench.report.content import FAILED, Content, Part, content_of
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
-from hhtbench.report.frame import Chart
+from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
 from hhtbench.report.legend import legend
-from hhtbench.report.markdown import claims, environment_table, escape_text
+from hhtbench.report.markdown import claims, environment_table, escape_text, markdown_table
+from hhtbench.report.rules import campaign_told
 from hhtbench.report.speed_page import PAGE as SPEED
 from hhtbench.report.speed_page import write_speed
-from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, verdict
+from hhtbench.report.words import MEASURES, bounded, plural
 from hhtbench.store.rows import RunRow
 
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 WEIGHT = "b/convergence.html"  # by `verify b`, the same
+STABILITY = "stability.html"  # by `study stability`, the same
+BESIDE = {WEIGHT: "the weight b", STABILITY: "stability at the extremes"}
 
 
 def write_comparison(
@@ -70,7 +72,7 @@ def write_comparison(
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
         others = {SPEED: "machine speed"} if write_speed(folder, command) else {}
-        others |= {WEIGHT: "the weight b"} if (folder / WEIGHT).is_file() else {}
+        others |= {page: name for page, name in BESIDE.items() if (folder / page).is_file()}
         (folder / "index.html").write_text(_page(content, command, evidence, curves, others), encoding="utf-8")
         (folder / "report.md").write_text(_markdown(content, command, evidence), encoding="utf-8")
     except OSError as error:
@@ -80,30 +82,40 @@ def write_comparison(
 
 def _page(content: Content, command: str, evidence: Evidence | None, curves: bool, others: Mapping[str, str]) -> str:
     """The text of ``index.html``; ``others`` names the pages beside it."""
-    styles = colours.solver_styles(analysis.entries(content.rows))
-    links = [f'<a href="#{anchor(part.name)}">{escape(part.name)}</a>' for part in content.parts]
-    links += ['<a href="#failures">failures</a>', '<a href="#machine">machine</a>']
-    links += [f'<a href="{page}">{escape(name)}</a>' for page, name in others.items()]
-    drawings = Drawings()
+    styles, drawings = colours.solver_styles(analysis.entries(content.rows)), Drawings()
     texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
     return Template(texts["html"]).substitute(
         title=escape(TITLE),
         style=Template(texts["css"]).substitute(font=colours.FONT, text=colours.TEXT, height=HEIGHT),
-        contents="\n".join(links),
+        scope=_scope(content, others),
+        losses=f'<p class="verdict bad">{escape(content.losses)}</p>' if content.losses else "",
+        decision=decision_section(content.decisions),
+        reading=_prose(content.reading),
+        overview=overview(content, styles, drawings),
+        contents="\n".join(f'<a href="#{anchor(part.name)}">{escape(part.name)}</a>' for part in content.parts),
         summary="\n".join(f"<p>{_prose(part)}</p>" for part in content.sentences),
         claims=_verdict_box(evidence, curves),
         balance=html_table(content.balance),
         rules="\n".join(f"<li>{_prose(rule)}</li>" for rule in content.rules),
-        against=html_table(content.against),
+        evidence="\n".join(evidence_section(kind, content) for kind in content.kinds),
         drift=html_table(content.drift),
         legend=legend(styles),
         sections="\n".join(_problem_section(content.rows, part, styles, drawings) for part in content.parts),
         failures=html_table(content.failures),
+        campaign=escape(campaign_told(content.rows)),
         machine=_machine(content.rows),
         command=escape(command),
         created=escape(_created(content.rows)),
         scripts=drawings.scripts(texts["js"]),
     )
+
+
+def _scope(content: Content, others: Mapping[str, str]) -> str:
+    """What is compared, and the pages beside this one."""
+    found = [plural(len(content.parts), "problem"), plural(len(analysis.entries(content.rows)), "solver")]
+    found += [plural(len(content.rows), "run")]
+    links = {"#problems": "problems", "#words": "in words", "#rules": "rules", "#machine": "machine", **others}
+    return f"{', '.join(found)}. " + " · ".join(f'<a href="{link}">{escape(name)}</a>' for link, name in links.items())
 
 
 PARTS = ("html", "css", "js")
@@ -112,16 +124,24 @@ PARTS = ("html", "css", "js")
 def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
     """The text of ``report.md``."""
     parts = [f"# {TITLE}", *map(escape_text, content.sentences), "The same with charts: [index.html](index.html)."]
-    parts += ["## Wins and losses", *_markdown_table(content.balance)]
+    parts.append(content.reading)
+    for (measure, bound), table in content.decisions.items():
+        parts += [f"## By {MEASURES[measure]}, {bounded(bound)}", *markdown_table(table)]
+    parts += ["## Wins and losses", *markdown_table(content.balance)]
     parts += ["## The rules", "\n".join(f"- {escape_text(rule)}" for rule in content.rules)]
-    parts += ["## HHT against the cheapest other solver", *_markdown_table(content.against)]
-    parts += ["## Drift at equal accuracy", *_markdown_table(content.drift)]
+    for kind, table in content.against.items():
+        parts += [f"## HHT against the cheapest other solver: {kind.text}", *markdown_table(table)]
+    parts += ["## Drift at equal accuracy", *markdown_table(content.drift)]
     for part in content.parts:
         parts += [f"## {escape_text(part.name)}", *map(escape_text, part.sentences)]
         for caption, table in part.tables.items():
-            parts += [f"### {caption}", *_markdown_table(table)]
-    parts += ["## Runs that failed or are not believed", *_markdown_table(content.failures)]
-    parts += ["## How it was made", f"```\n{command}\n```", f"Rows of {_created(content.rows)}."]
+            parts += [f"### {caption}", *markdown_table(table)]
+    parts += ["## Runs that failed or are not believed", *markdown_table(content.failures)]
+    parts += [
+        "## How it was made",
+        f"```\n{command}\n```",
+        f"Rows of {_created(content.rows)}. {campaign_told(content.rows)}",
+    ]
     parts += [environment_table(environment) for environment in tables.environments(content.rows)]
     if evidence is not None:
         parts += claims(evidence)
@@ -134,41 +154,27 @@ def _prose(text: str) -> str:
 
 
 def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, SolverStyle], drawings: Drawings) -> str:
-    charts = problem_charts(rows, part.name)
-    drawn = (
-        "\n".join(_figure(part.name, chart, drawings.box(draw(chart, styles))) for chart in charts)
-        or "<p>No run left anything to draw.</p>"
-    )
+    groups: dict[str, dict[str, tuple[Any, str]]] = {}
+    for chart in problem_charts(rows, part.name):
+        groups.setdefault(chart.group, {})[chart.view] = (draw(chart, styles), chart.caption)
+    drawn = "\n".join(figure_of(f"{part.name}-{title}", title, views, drawings) for title, views in groups.items())
     everything = runs.all_runs(rows, part.name)
-    built = "\n".join(html_table(table, caption) for caption, table in part.tables.items())
+    built = "\n".join(html_table(table, caption) for caption, table in part.tables.items() if caption != FAILED)
     return f"""\
 <section>
 <h2 id="{anchor(part.name)}">{escape(part.name)}</h2>
 <p class="lead">{"<br>".join(_prose(text) for text in part.sentences)}</p>
 <div class="charts">
-{drawn}
+{drawn or "<p>No run left anything to draw.</p>"}
 </div>
+{html_table(part.tables[FAILED], FAILED)}
+<details><summary>Costs, errors and counters on {escape(part.name)}</summary>
 {built}
+</details>
 <details><summary>All {len(everything.rows)} runs on {escape(part.name)}</summary>
 {html_table(everything)}
 </details>
 </section>"""
-
-
-def _figure(problem: str, chart: Chart, box: str) -> str:
-    return f"""\
-<figure id="{anchor(f"{problem}-{chart.id}")}">
-<h3>{escape(chart.title)}</h3>
-{box}
-<figcaption class="caption">{escape(chart.caption)}</figcaption>
-</figure>"""
-
-
-def _markdown_table(table: Table) -> list[str]:
-    headers = [escape_text(header) for header in table.headers]
-    body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
-    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
-    return [text, escape_text(table.note)] if table.note else [text]
 
 
 def _verdict_box(evidence: Evidence | None, curves: bool) -> str:

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Campaign
+from hhtbench.analysis import BOUNDS, Campaign, Kind
 from hhtbench.report import contest, runs
+from hhtbench.report.decisions import decisions, reading
 from hhtbench.report.rules import rules
 from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
-from hhtbench.report.words import bounded
+from hhtbench.report.words import MEASURES, bounded
 from hhtbench.store.rows import RunRow
 
 RANKED: dict[str, Callable[[Sequence[RunRow], str, Campaign], Table]] = {
     **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
     "Cheapest solvers at a given error": contest.cheapest,
 }
+FAILED = "Runs that failed or are not believed, by reason"
 TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
     "One run of every solver, side by side": runs.side_by_side,
     "Counters of these runs": runs.counter_table,
+    FAILED: runs.failures_by_reason,
 }
 
 
@@ -43,8 +46,12 @@ class Content:
     losses: str  #: what could not be read, "" where all could
     sentences: tuple[str, ...]
     rules: tuple[str, ...]
+    targets: tuple[float, ...]  #: errors that were asked for
+    kinds: Mapping[Kind, tuple[str, ...]]  #: the problems of each
+    decisions: Mapping[tuple[str, float | None], Table]  #: by measure and bound of the drift
+    reading: str  #: how they are to be read
     balance: Table
-    against: Table
+    against: Mapping[Kind, Table]
     drift: Table
     failures: Table
     parts: tuple[Part, ...]
@@ -56,7 +63,12 @@ class Content:
             "losses": self.losses,
             "summary": list(self.sentences),
             "rules": list(self.rules),
-            **{name: getattr(self, name).as_dict() for name in ("balance", "against", "drift", "failures")},
+            "reading": self.reading,
+            "decisions": {
+                f"{MEASURES[by]}, {bounded(held)}": table.as_dict() for (by, held), table in self.decisions.items()
+            },
+            "against": {kind.text: table.as_dict() for kind, table in self.against.items()},
+            **{name: getattr(self, name).as_dict() for name in ("balance", "drift", "failures")},
             "problems": {
                 part.name: {
                     "summary": list(part.sentences),
@@ -70,18 +82,26 @@ class Content:
 def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
     """Of all rows of a store, older versions of a cell among them."""
     found = analysis.newest(rows)
-    whole = analysis.campaign_of(found.rows)
+    whole, kinds = analysis.campaign_of(found.rows), analysis.kinds(found.rows)
     return Content(
         rows=found.rows,
         losses=losses,
         sentences=(*([losses] if losses else []), *summary(found.rows), *older(found)),
         rules=tuple(rules(found.rows)),
+        targets=whole.targets,
+        reading=reading(whole),
+        kinds=kinds,
+        decisions=decisions(found.rows, kinds, whole),
         balance=contest.balance(found.rows),
-        against=contest.against(found.rows),
+        against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
         drift=runs.equal_drift(found.rows),
         failures=runs.failure_table(found.rows),
         parts=tuple(_part(found.rows, name, whole) for name in analysis.problems(found.rows)),
     )
+
+
+def _of(rows: Sequence[RunRow], problems: Collection[str]) -> list[RunRow]:
+    return [row for row in rows if row.problem in problems]
 
 
 def _part(rows: Sequence[RunRow], problem: str, whole: Campaign) -> Part:

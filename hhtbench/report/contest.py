@@ -14,6 +14,7 @@ from hhtbench.report.words import (
     KINDS,
     MEASURES,
     NOTHING,
+    SHORT,
     STAR,
     behind,
     bounded,
@@ -28,7 +29,6 @@ from hhtbench.store.rows import RunRow
 
 CHEAPEST = 3  # solvers named for each error
 TONES = {"wins": "good", "alone": "good", "unheld": "good", "loses": "bad", "absent": "bad"}
-SHORT = {"time": "processor time", "evaluations": "evaluations"}
 ANY = "any"
 INTERPOLATED = (
     f"Costs are interpolated in the logarithms between two runs; {AT_MOST}: the loosest run is already more accurate."

@@ -11,6 +11,7 @@ import gzip
 import json
 import math
 from collections.abc import Mapping
+from html import escape
 from importlib.resources import files
 from typing import Any
 
@@ -28,9 +29,28 @@ class Drawings:
 
     def box(self, figure: go.Figure | Mapping[str, Any], height: int | None = None) -> str:
         """The element that the figure is drawn into; ``height`` [px] where the page's style gives none."""
-        self._figures.append(json.loads(figure.to_json()) if isinstance(figure, go.Figure) else figure)
         style = "" if height is None else f' style="height:{height}px"'
-        return f'<div class="plot" data-figure="{len(self._figures) - 1}"{style}></div>'
+        return f'<div class="plot" data-figure="{self.add(figure)}"{style}></div>'
+
+    def views(self, named: Mapping[str, tuple[Any, str]]) -> str:
+        """Buttons, the element that the first figure is drawn into, and captions; a button's name -> figure, its caption."""
+        numbers = [self.add(figure) for figure, _ in named.values()]
+        buttons = "".join(
+            f'<button type="button" data-figure="{number}" aria-pressed="{str(number == numbers[0]).lower()}">'
+            f"{escape(name)}</button>"
+            for number, name in zip(numbers, named, strict=True)
+        )
+        captions = "\n".join(
+            f'<p class="caption" data-figure="{number}"{"" if number == numbers[0] else " hidden"}>{escape(caption)}</p>'
+            for number, (_, caption) in zip(numbers, named.values(), strict=True)
+        )
+        group = f'<div class="views" role="group" aria-label="Views">{buttons}</div>\n' if len(numbers) > 1 else ""
+        return f'{group}<div class="plot" data-figure="{numbers[0]}"></div>\n{captions}'
+
+    def add(self, figure: go.Figure | Mapping[str, Any]) -> int:
+        """The number by which the page's script finds the figure."""
+        self._figures.append(json.loads(figure.to_json()) if isinstance(figure, go.Figure) else figure)
+        return len(self._figures) - 1
 
     def scripts(self, script: str) -> str:
         """Data, library, and ``script``, a module that finds the figures in ``figures``; no name in the data is markup."""
@@ -40,8 +60,12 @@ class Drawings:
             f'<script type="application/gzip" id="{name}">{base64.b64encode(content).decode()}</script>'
             for name, content in packed.items()
         ]
-        unpack = files("hhtbench.report").joinpath("drawings.js").read_text(encoding="utf-8")
-        return "\n".join([*elements, f'<script type="module">\n{unpack}\n{script}</script>'])
+        shared = "\n".join(map(_text, ("tables.js", "drawings.js")))  # tables need not wait for the library
+        return "\n".join([*elements, f'<script type="module">\n{shared}\n{script}</script>'])
+
+
+def _text(name: str) -> str:
+    return files("hhtbench.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _finite(value: Any) -> Any:

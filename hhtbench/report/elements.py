@@ -10,10 +10,10 @@ LONG = 44  # characters; a longer cell may wrap
 
 
 def html_table(table: Table, caption: str = "") -> str:
-    """The table in a box that scrolls sideways; "None." where it has no rows."""
+    """The table in a box that scrolls sideways, its headers for sorting; "None." where it has no rows."""
     if not table.rows:
         return "<p>None.</p>" if not caption else f"<p><b>{escape(caption)}</b>: none.</p>"
-    head = "".join(f'<th scope="col">{escape(header)}</th>' for header in table.headers)
+    head = "".join(f'<th scope="col"><button type="button">{escape(header)}</button></th>' for header in table.headers)
     body = "\n".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
     note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
     title = f"<caption>{escape(caption)}</caption>" if caption else ""
@@ -24,4 +24,5 @@ def _html_cell(cell: Cell) -> str:
     classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "") if part)
     named = f' class="{classes}"' if classes else ""
     detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
-    return f"<td{named}>{escape(cell.text)}{detail}</td>"
+    text = f'<a href="{escape(cell.link)}">{escape(cell.text)}</a>' if cell.link else escape(cell.text)
+    return f"<td{named}>{text}{detail}</td>"

@@ -15,6 +15,7 @@ MARGIN = 0.06  # of the axis, left free around the data
 GUIDE_BELOW = 0.5  # the guide line runs this factor below the lowest curve, so that it hides none
 LEAST_DECADES = 0.9  # of a logarithmic axis, so that two of 1, 2, 5 are on it
 MOST_MARKS = 40  # points of a curve; beyond it the marks would hide the line
+MOST_TICKS = 9  # of a logarithmic axis: labels of more are turned
 HEIGHT = 418  # pixels of the drawing area with its axes
 LEGEND_ROW = 24  # pixels
 LEGEND_COLUMN = 20  # characters of one entry, about; decides how many rows the legend takes
@@ -70,7 +71,7 @@ def axis(label: str, limits: list[float], logarithmic: bool) -> dict[str, Any]:
     }
     if logarithmic:
         decades = limits[1] - limits[0]
-        layout |= {"type": "log", "dtick": "D2" if decades < 1.5 else math.ceil(decades / 12)}
+        layout |= {"type": "log", "dtick": "D2" if decades < 1.5 else math.ceil(decades / MOST_TICKS), "tickangle": 0}
         if decades < 6:
             layout["minor"] = {
                 "dtick": "D1",

@@ -51,6 +51,8 @@ class Chart:
     """What :func:`~hhtbench.report.chart.draw` needs."""
 
     id: str
+    group: str  #: title of the figure in which it is one of several views
+    view: str  #: what it is called there
     title: str
     caption: str
     x_label: str
@@ -60,6 +62,7 @@ class Chart:
     logarithmic_x: bool = True
     logarithmic_y: bool = True
     limit: float = 0.0  #: a horizontal line: errors below it cannot be judged
+    front: frozenset[str] = frozenset()  #: solvers that are shown first; empty: all
 
     @property
     def limit_matters(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from hhtbench.report.colours import SolverStyle
+from hhtbench.report.words import short
 
 SVG_DASHES = {"solid": "", "dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3"}
 SVG_SYMBOLS = {
@@ -21,8 +22,8 @@ SVG_SYMBOLS = {
 def legend(styles: dict[str, SolverStyle]) -> str:
     """The buttons in the order of solvers."""
     return "\n".join(
-        f'<button type="button" class="solver" aria-pressed="true" data-entry="{escape(entry)}">{_sample(style)}'
-        f"<span>{escape(entry)}</span></button>"
+        f'<button type="button" class="solver" aria-pressed="true" data-entry="{escape(entry)}" title="{escape(entry)}">'
+        f"{_sample(style)}<span>{escape(short(entry))}</span></button>"
         for entry, style in styles.items()
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 from tabulate import tabulate
 
 from hhtbench.evidence import Evidence, Plot, Row
+from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, duration, group_of, groups, verdict
 
 CLAIMS = """\
@@ -43,6 +44,14 @@ def environment_table(environment: Mapping[str, Any]) -> str:
     """Machine and versions."""
     rows = [(name, escape_text(str(value))) for name, value in environment.items()]
     return tabulate(rows, headers=["environment", ""], tablefmt="github", disable_numparse=True)
+
+
+def markdown_table(table: Table) -> list[str]:
+    """The table, "None." where it has no rows, and its note."""
+    headers = [escape_text(header) for header in table.headers]
+    body = [[escape_text(f"{cell.text} {cell.detail}") for cell in row] for row in table.rows]
+    text = tabulate(body, headers=headers, tablefmt="github", disable_numparse=True) if body else "None."
+    return [text, escape_text(table.note)] if table.note else [text]
 
 
 def _table(evidence: Evidence, rows: Sequence[Row]) -> str:

@@ -65,20 +65,6 @@ def described(run: Point) -> str:
     return "<br>".join(lines)
 
 
-def told(marks: Sequence[EdgeMark]) -> str:
-    """The marks in words: a page on paper has no pointer."""
-    statuses: dict[str, list[str]] = {}
-    for mark in marks:
-        if mark.inside:
-            continue
-        own = statuses.setdefault("not measured" if mark.status in ("success", "event") else mark.status, [])
-        if mark.entry not in own:
-            own.append(mark.entry)
-    edge = "; ".join(f"{status}: {', '.join(entries)}" for status, entries in statuses.items())
-    hollow = ", ".join(dict.fromkeys(mark.entry for mark in marks if mark.inside))
-    return (f" Hollow, not believed: {hollow}." if hollow else "") + (f" At the edge: {edge}." if edge else "")
-
-
 def _wrapped(message: str, width: int = 60) -> str:
     """Short lines for a pointer's label, which does not wrap by itself; signs of HTML are harmless."""
     lines = [""]

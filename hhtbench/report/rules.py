@@ -25,6 +25,20 @@ def rules(rows: Sequence[RunRow]) -> list[str]:
     return [*parts, _held_out(runs)]
 
 
+def campaign_told(rows: Sequence[RunRow]) -> str:
+    """What was asked of whom, in a line."""
+    runs = analysis.points(rows)
+    found = list(dict.fromkeys(run.rules for run in runs if run.rules is not None))
+    asked = ", ".join(f"{target:.0e}" for target in analysis.targets_of(runs))
+    limits = "; ".join(
+        f"at most {plural(one.refinements, 'run')}, {one.max_seconds:g} s each, {one.pair_seconds:g} s in all"
+        for one in found
+    )
+    problems, solvers = len(analysis.problems(rows)), len(analysis.entries(rows))
+    head = f"Campaign: {plural(problems, 'problem')}, {plural(solvers, 'solver')}, errors {asked}"
+    return f"{head}; of one solver on one problem {limits}." if limits else f"{head}, settings given."
+
+
 def _ladder(runs: Sequence[Point]) -> list[str]:
     found = list(dict.fromkeys(run.rules for run in runs if run.rules is not None))
     if not found:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, Point
+from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, FailureRow, Point
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
@@ -129,16 +130,46 @@ def typical_runs(rows: Iterable[RunRow]) -> dict[str, Point]:
 
 
 def failure_table(rows: Sequence[RunRow]) -> Table:
-    """Every run that failed or is not believed, with its reason."""
-    body: list[list[str | Cell]] = []
+    """How many runs ended with each status, of which solvers and on which problems."""
+    found: dict[str, list[FailureRow]] = {}
     for line in analysis.failures(rows):
-        message = doubt(line.message) if line.status == DOUBTED else line.message
-        reached = NOTHING if line.reached is None else f"{100 * line.reached:.3g} %"
-        body.append([line.problem, line.entry, Cell(line.status, "bad"), ", ".join(line.settings), reached, message])
-    order = {entry: index for index, entry in enumerate(solver_order(str(line[1]) for line in body))}
-    places = {problem: index for index, problem in enumerate(analysis.problems(rows))}
-    body.sort(key=lambda line: (places[str(line[0])], order[str(line[1])]))
-    return make_table(["problem", "solver", "status", "settings", "reached", "message"], body)
+        found.setdefault(line.status, []).append(line)
+    body: list[list[str | Cell]] = []
+    for status, lines in sorted(found.items(), key=lambda pair: -_count(pair[1])):
+        where = dict.fromkeys(line.problem for line in lines)
+        body.append([Cell(status, "bad"), str(_count(lines)), _counted(lines), ", ".join(where)])
+    return make_table(["status", "runs", "solvers", "problems"], body)
+
+
+def failures_by_reason(rows: Sequence[RunRow], problem: str) -> Table:
+    """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
+    found: dict[tuple[str, str], list[FailureRow]] = {}
+    for line in analysis.failures(row for row in rows if row.problem == problem):
+        found.setdefault((line.status, NUMBER.sub("", line.message)), []).append(line)
+    body: list[list[str | Cell]] = []
+    for (status, _), lines in sorted(found.items(), key=lambda pair: -_count(pair[1])):
+        reached = max((line.reached for line in lines if line.reached is not None), default=None)
+        message = doubt(lines[0].message) if status == DOUBTED else lines[0].message
+        far = NOTHING if reached is None else f"{100 * reached:.3g} %"
+        body.append([Cell(status, "bad"), str(_count(lines)), _counted(lines), far, message])
+    note = "Reached: the largest share of the interval. Of messages that differ by their numbers the first."
+    return make_table(["status", "runs", "solvers", "reached", "message"], body, note)
+
+
+NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+
+
+def _count(lines: Sequence[FailureRow]) -> int:
+    return sum(len(line.keys) for line in lines)
+
+
+def _counted(lines: Sequence[FailureRow]) -> str:
+    """Solvers with their settings, or how many there are."""
+    settings: dict[str, list[str]] = {}
+    for line in lines:
+        settings.setdefault(line.entry, []).extend(line.settings)
+    parts = {entry: own[0] if len(own) == 1 else f"{len(own)} runs" for entry, own in settings.items()}
+    return "; ".join(f"{entry}, {parts[entry]}" for entry in solver_order(parts))
 
 
 def equal_drift(rows: Sequence[RunRow]) -> Table:

@@ -10,7 +10,7 @@ from hhtbench.analysis import DOUBTED, TYPICAL_ERROR, Point
 from hhtbench.analysis.drift import TimeSeries
 from hhtbench.report.colours import solver_order
 from hhtbench.report.frame import Chart, Trace
-from hhtbench.report.marks import described, mark_of, told
+from hhtbench.report.marks import described, mark_of
 from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
 from hhtbench.store.rows import RunRow
@@ -18,6 +18,7 @@ from hhtbench.store.rows import RunRow
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
 MOST_POINTS = 100  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
+OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
 
 
@@ -26,10 +27,12 @@ class Subject:
     """What one chart over time shows."""
 
     id: str
+    view: str
     title: str
     y_label: str
     remark: str = ""
     logarithmic: bool = True
+    group: str = OVER_TIME
 
 
 def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
@@ -39,7 +42,9 @@ def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
     charts = [_chart(own, chosen, analysis.drift_series(own, level), _of_level(level)) for level in LEVELS]
     charts.append(_chart(own, chosen, analysis.drift_series(own, "energy"), ENERGY))
     for name in analysis.invariant_names(own):
-        subject = Subject(id=f"invariant-{name}", title=f"Change of {name} over time", y_label=f"relative change of {name}")
+        subject = Subject(
+            id=f"invariant-{name}", view=name, title=f"Change of {name} over time", y_label=f"relative change of {name}"
+        )
         charts.append(_chart(own, chosen, analysis.invariant_series(own, name), subject))
     for name in SYMBOLS:
         series = analysis.multiplier_series([row for row in own if row.success], name)
@@ -47,20 +52,21 @@ def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-ENERGY = Subject(id="drift-energy", title="Change of energy over time", y_label="scaled change of energy")
+ENERGY = Subject(id="drift-energy", view="energy", title="Change of energy over time", y_label="scaled change of energy")
 
 
 def _of_level(level: str) -> Subject:
-    return (
-        Subject(id=f"drift-{level}", title=f"Drift of the {level} constraints over time", y_label=f"scaled {level} drift")
-        if level != "acceleration"
-        else Subject(
-            id="drift-acceleration",
-            title="Drift of the acceleration level over time",
-            y_label="scaled acceleration drift",
-            remark=" With the accelerations that follow from each solver's own multipliers, at output times.",
-        )
+    own = level == "acceleration"
+    return Subject(
+        id=f"drift-{level}",
+        view=f"{level} drift",
+        title="Drift of the acceleration level over time" if own else f"Drift of the {level} constraints over time",
+        y_label=f"scaled {level} drift",
+        remark=ACCELERATIONS if own else "",
     )
+
+
+ACCELERATIONS = " With the accelerations that follow from each solver's own multipliers, at output times."
 
 
 def _of_multipliers(name: str, series: Sequence[TimeSeries]) -> Subject:
@@ -68,6 +74,8 @@ def _of_multipliers(name: str, series: Sequence[TimeSeries]) -> Subject:
     named = listed([f"{name}[{index}]" for index in components]) if components else name
     return Subject(
         id=f"series-{name}",
+        group=MULTIPLIERS,
+        view=f"{SYMBOLS[name]} over time",
         title=f"Multipliers {SYMBOLS[name]} over time",
         y_label=SYMBOLS[name],
         remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
@@ -96,8 +104,10 @@ def _chart(
     head = f"Each solver's run with an error nearest to {TYPICAL_ERROR:.0e}{_spread(chosen)}."
     return Chart(
         id=subject.id,
+        group=subject.group,
+        view=subject.view,
         title=subject.title,
-        caption=f"{head}{subject.remark}{_absent(rows, traces, subject)}{floor}{told(marks)}",
+        caption=f"{head}{subject.remark}{_absent(rows, traces, subject)}{floor}",
         x_label="time [s]",
         y_label=subject.y_label,
         traces=tuple(traces),

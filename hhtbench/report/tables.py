@@ -12,11 +12,12 @@ from hhtbench.store.rows import RunRow
 
 
 class Cell(NamedTuple):
-    """Text of one cell; where it is a verdict its colour, good or bad; a second line in small print."""
+    """Text of one cell; where it is a verdict its colour, good or bad; a second line in small print; a place to look at."""
 
     text: str
     tone: str = ""
     detail: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 from hhtbench.analysis import Comparison, Point, family
 
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
+SHORT = {"time": "processor time", "evaluations": "evaluations"}
 NOTHING = "\N{EN DASH}"
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 STAR = "the process waited: the median reading took clearly more wall time than processor time"
@@ -23,6 +25,11 @@ KINDS = {  # why a target is not reached
     "unfinished": "stopped",
 }
 UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
+
+
+def short(entry: str) -> str:
+    """A solver's spec without the names of what tells itself."""
+    return re.sub(r"\b(method|form|solver|alpha|rho_inf)=", "", entry).replace("constant step", "constant h")
 
 
 def shown(value: float | None) -> str:
@@ -106,7 +113,7 @@ def outcome(line: Comparison) -> str:
 def behind(line: Comparison) -> str:
     """Whom the verdict is about, why one side does not get there, and what it would need at least."""
     if line.factor is not None and line.rival is not None:
-        return f"against {line.rival.entry}"
+        return f"against {short(line.rival.entry)}"
     least = line.least_factor
     more = f"more than {times(least)}" if least is not None and least > 1 else ""
     if line.outcome == "alone":

@@ -43,6 +43,10 @@ class Reading:
         names = "; ".join(self.damaged[:MOST_NAMED]) + (f"; and {count - MOST_NAMED} more" if count > MOST_NAMED else "")
         return f"{count} {'row' if count == 1 else 'rows'} cannot be read: {names}"
 
+    def warning(self, path: Any) -> str:
+        """What to say of the file ``path`` and to do about it, "" where nothing is missing."""
+        return "" if self.whole else f"{path} is damaged: {self.losses}; run the campaign again."
+
 
 def damage(error: Exception) -> str:
     """What is damaged, in words; what is no damage, such as a lock, a full disk or a file out of reach, is raised again."""

@@ -1,7 +1,8 @@
 """The store: one SQLite file, one writer with one connection, every row with its hash.
 
-Rollback journal and full synchronisation: SQLite before 3.51.3 can lose pages of a write-ahead log, and a row must be on
-the disk before the cell counts as done.
+Rollback journal: SQLite before 3.51.3 can lose pages of a write-ahead log.  Synchronisation "extra": a row must be on the
+disk before the cell counts as done, and with "full" the end of a transaction, the journal's removal from its folder, is not;
+after a power failure the journal would be there again and undo it.
 """
 
 from __future__ import annotations
@@ -129,6 +130,8 @@ class Store:
 
     def _open(self) -> sqlite3.Connection:
         """A connection to a sound file: the one that is there, or a new one with the rows saved from it."""
+        if self._file.exists() and self._file.stat().st_size == 0:  # touched, or cut off: that cannot be told apart
+            self.repairs = ("the file is empty; if it has held rows, they are gone and their cells run again.",)
         reading = _look(self._file)
         if reading is None or reading.whole:
             return _prepared(self._file)
@@ -184,14 +187,25 @@ def load_rows(path: str | Path) -> list[RunRow]:
 
 def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
     """Rows as :func:`load_rows` gives them, and what could not be read, in words, "" where all could."""
+    reading = read_store(path)
+    return [row for _, row in reading.sound], reading.warning(path)
+
+
+def read_store(path: str | Path) -> Reading:
+    """All that a store tells, as :func:`load_rows` reads it, and what is damaged.
+
+    Raises
+    ------
+    ProblemError
+        There is no such file, or it is no store of this version.
+    """
     file = store_file(path)
     if not file.is_file():
         raise ProblemError(f"there is no store {path}.")
     reading = _look(file)
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
-    losses = "" if reading.whole else f"{path} is damaged: {reading.losses}; run the campaign again."
-    return [row for _, row in reading.sound], losses
+    return reading
 
 
 def _look(path: Path) -> Reading | None:
@@ -202,13 +216,14 @@ def _look(path: Path) -> Reading | None:
     ProblemError
         It is no store, one of another version, or cannot be opened.
     """
-    if not path.exists() or path.stat().st_size == 0:
+    if not path.exists():
         return None
-    with path.open("rb") as file:
-        start = file.read(len(HEADER))
-    if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
-        raise ProblemError(f"{path} is no store but another kind of file; name another.")
     try:
+        if path.with_name(f"{path.name}-journal").exists():
+            _connect_existing(path).close()  # undoes what was begun: of a new store the beginning may not be there yet
+        if path.stat().st_size == 0:
+            return None
+        _refuse_another_kind(path)
         with closing(_connect_existing(path)) as connection:
             refuse_other_version(connection, path)
             tables = _tables(connection)
@@ -218,6 +233,14 @@ def _look(path: Path) -> Reading | None:
             return None if tables == set() else read(connection)
     except sqlite3.Error as error:
         raise ProblemError(f"the store {path} cannot be opened: {error}.") from error
+
+
+def _refuse_another_kind(path: Path) -> None:
+    """Raise for a file that has hardly anything of a database's header."""
+    with path.open("rb") as file:
+        start = file.read(len(HEADER))
+    if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
+        raise ProblemError(f"{path} is no store but another kind of file; name another.")
 
 
 def _tables(connection: sqlite3.Connection) -> set[str] | None:
@@ -249,7 +272,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=30.0)  # waits for a reader; a second writer is kept out by the lock
     connection.text_factory = bytes
     connection.execute("PRAGMA journal_mode = DELETE")
-    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("PRAGMA synchronous = EXTRA")
     return connection
 
 

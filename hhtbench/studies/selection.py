@@ -19,6 +19,7 @@ from hhtbench.advice.features import Probe, probe
 from hhtbench.advice.wish import Wish
 from hhtbench.analysis.fronts import MEASURES
 from hhtbench.campaign import run_campaign
+from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.references import auto_references
 from hhtbench.errors import ProblemError
@@ -75,6 +76,7 @@ def study_selection(
     jobs: int | None = None,
     database: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    progress: Progress | None = None,
 ) -> Study:
     """Judge the advice of a database; with ``scenes`` or ``store`` of one that is made from their rows.
 
@@ -88,6 +90,10 @@ def study_selection(
         Of each solver on each scene [s].
     database
         Where the reduced rows go, for ``select``; None: nowhere.
+    tell
+        What happens, a line each.
+    progress
+        Which part is run, how much of it is done, and of how much.
 
     Raises
     ------
@@ -101,7 +107,7 @@ def study_selection(
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else store
         rows = (
-            _run(drawn()[:: max(1, len(drawn()) // scenes)][:scenes], file, seconds, jobs, tell)
+            _run(drawn()[:: max(1, len(drawn()) // scenes)][:scenes], file, seconds, jobs, tell, progress)
             if scenes
             else load_rows(file)
         )
@@ -134,14 +140,19 @@ def _wish(on: str, drift: float | None) -> Callable[[float], Wish]:
 
 
 def _run(
-    specs: Sequence[str], file: Path, seconds: float, jobs: int | None, tell: Callable[[str], None]
+    specs: Sequence[str],
+    file: Path,
+    seconds: float,
+    jobs: int | None,
+    tell: Callable[[str], None],
+    progress: Progress | None,
 ) -> tuple[RunRow, ...]:
     """The usual candidates on drawn scenes, as a campaign; what ``file`` holds is not run again."""
     campaign = campaign_for(specs, CANDIDATES, max_seconds=seconds / 2, pair_seconds=seconds, **RULES)
     limits = machine_limits(jobs)
     with Store(file) as rows:
         references = auto_references(campaign, file, limits.jobs, tell, REFERENCE_SECONDS)
-        return run_campaign(campaign, rows, limits=limits, references=references).rows
+        return run_campaign(campaign, rows, limits=limits, references=references, progress=progress).rows
 
 
 def probes_of(specs: Sequence[str], jobs: int, tell: Callable[[str], None]) -> dict[str, Probe]:

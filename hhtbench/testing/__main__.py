@@ -15,12 +15,13 @@ from hhtbench.processes import one_blas_thread
 @click.command("hhtbench.testing")
 @click.argument("solver")
 @click.option("--only", default="", help="Checks whose name holds this text.")
+@click.option("--suite", type=click.Choice(["claims", "extremes"]), default="claims", help="Or hostile cases.")
 @click.option("--first", is_flag=True, help="Stop at the first that fails.")
-def main(solver: str, only: str, first: bool) -> None:
+def main(solver: str, only: str, suite: str, first: bool) -> None:
     """Run every check of SOLVER, a name or a spec; exit 1 where one fails."""
     one_blas_thread()
     began, kinds = time.perf_counter(), Counter[str]()
-    for check in testing.check_solver(solver):
+    for check in testing.check_solver(solver, suite=suite):
         if only not in check.name:
             continue
         verdict = check.run()

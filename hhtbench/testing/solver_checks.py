@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 from hhtbench.protocol import Solver
 from hhtbench.testing.check import Check, check_expected
 from hhtbench.testing.claims import conduct, control, events, failures, frames, motion
 from hhtbench.testing.claims.registry import claims_of
+from hhtbench.testing.extremes.checks import extreme_checks
 from hhtbench.testing.subject import ACCURACY, ITERATIONS, Claims, Subject
 
 CLAIMS = tuple(claim for module in (motion, control, events, frames, conduct, failures) for claim in claims_of(module))
 
 
-def check_names() -> list[str]:
-    """Of all checks of a solver, in their order."""
-    return [name for claim in CLAIMS for name, _ in claim.named()]
+def check_names(suite: str = "claims") -> list[str]:
+    """Of all checks of a solver, in their order; ``suite`` as in :func:`check_solver`."""
+    return [name for name, _, _ in _suite(suite)]
+
+
+def _suite(name: str) -> list[tuple[str, str, Callable[[Subject], None]]]:
+    """Names, sentences and measurements."""
+    if name == "claims":
+        return [(check, claim.sentence, measure) for claim in CLAIMS for check, measure in claim.named()]
+    if name == "extremes":
+        return extreme_checks()
+    raise ValueError(f"suite must be claims or extremes; got {name!r}.")
 
 
 def check_solver(
     solver: Solver | str,
     expected_failed: Mapping[str, str] | None = None,
     *,
+    suite: str = "claims",
     order: float | None = None,
     drift: float | None = None,
     accuracy: float = ACCURACY,
@@ -36,6 +47,9 @@ def check_solver(
         A solver, or a spec: ``"acme_rk4"``, ``"my_solver.py:solver(stages=3)"``.
     expected_failed
         Name of a check -> the reason why it is known to fail.  Such a check fails where it passes.
+    suite
+        "claims": the checks of the protocol and of what is claimed below.  "extremes": hostile cases, of each axis of
+        ``hhtbench study stability`` a few: it arrives within the expected error, or ends with a cause, or in its budget.
     order
         Of the error with prescribed steps, for all of q, v, lam and mu; None: nothing is claimed.
     drift
@@ -48,13 +62,10 @@ def check_solver(
     Raises
     ------
     ValueError
-        ``expected_failed`` names no check, or gives no reason.
+        ``expected_failed`` names no check, or gives no reason; there is no such suite.
     """
-    names = check_names()
-    expected = check_expected(expected_failed, names)
+    expected = check_expected(expected_failed, check_names(suite))
     subject = Subject(solver, Claims(order=order, drift=drift, accuracy=accuracy, iterations=iterations))
     return (
-        Check(name, claim.sentence, partial(measure, subject), expected.get(name, ""))
-        for claim in CLAIMS
-        for name, measure in claim.named()
+        Check(name, sentence, partial(measure, subject), expected.get(name, "")) for name, sentence, measure in _suite(suite)
     )

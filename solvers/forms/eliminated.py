@@ -1,4 +1,8 @@
-"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one."""
+"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one.
+
+That of any size too where a reaction that depends on v is nonlinear in lam, as the friction of a two-sided guide is:
+(F9) is solved by Newton's iteration, which begins without multipliers, and so is a function of t and y alone.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import AccelerationLevel, Dynamics
+from hhtbench.lowering import AccelerationLevel, Dynamics, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
@@ -32,7 +36,8 @@ class Eliminated:
     """y' of y = [q; v], not finite where (F9) is singular."""
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self.n, code = dynamics.structure.n, kkt_of(dynamics)
+        self.n = dynamics.structure.n
+        code = None if route_of(dynamics) == "numpy" else kkt_of(dynamics)
         self.native = code is not None  #: whether no code of XLA is called
         self.solve = _in_python(dynamics) if code is None else _in_loops(code, dynamics)
 
@@ -116,15 +121,18 @@ class _Places(NamedTuple):
 
 
 def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
-    """(F9) solved by compiled loops."""
-    local, n = _Loops(entries, dynamics), dynamics.structure.n
+    """(F9) solved by compiled loops; where they find no root, in Python, which looks closer."""
+    local, n, linear = _Loops(entries, dynamics), dynamics.structure.n, dynamics.structure.linear_reaction
+    closer = _in_python(dynamics)
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:
         row = local.row
-        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n] = t, q, v
+        row[0], row[1 : 1 + n], row[1 + n : 1 + 2 * n], row[1 + 2 * n :] = t, q, v, 0.0
         local.done[0] = False
         local.call()
-        return local.x.copy() if local.done[0] else np.full(local.x.size, np.nan)
+        if local.done[0]:
+            return local.x.copy()
+        return np.full(local.x.size, np.nan) if linear else closer(t, q, v)
 
     return solve
 
@@ -134,7 +142,6 @@ class _Loops(threading.local):
 
     def __init__(self, entries: Entries, dynamics: Dynamics) -> None:
         z = entries.memory(dynamics)
-        z.i[mem.LINEAR] = True
         self.x = view(z, mem.X)
         rows, self.done = np.zeros((1, 1 + dynamics.structure.n + self.x.size)), np.zeros(1, dtype=bool)
         self.row = rows[0]

@@ -129,7 +129,8 @@ def refusal(name: str, structure: Structure) -> str | None:
         return (
             "the system has velocity constraints only, so its index is 2 and index3 would be index2; take the form index2."
         )
-    if name == "ode" and not structure.linear_reaction:
+    iterated = structure.linear_reaction or structure.reaction_uses_v  # friction: the root is that next to none of it
+    if name == "ode" and not iterated:
         return (
             "the form ode eliminates the multipliers by one linear solve, but a declared reaction is nonlinear in them "
             "(or is a plain callable that cannot be read); take one of the dae forms."

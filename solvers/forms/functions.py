@@ -28,10 +28,10 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.compile.coloured import OftenCalled, Pattern
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, VariableMass
+from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, VariableMass, matrix_free
 from solvers.forms.eliminated import Differentiated, Eliminated
 from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
-from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_function
+from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_at, rhs_jacobian_function
 from solvers.hht.run.kkt import larger, products_of
 
 CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
@@ -62,13 +62,15 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
+    if not dynamics.structure.linear_reaction:
+        return _iterated(dynamics)
     products = products_of(dynamics)
     if isinstance(products, VariableMass) and not dynamics.structure.constrained:  # y' is divided by it, and differentiated
         products = None
     route = "xla" if larger(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
     jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
     if larger(dynamics) and dynamics.structure.constrained:
-        return _eliminated(dynamics, products, jacobian)
+        return _eliminated(Eliminated(dynamics), products, jacobian)
     if products is None:
         return Functions(compile_function(rhs_function, dynamics), jacobian)
     rhs, size = compile_function(rhs_function, products), 2 * dynamics.structure.n
@@ -79,8 +81,17 @@ def ode_functions(dynamics: Dynamics) -> Functions:
     return Functions(rhs, lambda t, y: packed(y, float(t))[size:], entries.pattern)
 
 
-def _eliminated(dynamics: Dynamics, products: MatrixFree | None, jacobian: Callable[..., Any]) -> Functions:
-    eliminated = Eliminated(dynamics)
+def _iterated(dynamics: Dynamics) -> Functions:
+    """By Newton's iteration on (F9), which is nonlinear in the multipliers."""
+    eliminated, full, n = Eliminated(dynamics), compile_function(rhs_jacobian_at, dynamics), dynamics.structure.n
+
+    def jacobian(t: float, y: Any) -> Any:
+        return full(t, y, eliminated.solve(t, y[:n], y[n:]))
+
+    return _eliminated(eliminated, matrix_free(dynamics), jacobian)
+
+
+def _eliminated(eliminated: Eliminated, products: MatrixFree | None, jacobian: Callable[..., Any]) -> Functions:
     if products is None:
         return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
     derivative = Differentiated(eliminated, products, jacobian)

@@ -76,8 +76,9 @@ def force_derivatives(at: Point) -> Blocks:
     if s.mass == "variable":
         by_q.append(dynamics.mass_product_jacobian(at.t, at.q, at.vdot))
     if s.m:
-        reaction_q, reaction_lam = dynamics.reaction_jacobians(at.t, at.q, at.lam)
+        reaction_q, reaction_v, reaction_lam = dynamics.reaction_jacobians(at.t, at.q, at.v, at.lam)
         by_q.append(_minus(reaction_q))
+        by_v.append(_minus(reaction_v))
         blocks["lam"] = -reaction_lam
     if s.p:
         reaction_v, reaction_mu = dynamics.velocity_reaction_jacobians(at.t, at.q, at.v, at.mu)

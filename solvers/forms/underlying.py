@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
 from solvers.forms.rows import ROWS, Point
@@ -31,10 +32,21 @@ def kkt_along(dynamics: Any, z: Any, t: Any) -> Any:
 
 def rhs_jacobian_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
     """Derivative of :func:`rhs_function` by y, (2n, 2n), from the differentiated system (F9)."""
+    n = dynamics.structure.n
+    right, matrix = _acceleration_level(dynamics, t, y[:n], y[n:])
+    return _differentiated(dynamics, matrix, _solve(dynamics, matrix, right), t, y)
+
+
+def rhs_jacobian_at(dynamics: Dynamics, t: Any, y: Any, x: Any) -> Any:
+    """The same where ``x`` = [v'; lam; mu] (N,) is known: of reactions that are nonlinear in the multipliers."""
+    n = dynamics.structure.n
+    matrix = kkt_terms(dynamics, t, y[:n], y[n:], x)[x.size :].reshape(x.size, x.size)
+    return _differentiated(dynamics, matrix, x, t, y)
+
+
+def _differentiated(dynamics: Dynamics, matrix: Any, x: Any, t: Any, y: Any) -> Any:
     s, xp = dynamics.structure, dynamics.xp
     q, v = y[: s.n], y[s.n :]
-    right, matrix = _acceleration_level(dynamics, t, q, v)
-    x = _solve(dynamics, matrix, right)
     at = Point(dynamics=dynamics, t=t, q=q, v=v, vdot=x[: s.n], lam=x[s.n : s.n + s.m], mu=x[s.n + s.m :])
     names = ["force"] + ["acceleration"] * bool(s.m) + ["velocity_constraint_rate"] * bool(s.p)
     zero, rows = xp.zeros((s.n, s.n)), []
@@ -50,6 +62,11 @@ def _acceleration_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any
     s = dynamics.structure
     if not s.constrained:
         return dynamics.force(t, q, v), dynamics.mass(t, q) if s.mass == "variable" else None
+    if not s.linear_reaction:
+        raise ProblemError(
+            "a reaction nonlinear in lam needs Newton's iteration for the underlying ODE, which code of XLA cannot call "
+            "where the system's functions are no machine code; take another solver than diffrax, or another method of it."
+        )
     size = s.n + s.m + s.p
     packed = kkt_terms(dynamics, t, q, v, dynamics.xp.zeros(size))  # linear reactions: one solve from zero is exact
     return -packed[:size], packed[size:].reshape(size, size)

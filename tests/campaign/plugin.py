@@ -32,6 +32,8 @@ SOLVER = """\
     import numpy as np
     from hhtbench import Counters, Solution, Status
 
+    HOARD = []
+
     class Told:
         name = "told"
 
@@ -58,6 +60,10 @@ SOLVER = """\
             q = q + (request.rtol or 0.0)
             if at_worst and self.does == "nan":
                 q[-1] = np.nan
+            if at_worst and self.does in ("inf", "huge"):
+                q[-1] = np.inf if self.does == "inf" else 1e308
+            if at_worst and self.does == "empty":
+                t, q, v = t[:0], q[:0], v[:0]
             if at_worst and self.does == "short":
                 t, q, v = t[:-1], q[:-1], v[:-1]
             none = np.zeros((t.size, 0))
@@ -82,6 +88,13 @@ SOLVER = """\
             if self.does == "files":
                 for file in [open(os.devnull) for _ in range(40)]:
                     file.close()
+            if self.does == "flood":
+                for _ in range(256):
+                    for stream in (1, 2):
+                        os.write(stream, b"on and on " * 400_000)
+            if self.does == "hoard":
+                for _ in range(50):
+                    HOARD.append(np.ones(1_000_000))
             if self.does == "segv":
                 ctypes.string_at(0)
             if self.does == "exit":

@@ -9,7 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.campaign import Campaign, Grid, plan_cells
-from hhtbench.campaign.command import _fails, _failures, split_specs
+from hhtbench.campaign.asked import split_specs
+from hhtbench.campaign.summary import failures, is_failure
 from hhtbench.cli import main
 from hhtbench.store import RunRow, Store, load_rows
 
@@ -94,7 +95,7 @@ def test_cells_that_fail_make_the_exit_code_1_only_where_that_is_asked(
 def test_any_failure_means_neither_a_success_nor_declined():
     ends = ["success", "event", "declined", "crashed", "deadline"]
     rows = [RunRow(key="k", problem="fall", solver="told", request={}, status=status, message="") for status in ends]
-    assert [_fails(row, ("any",)) for row in rows] == [False, False, False, True, True]
+    assert [is_failure(row, ("any",)) for row in rows] == [False, False, False, True, True]
 
 
 def test_equal_failures_are_one_line_with_a_count():
@@ -108,7 +109,7 @@ def test_equal_failures_are_one_line_with_a_count():
     rows = [row("fall", 10.0**-power, "crashed", "it died") for power in range(1, 10)]
     rows += [row(problem, 1e-3, "declined", "it takes nothing") for problem in ("fall", "rise", "swing")]
     rows += [row("fall", 1e-3, "deadline", "too long")]
-    lines = [" ".join(line.split()) for line in _failures(rows)]
+    lines = [" ".join(line.split()) for line in map(str, failures(rows))]
     assert lines == [
         "crashed fall told 9 cells: it died",
         "deadline fall told rtol=0.001: too long",

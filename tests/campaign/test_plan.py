@@ -76,6 +76,18 @@ def test_solvers_of_the_library_rest_on_their_package_but_not_on_their_verificat
     assert not [name for name in behind if ".verify" in name or "knife_edge" in name]
 
 
+def test_planning_looks_up_every_problem_and_solver_once_however_many_pairs_they_make(
+    outside: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Finding a name reads the files of all distributions."""
+    looked: Counter[str] = Counter()
+    find = sources.plugins.find
+    monkeypatch.setattr(sources.plugins, "find", lambda kind, name: looked.update([name]) or find(kind, name))
+    campaign = Campaign(grids=(Grid(problems=("fall", "andrews", "knife_edge"), solvers=("hht", "ida"), rtol=(1e-3,)),))
+    assert len(plan_pairs(campaign)) == 6
+    assert looked == dict.fromkeys(("fall", "andrews", "knife_edge", "hht", "ida"), 1)
+
+
 def test_another_version_of_a_library_changes_the_key(outside: Path, monkeypatch: pytest.MonkeyPatch):
     before = keys()
     monkeypatch.setattr(sources, "_version_of", lambda top: f"{top} 0")

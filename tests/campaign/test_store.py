@@ -272,6 +272,16 @@ def test_a_truncated_file_is_set_aside_and_only_rows_that_are_whole_are_used(tmp
     assert list(tmp_path.glob("runs.db.damaged-*"))
 
 
+def test_a_file_that_was_cut_off_to_nothing_is_told(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path)
+    path.write_bytes(b"")
+    with Store(path) as store:
+        assert store.repairs == ("the file is empty; if it has held rows, they are gone and their cells run again.",)
+    with Store(path) as store:
+        assert store.repairs == ()
+
+
 def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
     path = tmp_path / "notes.db"
     path.write_text("my notes " * 500)
@@ -347,7 +357,7 @@ def test_wrong_places_and_versions_are_refused(tmp_path: Path):
 
 def test_rows_are_on_the_disk_when_put_returns(tmp_path: Path):
     with Store(tmp_path / "runs.db") as store:
-        assert store._connection.execute("PRAGMA synchronous").fetchone()[0] == 2  # FULL
+        assert store._connection.execute("PRAGMA synchronous").fetchone()[0] == 3  # EXTRA
         assert store._connection.execute("PRAGMA journal_mode").fetchone()[0] == b"delete"
         store.put(ROW, "cell")
         assert load_rows(tmp_path / "runs.db") == [ROW]  # seen from another connection: committed

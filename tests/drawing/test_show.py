@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 from hhtbench import cli
-from hhtbench.drawing import command, draw
+from hhtbench.drawing import draw, files
 from hhtbench.drawing.motion import Course, find_course
 from hhtbench.drawing.scene import make_scene
 from hhtbench.errors import ProblemError
@@ -19,7 +19,7 @@ def show(monkeypatch, rotor):
     """show(*words, **fields): the command on rotors with these fields."""
 
     def run(*words, **fields):
-        monkeypatch.setattr(command, "load_problem", lambda spec: rotor(**{"name": spec, **fields}))
+        monkeypatch.setattr(files, "load_problem", lambda spec: rotor(**{"name": spec, **fields}))
         return CliRunner().invoke(cli.main, ["show", *words])
 
     return run
@@ -119,7 +119,7 @@ def test_problem_without_sketch_is_told_what_to_declare(show, tmp_path):
     ("out", "text"), [("r.bmp", ".png, .svg, .gif, .html; got r.bmp"), ("not/there/r.png", "there is no folder")]
 )
 def test_wrong_file_is_refused_before_any_work(show, tmp_path, monkeypatch, out, text):
-    monkeypatch.setattr(command, "find_course", lambda *a: pytest.fail("a solver was started"))
+    monkeypatch.setattr(files, "find_course", lambda *a: pytest.fail("a solver was started"))
     result = show("rotor", "--out", str(tmp_path / out))
     assert result.exit_code == 2
     assert text in result.output
@@ -137,7 +137,7 @@ def test_motion_that_was_not_finished_is_labelled_in_the_terminal_and_under_the_
         q = np.stack([np.cos(t), np.sin(t)], axis=1)
         return Course(t=t, q=q, source="ida", stopped="ida stopped at t = 2 s: step_too_small")
 
-    monkeypatch.setattr(command, "find_course", partly)
+    monkeypatch.setattr(files, "find_course", partly)
     result = show("rotor", "--out", str(tmp_path / "r.svg"), "--json", str(tmp_path / "r.json"))
     assert result.exit_code == 1
     (told,) = json.loads((tmp_path / "r.json").read_text())["drawings"]
@@ -155,8 +155,8 @@ def test_note_of_a_sketch_stands_under_the_picture(rotor):
 
 def test_all_draws_every_registered_problem_and_names_those_it_cannot(rotor, tmp_path, monkeypatch):
     made = {"one": rotor(name="one"), "bare": rotor(name="bare", sketch=None), "two": rotor(name="two")}
-    monkeypatch.setattr(command, "list_problems", lambda: list(made))
-    monkeypatch.setattr(command, "load_problem", made.__getitem__)
+    monkeypatch.setattr(files, "list_problems", lambda: list(made))
+    monkeypatch.setattr(files, "load_problem", made.__getitem__)
     result = CliRunner().invoke(
         cli.main, ["show", "--all", "--out", str(tmp_path / "t"), "--json", str(tmp_path / "all.json")]
     )

@@ -11,12 +11,9 @@ HERE = [asked for asked in ASKED if asked.name in ("hht", "ida")]  # the other c
 ADAPTIVE = "alpha=0 adaptive", "alpha=-0.3 adaptive"
 WAYS = (*ADAPTIVE, "alpha=0 fixed", "alpha=-0.3 fixed")
 TINY = "4.9406564584124654e-324"
-P8 = "the KKT matrix passes for singular where rows of constraints are 1e50 times the mass"
 KNOWN = {  # (row, solver) -> the failing cases and why; one that no longer fails has to be taken out
     ("M12", "ida"): ({"1e-07"}, "an error of 40 tolerances"),
     ("P1", "ida"): ({"1e6", "1e8", "1e12", "1e14"}, "errors of up to 0.09 at a tolerance of 1e-5"),
-    ("P8", "hht"): ({f"{size} {way}" for size in ("1e50", "1e100") for way in WAYS}, P8),
-    ("P8", "ida"): ({"1e50 ", "1e100 "}, P8),
     ("P9", "ida"): ({"warning"}, "no warning of an absolute tolerance beyond the solution"),
     ("P12", "hht"): (
         {f"sign {way}" for way in WAYS},
@@ -26,18 +23,14 @@ KNOWN = {  # (row, solver) -> the failing cases and why; one that no longer fail
         {f"{origin} {way}" for origin in ("1e+09", "-1e+09") for way in ADAPTIVE},
         "off by 3.6e-6, of 1e-7 allowed, at the tolerance of 1e-5: times 1.2e-7 s apart make other steps",
     ),
-    ("S5", "hht"): ({f"0..{TINY} {way}" for way in ADAPTIVE}, "an interval of 5e-324 s ends in time_resolution, h = 0"),
     ("S5", "ida"): (
         {f"0..{TINY} ", "0..1e-300 ", "1..1.0000000000000002 ", "1..0.99999999999999989 "},
         "IDA declines an interval whose end it takes for its start",
     ),
 }
 LONG = {  # the same of rows that take longer than tests may: `hhtbench study acceptance` measures them
-    ("C14", "hht"): ({"ends by itself"}, "noise: after 20 s, at the study's deadline, it is at 0.011 s with 9975 steps"),
-    ("C15", "hht"): ({"ends by itself"}, "after 20 s, at the study's deadline, it is at 0.10 s with 11226 steps"),
     ("J2", "ida"): ({"1e6 alpha=None"}, "a Jacobian that is wrong by 1e6: at 6.6e-4 to 1.1e-2 s after 20 s"),
     ("R9", "ida"): ({"force Jacobian 1e6", "a huge jump"}, "the same; a jump of the force to 1e12 ends in time_resolution"),
-    ("R8", "hht"): ({"case 93"}, "|g| = 4.5e-9, of 1e-9 allowed, at a start accepted so; of the first 128 cases"),
     ("P2", "hht"): (
         {f"1e6 {way}" for way in WAYS if way.endswith("fixed")} | {f"1e8 {way}" for way in WAYS},
         "h = 1e-3: newton_failed at 0.003 s for 1e6; for 1e8 it does not arrive with 50,000 steps; the others: 1.5e-5 off",

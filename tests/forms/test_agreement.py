@@ -13,6 +13,7 @@ from tests.lowering.systems import (
     MASSLESS_NUMPY,
     RICH_NUMPY,
     SPRINGS_NUMPY,
+    Dragging,
     MasslessWheel,
     Pendulum,
     Rich,
@@ -31,6 +32,7 @@ SMALL = {
     "linear_numpy": (LINEAR_NUMPY, Q3, V3, None),
     "rich_numpy": (RICH_NUMPY, Q3, V3, LAM),
     "massless_numpy": (MASSLESS_NUMPY, Q3, V3, None),  # its mass augmented, hence regular
+    "dragging": (Dragging(), Q3[:2], V3[:2], None),
     "springs_numpy": (SPRINGS_NUMPY, Q3[:2], V3[:2], None),
 }
 SCENES = [*hhtbench.list_problems(), *SMALL]

@@ -13,6 +13,7 @@ from tests.forms.scenes import LINEAR_NUMPY, Linear
 from tests.lowering.systems import (
     PENDULUM_NUMPY,
     RICH_NUMPY,
+    RUBBING_NUMPY,
     SPRINGS_NUMPY,
     WHEEL_NUMPY,
     Massless,
@@ -202,6 +203,7 @@ def test_the_ode_alone_declines_a_nonlinear_reaction():
         assert [name for name in FORMS if refusal(name, structure) is not None] == ["ode"]
         assert "nonlinear" in refusal("ode", structure)
     assert refusal("ode", dynamics_of(Linear()).structure) is None
+    assert refusal("ode", dynamics_of(RUBBING_NUMPY, 2).structure) is None  # friction, which is solved by iteration
 
 
 def test_the_ode_declines_a_constant_singular_mass_without_constraints():

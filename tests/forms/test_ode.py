@@ -12,7 +12,16 @@ from hhtbench.protocol import NumpySystem
 from solvers.forms import make_form, rhs_function
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from tests.forms.scenes import C, Linear
-from tests.lowering.systems import MASSLESS_NUMPY, PENDULUM_NUMPY, WHEEL_NUMPY, MasslessWheel, Pendulum, Rich
+from tests.lowering.systems import (
+    MASSLESS_NUMPY,
+    PENDULUM_NUMPY,
+    RUBBING_NUMPY,
+    WHEEL_NUMPY,
+    MasslessWheel,
+    Pendulum,
+    Rich,
+    Rubbing,
+)
 
 Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])
 
@@ -71,6 +80,17 @@ def test_a_singular_kkt_matrix_gives_values_that_are_not_finite_and_no_exception
     y = np.array([0.0, 0.0, 1.0, 2.0])
     assert not np.isfinite(form.rhs(0.0, y)[2:]).any()
     assert not np.isfinite(form.rhs_jacobian(0.0, y)[2:]).any()
+
+
+@pytest.mark.parametrize("system", [Rubbing(), RUBBING_NUMPY], ids=["jax", "numpy"])
+def test_friction_nonlinear_in_lam_has_an_ode_with_its_jacobian(system):
+    """By Newton's iteration on the acceleration level; the Jacobian is that of its root, by implicit differentiation."""
+    dynamics = derive(system, 0.2, Q3[:2], V3[:2])
+    form, y = make_form("ode", dynamics), np.concatenate([Q3[:2], V3[:2]])
+    found = AccelerationLevel(dynamics).solve(0.2, Q3[:2], V3[:2])
+    np.testing.assert_allclose(form.rhs(0.2, y), np.concatenate([V3[:2], found.vdot]), rtol=1e-12)
+    columns = [(form.rhs(0.2, y + e) - form.rhs(0.2, y - e)) / 2e-5 for e in 1e-5 * np.eye(4)]
+    np.testing.assert_allclose(form.rhs_jacobian(0.2, y), np.transpose(columns), rtol=1e-4, atol=1e-4)
 
 
 def test_the_mass_of_an_unconstrained_system_is_divided_out():

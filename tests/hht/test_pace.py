@@ -67,3 +67,22 @@ def test_a_rough_start_before_a_long_rest_arrives():
     solution = HHT(Shaken()).solve((0.0, 1e6), [0.0], [1.0], rtol=1e-4, max_num_steps=20_000)
     assert solution.status is Status.success
     assert solution.counters.steps_rejected_newton > 0.1 * 1_000  # refused as often as what will not arrive
+
+
+def noisy(size):
+    """The weight, off by a random part of ``size`` at every call."""
+    random = np.random.default_rng(3)
+    return pendulum(force=lambda t, q, v: np.array([0.0, -9.81 * (1.0 + size * random.standard_normal())]))
+
+
+def test_a_force_with_noise_above_the_tolerance_is_told_and_not_crawled_along():
+    solution = HHT(noisy(1e-6)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=600)
+    assert solution.status is Status.step_too_small
+    assert "two calls of the force" in solution.message
+    assert solution.counters.steps_accepted == 500
+
+
+def test_a_force_with_noise_far_below_the_tolerance_arrives():
+    solution = HHT(noisy(1e-10)).solve((0.0, 1.5), Q0, V0, rtol=1e-5)
+    assert solution.status is Status.success
+    assert solution.counters.steps_accepted > 500

@@ -146,6 +146,14 @@ def test_the_shortest_intervals_succeed_and_leave_the_state(alpha, route, t0, t1
         assert np.isfinite(values).all()
 
 
+@pytest.mark.parametrize("t1", [5e-324, -1e-320])
+def test_an_interval_of_which_a_part_is_zero_succeeds_under_error_control(t1):
+    solution = HHT(JAX_PENDULUM).solve((0.0, t1), Q0, V0, rtol=1e-5)
+    assert solution.success, solution.message
+    assert np.array_equal(solution.t, [0.0, t1])
+    assert np.abs(solution.q[-1] - Q0).max() <= np.spacing(1.0)
+
+
 SKATE_Q, SKATE_V = np.array([0.1, 0.2, 0.3]), np.array([np.cos(0.3), np.sin(0.3), 0.7])
 SKATE = NumpySystem(
     force=lambda t, q, v: np.array([0.0, -1.0, 0.0]),

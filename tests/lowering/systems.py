@@ -1,5 +1,7 @@
 """Small systems written once for both routes: every formula takes the array namespace as its first argument."""
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -54,7 +56,8 @@ class Rich(System):
 
 
 def on_numpy(function):
-    return lambda t, *arguments: function(np, t, *arguments)
+    """``function`` on NumPy arrays, which takes by name what it took after them."""
+    return functools.partial(function, np)
 
 
 RICH_NUMPY = NumpySystem(
@@ -68,6 +71,11 @@ RICH_NUMPY = NumpySystem(
 
 def circle(xp, t, q):
     return xp.stack([(q[0] ** 2 + q[1] ** 2 - 1) / 2])
+
+
+def dry_friction(xp, t, q, v, lam):
+    """Normal to the circle, and against v in proportion to the size of that: 0.3 of it, less where v is small."""
+    return -q * lam[0] - 0.3 * xp.sqrt(lam[0] ** 2 + 1e-3) * v / xp.sqrt(v[0] ** 2 + v[1] ** 2 + 1e-2)
 
 
 WEIGHT = np.array([0.0, -9.81])
@@ -85,6 +93,23 @@ class Pendulum(System):
         return circle(jnp, t, q)
 
 
+class Dragging(Pendulum):
+    """The same with a reaction that depends on v and is linear in lam."""
+
+    def reaction(self, t, q, v, lam):
+        return -lam[0] * (q + 0.3 * v / jnp.sqrt(v @ v + 1e-2))
+
+
+class Rubbing(Pendulum):
+    """The same as a bead on a wire, with friction: a reaction that depends on v, and on lam not linearly."""
+
+    def reaction(self, t, q, v, lam):
+        return dry_friction(jnp, t, q, v, lam)
+
+
+RUBBING_NUMPY = NumpySystem(
+    mass_matrix=1.0, force=lambda t, q, v: WEIGHT, constraint=on_numpy(circle), reaction=on_numpy(dry_friction)
+)
 PENDULUM_NUMPY = NumpySystem(mass_matrix=1.0, force=lambda t, q, v: WEIGHT, constraint=on_numpy(circle))
 
 

@@ -7,7 +7,7 @@ import pytest
 from hhtbench.lowering import AccelerationLevel, Dynamics, augment, derive, mass_is_singular, reduce_redundant
 from hhtbench.lowering.dynamics.dynamics import arguments_of
 from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
-from hhtbench.protocol import SIGNATURES, NumpySystem
+from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, NumpySystem
 from tests.lowering.systems import MASSLESS_NUMPY, Massless, Pendulum
 
 Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])
@@ -15,7 +15,7 @@ Q2, V2 = np.array([0.6, -0.8]), np.array([0.8, 0.6])
 
 
 def test_solvers_call_what_users_declare_with_the_same_arguments():
-    for name, signature in SIGNATURES.items():
+    for name, signature in (SIGNATURES | WITH_VELOCITY).items():
         member = "mass" if name == "mass_matrix" else name
         assert not hasattr(Dynamics, member) or arguments_of(member) == signature.arguments, name
 

@@ -9,31 +9,39 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import derive, native
-from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign
+from hhtbench.lowering.dynamics.dynamics import as_declared
+from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign, functions_of
 from hhtbench.lowering.scalar_compiler import native_call
+from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
 from tests.lowering.native import native_pieces
-from tests.lowering.systems import RICH_NUMPY
+from tests.lowering.systems import RICH_NUMPY, RUBBING_NUMPY
 
 
 def arguments_of(name, structure, random):
     sizes = {"q": structure.n, "v": structure.n, "x": structure.n, "lam": structure.m, "mu": structure.p}
-    return [0.3 if symbol == "t" else random.normal(size=sizes[symbol]) for symbol in FUNCTIONS[name].arguments]
+    return [
+        0.3 if symbol == "t" else random.normal(size=sizes[symbol]) for symbol in functions_of(structure)[name].arguments
+    ]
 
 
 def called(dynamics, name, *arguments):
-    return dynamics.xp.concatenate([part.ravel() for part in _parts(getattr(dynamics, name)(*arguments))])
+    return dynamics.xp.concatenate([part.ravel() for part in _parts(as_declared(dynamics, name)(*arguments))])
 
 
 def _parts(value):
     return [part for part in value if part is not None] if isinstance(value, tuple) else [value]
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_machine_code_gets_what_the_function_gives(name):
-    dynamics = derive(RICH_NUMPY, 0.0, np.ones(3), np.ones(3))
+FRICTION = ("force", "reaction", "reaction_jacobians")
+CASES = [(RICH_NUMPY, 3, name) for name in FUNCTIONS] + [(RUBBING_NUMPY, 2, name) for name in FRICTION]
+
+
+@pytest.mark.parametrize(("system", "n", "name"), CASES, ids=lambda x: "" if isinstance(x, NumpySystem) else x)
+def test_machine_code_gets_what_the_function_gives(system, n, name):
+    dynamics = derive(system, 0.0, np.ones(n), np.ones(n))
     random = np.random.default_rng(7)
     arguments = arguments_of(name, dynamics.structure, random)
     shapes = tuple(np.shape(argument) for argument in arguments)

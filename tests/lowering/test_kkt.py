@@ -86,6 +86,21 @@ def test_badly_scaled_rows_do_not_look_singular():
     assert found.lam[0] * 1e-6 == pytest.approx(1e9 * (9e-6 / 1e-6 + 9.81 * 0.8), rel=1e-12)
 
 
+@pytest.mark.parametrize("size", [1e-100, 1e20, 1e100])
+def test_rows_far_larger_than_the_mass_do_not_look_singular(size):
+    """Lengths in other units: a mass of 1 beside rows of 1e20 decides what is free all the same."""
+    rod = NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -9.81 * size]),
+        constraint=lambda t, q: np.array([(q @ q - size**2) / 2]),
+        constraint_jacobian=lambda t, q: q[None, :],
+    )
+    q, v = np.array([0.6, -0.8]), np.array([2.4, 1.8])
+    found = AccelerationLevel(derive(rod, 0.0, size * q, size * v)).solve(0.0, size * q, size * v)
+    assert not found.singular
+    assert found.lam[0] == pytest.approx(9.0 + 9.81 * 0.8, rel=1e-13)
+    assert found.vdot / size == pytest.approx(np.array([0.0, -9.81]) - found.lam[0] * q, rel=1e-13)
+
+
 @pytest.mark.parametrize("factor", [1.0, 3.7, 1e-8])
 def test_dependent_constraints_make_a_singular_kkt_matrix(factor):
     def constraint(t, q):
@@ -140,7 +155,7 @@ def test_the_whole_acceleration_level_holds_at_the_solution(route):
     """Variable mass, rheonomic, nonlinear reaction, both kinds of constraints: (H16) row by row."""
     dynamics = derive(Rich() if route == "jax" else RICH_NUMPY, 0.3, Q3, V3)
     found = AccelerationLevel(dynamics).solve(0.3, Q3, V3, np.ones(1))
-    forces = dynamics.force(0.3, Q3, V3) + dynamics.reaction(0.3, Q3, found.lam)
+    forces = dynamics.force(0.3, Q3, V3) + dynamics.reaction(0.3, Q3, V3, found.lam)
     forces = forces + dynamics.velocity_reaction(0.3, Q3, V3, found.mu)
     np.testing.assert_allclose(dynamics.mass(0.3, Q3) @ found.vdot, forces, atol=1e-11)
     ahead, back = ((0.3 + e, Q3 + e * V3 + e * e / 2 * found.vdot, V3 + e * found.vdot) for e in (1e-5, -1e-5))

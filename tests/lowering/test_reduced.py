@@ -125,3 +125,30 @@ def test_the_smallest_multipliers_do_not_jump_where_a_state_is_off_the_constrain
     """Rows that are independent by 1e-8 only, as they are in a state with that error."""
     rows, x = np.array([[1.0, 0.0], [1.0, 1e-8]]), np.array([2.0, 0.0])
     np.testing.assert_allclose(minimum_norm(rows, x, (1,)), [1.0, 1.0], atol=1e-7)
+
+
+class Tangent(System):
+    """A bead on a rail that a second rail touches at the start: rows that are dependent there and nowhere else."""
+
+    def force(self, t, q, v):
+        return jnp.zeros(2)
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1], q[1] - q[0] ** 2])
+
+
+@pytest.mark.parametrize(
+    ("solver", "status"),
+    [
+        ("hht", Status.redundant_constraints),
+        ("projected(method=DOP853)", Status.unreliable),  # what others report is looked at before
+        ("ida(form=ggl)", Status.unreliable),
+    ],
+)
+def test_rows_end_before_a_row_that_was_left_out_is_violated(solver, status):
+    how = {"steps": 10} if solver == "hht" else {"rtol": 1e-6}
+    problem = Problem(name="rails", system=Tangent(), t_span=(0.0, 1.0), q0=[0.0, 0.0], v0=[1.0, 0.0])
+    with pytest.warns(UserWarning, match="redundant"):
+        solution = solve(problem, solver, **how)
+    assert solution.status is status, solution.message
+    assert np.abs(solution.q[:, 0] ** 2).max() < 1e-3

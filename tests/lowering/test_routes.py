@@ -14,12 +14,14 @@ from tests.lowering.systems import (
     MASSLESS_NUMPY,
     PENDULUM_NUMPY,
     RICH_NUMPY,
+    RUBBING_NUMPY,
     SPRINGS_NUMPY,
     WHEEL_NUMPY,
     Massless,
     MasslessWheel,
     Pendulum,
     Rich,
+    Rubbing,
     Springs,
 )
 
@@ -52,14 +54,15 @@ ARGUMENTS = {
     "constraint": "t q",
     "constraint_jacobian": "t q",
     "constraint_time_derivative": "t q",
-    "reaction": "t q lam",
-    "reaction_jacobians": "t q lam",
+    "reaction": "t q v lam",
+    "reaction_jacobians": "t q v lam",
     "velocity_reaction": "t q v mu",
     "velocity_reaction_jacobians": "t q v mu",
 }
 PAIRS = {
     "rich": (Rich(), RICH_NUMPY, 3, 1, 1),
     "pendulum": (Pendulum(), PENDULUM_NUMPY, 2, 1, 0),
+    "friction": (Rubbing(), RUBBING_NUMPY, 2, 1, 0),
     "springs": (Springs(), SPRINGS_NUMPY, 2, 0, 0),
     "wheel": (MasslessWheel(), WHEEL_NUMPY, 3, 0, 1),
     "massless": (Massless(), MASSLESS_NUMPY, 3, 2, 0),

@@ -50,7 +50,7 @@ def products(dynamics, t, q, v, lam, mu):
         "constraint_velocity": dynamics.constraint_velocity(t, q, v),
         "constraint_time_derivative": dynamics.constraint_time_derivative(t, q),
         "constraint_acceleration": dynamics.constraint_acceleration(t, q, v),
-        "reaction": dynamics.reaction(t, q, lam),
+        "reaction": dynamics.reaction(t, q, v, lam),
         "velocity_reaction": dynamics.velocity_reaction(t, q, v, mu),
         "velocity_constraint_acceleration": dynamics.velocity_constraint_acceleration(t, q, v),
         "force": dynamics.mass(t, q) @ v - dynamics.force(t, q, v),

@@ -76,8 +76,8 @@ RIGHT = {
 }
 CALLS = {  # the derived function that calls a declared one, and the arguments it takes
     "mass_matrix": ("mass", "t q"),
-    "reaction": ("reaction", "t q lam"),
-    "reaction_jacobians": ("reaction_jacobians", "t q lam"),
+    "reaction": ("reaction", "t q v lam"),
+    "reaction_jacobians": ("reaction_jacobians", "t q v lam"),
     "velocity_reaction": ("velocity_reaction", "t q v mu"),
     "constraint_jacobian": ("constraint_jacobian", "t q"),
     "constraint_time_derivative": ("constraint_time_derivative", "t q"),

@@ -10,9 +10,11 @@ import pytest
 
 import hhtbench
 from hhtbench import Request
+from hhtbench.cli import COMMANDS
 from hhtbench.processes import worker_processes
 
-HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly")
+HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly", "rich")
+GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "stability")}
 PRECISION = """
 import json, os
 import jax, jax.numpy as jnp
@@ -31,9 +33,25 @@ def _loaded(code: str) -> object:
     return _last_line(f"import json, sys\n{code}\nprint(json.dumps([name for name in {HEAVY} if name in sys.modules]))")
 
 
-@pytest.mark.parametrize("word", ["--help", "list"])
-def test_the_overview_and_the_list_load_no_heavy_library(word):
-    assert _loaded(f"from hhtbench.cli import main\ntry: main(['{word}'])\nexcept SystemExit: pass") == []
+HELP = """
+import click
+from hhtbench.cli import COMMANDS, main
+heavy = {}
+for words in (["--help"], ["list"], *([name, "--help"] for name in COMMANDS), *(SUBCOMMANDS)):
+    try:
+        main(words)
+    except SystemExit:
+        heavy[" ".join(words)] = [name for name in HEAVY if name in sys.modules]
+print(json.dumps(heavy))
+"""
+SUBCOMMANDS = [[name, word, "--help"] for name, words in GROUPS.items() for word in words]
+
+
+def test_the_list_and_the_help_of_every_command_load_no_heavy_library():
+    """One process for all of them: what one loads, all that follow have."""
+    heavy = _last_line(f"import json, sys\nHEAVY, SUBCOMMANDS = {HEAVY}, {SUBCOMMANDS}\n{HELP}")
+    assert {"--help", "list", "study acceptance --help", *(f"{name} --help" for name in COMMANDS)} <= heavy.keys()
+    assert {words: found for words, found in heavy.items() if found} == {}
 
 
 def test_a_system_is_declared_without_what_draws():

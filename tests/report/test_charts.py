@@ -50,7 +50,6 @@ def test_run_that_is_not_believed_stands_hollow_at_its_own_time_and_error():
     assert "not believed: g is 0.1" in mark.text[0]
     assert "error 0.5" in mark.text[0]
     assert 0.5 not in [y for trace in chart.traces for y in trace.y]
-    assert "Hollow, not believed: ida." in chart.caption
     assert "did not finish" not in str(figure.layout.annotations)
 
 
@@ -107,7 +106,6 @@ def test_declined_runs_of_a_solver_share_one_mark_at_the_right_edge():
         assert mark.x[0] > max(max(trace.x) for trace in figure.data if trace.mode != "markers")
         assert math.log10(mark.x[0]) < figure.layout.xaxis.range[1]
         assert "declined: rtol 1e-03, rtol 1e-04" in mark.text[0]
-        assert "declined: cvode" in _charts(rows)[chart].caption
 
 
 def test_every_row_is_a_point_or_a_mark(rows):
@@ -137,6 +135,8 @@ def test_marks_in_the_strip_do_not_hide_one_another():
     marks = tuple(EdgeMark(entry=f"s{i}", status="deadline", text="", x=1.0 + i / 1000) for i in range(6))
     chart = Chart(
         id="c",
+        group="",
+        view="",
         title="",
         caption="",
         x_label="",

@@ -171,13 +171,14 @@ def test_the_comparison_links_to_the_page_only_where_it_is(rows, tmp_path):
     assert not (tmp_path / "speed.html").exists(), "a page without its numbers would be an old one"
 
 
-def test_the_report_links_the_page_of_the_weight_b_where_it_is_there(rows, tmp_path):
+@pytest.mark.parametrize("page", ["b/convergence.html", "stability.html"])
+def test_the_report_links_the_page_of_a_study_where_it_is_there(rows, tmp_path, page):
     write_comparison(rows, tmp_path, COMMAND)
-    assert "b/convergence.html" not in (tmp_path / "index.html").read_text(encoding="utf-8")
-    (tmp_path / "b").mkdir()
-    (tmp_path / "b/convergence.html").write_text("curves", encoding="utf-8")
+    assert page not in (tmp_path / "index.html").read_text(encoding="utf-8")
+    (tmp_path / page).parent.mkdir(exist_ok=True)
+    (tmp_path / page).write_text("curves", encoding="utf-8")
     write_comparison(rows, tmp_path, COMMAND)
-    assert 'href="b/convergence.html"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert f'href="{page}"' in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"engine": "compiled", "steps": [{}]}'])

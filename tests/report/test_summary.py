@@ -36,7 +36,7 @@ def test_counts_of_outcomes_equal_the_rows(rows):
         len({row.problem for row in rows}),
         len({row.solver for row in rows}),
     ]
-    told = {name: int(number) for name, number in re.findall(r"(\w+) (\d+)[,.]", text.partition("to an end: ")[2])}
+    told = {name: int(number) for name, number in re.findall(r"(\w+) (\d+)[,.]", text.partition("The others: ")[2])}
     assert told == Counter(row.status for row in rows if not row.success)
 
 
@@ -51,16 +51,6 @@ def test_the_extremes_are_those_of_the_comparisons(rows, index, measure, words):
     assert f"It loses most on {worst.problem} at error {worst.target:.0e}: {worst.subject.entry} needs " in text
     multiple = _numbers("It loses most on .*? needs (?:at most |at least |about )?#\N{MULTIPLICATION SIGN}", text)
     assert multiple == [_three(worst.subject.value / worst.rival.value)]
-
-
-def test_drifts_beside_the_worst_loss_are_those_of_the_two_rows(rows):
-    worst = min((line for line in compare(rows) if line.measure == "time" and line.factor), key=lambda line: line.factor)
-    text = summary(rows)[2]
-    by_key = {row.key: row.metrics["drift"] for row in rows if row.metrics}
-    mine, other = by_key[worst.subject.run.key], by_key[worst.rival.run.key]
-    assert _numbers("drift there: position # against HHT's #, velocity # against HHT's #", text) == [
-        _three(value) for value in (other["position"], mine["position"], other["velocity"], mine["velocity"])
-    ]
 
 
 def test_drift_is_compared_among_runs_of_equal_accuracy(rows):
@@ -78,25 +68,21 @@ def test_solver_that_is_steady_only_where_it_is_far_more_accurate_is_not_called_
     overdone = run("scipy", 1e-9, 1e-10, 900)
     overdone.metrics["drift"] = {"position": 1e-12, "velocity": 1e-12}
     text = " ".join(summary([*rows, overdone]))
-    assert "none of the others stays at or below 1e-10; the largest is 5e-09, of ida(form=ggl) on pendulum" in text
+    assert "0 of 1 other stay at or below 1e-10 wherever they are that accurate; the largest is 5e-09" in text
 
 
-def test_every_steady_solver_is_named_with_the_number_of_problems_it_was_measured_on():
+def test_steady_solvers_are_counted():
     rows = [*_contest(100.0, 25.0), *law("projected", 25.0, 2, drift=1e-13), *law("collocation", 25.0, 2, drift=1e-12)]
-    rows += law("projected", 25.0, 2, drift=1e-13, problem="andrews")
     text = " ".join(summary(rows))
-    assert (
-        "these stay at or below 1e-10 on every problem where they are that accurate (how many): projected (2) and " in text
-    )
-    assert "collocation (1); the largest is 5e-09, of ida(form=ggl) on pendulum" in text
+    told = "2 of 3 others stay at or below 1e-10 wherever they are that accurate; the largest is 5e-09, of ida(form=ggl)"
+    assert f"{told} on pendulum" in text
 
 
-def test_the_three_bounds_of_the_drift_stand_side_by_side():
+def test_no_bound_of_the_drift_and_the_least_stand_side_by_side():
     rows = [*law("hht", 100.0, 2, drift=1e-15), *law("ida", 40.0, 2, drift=1e-8), *law("scipy", 10.0, 2, drift=1e-4)]
     rows += law("projected", 900.0, 2, drift=1e-13)
     text = summary(rows)[2]
     assert "Whatever the drift, it wins 0, loses 6 and is level in 0 of 6 comparisons" in text
-    assert "With drift of at most 1e-06, it wins 0, loses 6" in text
     assert "With drift of at most 1e-10, it wins 6, loses 0" in text
     without = summary([row for row in rows if row.solver != "projected"])[2]
     assert (
@@ -119,7 +105,6 @@ def test_problems_that_were_held_out_have_a_sentence_of_their_own():
 def test_loss_is_said_with_factor_rival_and_its_drift():
     text = " ".join(summary(_contest(100.0, 25.0)))
     assert f"hht(alpha=0) needs {times(4)} the processor time of ida(form=ggl)" in text
-    assert "position 5e-09 against HHT's 2e-15" in text
     assert "It wins most" not in text
 
 
@@ -129,7 +114,7 @@ def test_win_is_said_and_no_loss():
     assert f"ida(form=ggl) needs {times(4)} the processor time of hht(alpha=0)" in text
     assert "loses 0" in text
     assert "It loses most" not in text
-    assert "loses at" not in text
+    assert "loses to" not in text
 
 
 def test_problem_says_where_hht_loses_and_where_it_wins():
@@ -138,16 +123,11 @@ def test_problem_says_where_hht_loses_and_where_it_wins():
     assert by_time.replace("processor time", "residual evaluations") == by_count
     lines = [line for line in compare(rows) if line.measure == "evaluations"]
     assert [line.outcome for line in lines] == ["wins"] * 6 + ["unknown"]
-    assert f"HHT wins at 1e-01 ({times(22.5)} against ida), 1e-02 ({times(12.6)} against ida)" in by_count
+    assert f"HHT wins against ida at 1e-01 ({times(22.5)}), 1e-02 ({times(12.6)})" in by_count
     rows = [*law("hht", 100.0, 2), *law("ida", 400.0, 4)]
-    assert (
-        f"HHT loses at 1e-03 ({times(1.41)} against ida), 1e-04 ({times(2.5)} against ida)"
-        in problem_summary(rows, "pendulum")[1]
-    )
-    assert (
-        f"wins at 1e-01 ({times(2.25)} against ida) and 1e-02 ({times(1.26)} against ida)"
-        in problem_summary(rows, "pendulum")[1]
-    )
+    text = problem_summary(rows, "pendulum")[1]
+    assert f"HHT loses to ida at 1e-03 ({times(1.41)}), 1e-04 ({times(2.5)})" in text
+    assert f"wins against ida at 1e-01 ({times(2.25)}) and 1e-02 ({times(1.26)})" in text
 
 
 def test_factor_from_an_upper_bound_says_so():
@@ -188,10 +168,7 @@ def test_failing_hht_is_said_where_others_get_there():
 def test_what_ended_a_ladder_is_counted_and_nothing_is_called_not_tried():
     rows = [*law("hht", 100.0, 2, (1e-1, 1e-2, 2e-4)), *law("ida", 25.0, 2)]
     text = " ".join([*summary(rows), *problem_summary(rows, "pendulum")])
-    assert (
-        "Of 14 targets, each one problem, one solver and one error to reach, 9 are reached. The others: a stated cap 5."
-        in text
-    )
+    assert "Of 14 targets, each a problem, a solver and an error, 9 are reached. The others: a stated cap 5." in text
     assert "Not tried: 0." in text
     assert "does not get to 1e-04, 1e-05 and 1e-06 (smallest error 0.0002; finest run rtol 2e-04, error 0.0002)" in text
 

@@ -13,14 +13,25 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
+from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_pair, wrong_shape
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_parts, wrong_shape
 from hhtbench.lowering.jax_internals import used_inputs
-from hhtbench.protocol import DERIVATIVES, SIGNATURES, NumpySystem, System, declared
+from hhtbench.protocol import (
+    DERIVATIVES,
+    SIGNATURES,
+    WITH_VELOCITY,
+    NumpySystem,
+    System,
+    accepts,
+    declared,
+    reaction_takes_velocity,
+    signature_of,
+)
 
 FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
 _ways: dict[type, Callable[[Any], Hashable]] = {}  # of comparing values, by their kind
@@ -52,7 +63,7 @@ def derive(
         found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))  # type: ignore[arg-type] # it is one
         return found
     if isinstance(system, NumpySystem):
-        _expect_force(system)
+        _expect_physics(system)
         return _derive_numpy(system, t, q, v, ignored)
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
@@ -84,13 +95,19 @@ COMPARED: tuple[tuple[Any, Callable[[Any], Hashable]], ...] = (
 )
 
 
-def _expect_force(system: System | NumpySystem) -> None:
+def _expect_physics(system: System | NumpySystem) -> None:
     if not callable(declared(system, "force")):
         raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
+    jacobians, with_velocity = declared(system, "reaction_jacobians"), reaction_takes_velocity(system)
+    if jacobians is not None and with_velocity and not accepts(jacobians, WITH_VELOCITY["reaction_jacobians"]):
+        raise ProblemError(
+            "reaction takes (t, q, v, lam), so reaction_jacobians must take them too and return Q_q, Q_v and Q_lam; "
+            "it does not accept four arguments."
+        )
 
 
 def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
-    _expect_force(system)
+    _expect_physics(system)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
         raise traced(f"a parameter of {type(system).__name__}")
     with preparing("starting JAX"):  # where this is its first use
@@ -115,7 +132,7 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
     if mass == "variable":
         _expect(system, "mass_matrix", at, q.size)
         mass = "variable" if any(used_arguments(system.mass_matrix, t, q)) else "constant"
-    general = Structure(n=q.size, m=m, p=p, mass=mass)
+    general = Structure(n=q.size, m=m, p=p, mass=mass, reaction_uses_v=reaction_takes_velocity(system))
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)
     at |= {"lam": jnp.zeros(m), "mu": jnp.zeros(p)}
     for name in ("reaction", "velocity_reaction", *DERIVATIVES):
@@ -143,7 +160,8 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
 
     m, p = _rows(system, result)
     linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
-    structure = Structure(n=np.size(q), m=m, p=p, mass=_mass_kind(system), linear_reaction=linear)
+    uses_v = reaction_takes_velocity(system)
+    structure = Structure(n=np.size(q), m=m, p=p, mass=_mass_kind(system), linear_reaction=linear, reaction_uses_v=uses_v)
 
     def made() -> NumpyDynamics:
         mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
@@ -176,7 +194,7 @@ def _mass_kind(system: System | NumpySystem) -> str:
 def _is_linear(system: System, name: str, at: dict[str, Any]) -> bool:
     """Whether a reaction is linear in the multipliers: its Jacobian does not use them."""
     function: Any = declared(system, name)
-    arguments = [at[symbol] for symbol in SIGNATURES[name].arguments]
+    arguments = [at[symbol] for symbol in signature_of(system, name).arguments]
     if function is None or not arguments[-1].size:
         return True
     return not used_arguments(jax.jacfwd(function, len(arguments) - 1), *arguments)[-1]
@@ -184,12 +202,13 @@ def _is_linear(system: System, name: str, at: dict[str, Any]) -> bool:
 
 def _expect(system: System, name: str, at: dict[str, Any], n: int, m: int = 0, p: int = 0) -> None:
     """Raise unless the declared JAX function returns what the sizes ask for."""
-    shapes = SIGNATURES[name].shapes(n, m, p)
+    signature = signature_of(system, name)
+    shapes = signature.shapes(n, m, p)
     if len(shapes) == 1:
         results = [abstract_result(system, name, at)]
     else:
-        arguments = (at[symbol] for symbol in SIGNATURES[name].arguments)
-        results = expect_pair(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
+        arguments = (at[symbol] for symbol in signature.arguments)
+        results = expect_parts(name, jax.eval_shape(getattr(system, name), *arguments), shapes)
     for result, shape in zip(results, shapes, strict=True):
         if result is not None and result.shape != shape:
             raise wrong_shape(name, shape, result.shape)
@@ -205,7 +224,8 @@ def abstract_result(system: System, name: str, at: dict[str, Any]) -> jax.ShapeD
     """
     try:
         with preparing(f"tracing {name}"):
-            result = jax.eval_shape(getattr(system, name), *(at[symbol] for symbol in SIGNATURES[name].arguments))
+            arguments = (at[symbol] for symbol in signature_of(system, name).arguments)
+            result = jax.eval_shape(getattr(system, name), *arguments)
     except TypeError as error:
         if "not a valid JAX type" in str(error):
             raise TypeError(f"{name} must return a real array; {error}") from error

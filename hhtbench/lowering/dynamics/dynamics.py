@@ -20,6 +20,7 @@ import equinox as eqx
 
 from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.mass import full
+from hhtbench.protocol import WITH_VELOCITY
 
 plain_attributes = object.__getattribute__  # equinox looks at every attribute in Python, in case a method goes to ``jit``
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one
@@ -38,6 +39,7 @@ class Structure:
     force_uses_v: bool = True  #: False: F_v is zero and not computed
     rheonomic: bool = True  #: False: g does not depend on t, g_t is zero and not computed
     linear_reaction: bool = True  #: True: Q is linear in lam, one solve gives the multipliers
+    reaction_uses_v: bool = False  #: True: Q is declared as a function of v too
     velocity_jacobian_uses_v: bool = True  #: False: k is linear in v
     velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
 
@@ -181,19 +183,29 @@ class Dynamics:
         """k_t + k_q v (p,) [m/s^2, rad/s^2]: dk/dt is k_v vdot + this."""
         return self.rate(lambda s, x: self.velocity_constraint(s, x, v), t, q, v)
 
-    @unless_given
-    def reaction(self, t: Array, q: Array, lam: Array) -> Array:
+    def reaction(self, t: Array, q: Array, v: Array, lam: Array) -> Array:
         """Q (n,) [N, N m] of the position constraints, -g_q^T lam unless declared."""
-        return -(lam @ self.constraint_jacobian(t, q))
-
-    @unless_given
-    def reaction_jacobians(self, t: Array, q: Array, lam: Array) -> tuple[Array, Array]:
-        """Q_q (n, n) and Q_lam (n, m)."""
-        order = self._order("reaction", "constraint_jacobian")
-        by_q = self.jacobian(lambda x: self.reaction(t, x, lam), q, "reaction_q", order)
         if not self.gives("reaction"):
-            return by_q, -self.constraint_jacobian(t, q).T
-        return by_q, self.jacobian(lambda x: self.reaction(t, q, x), lam, order=1)
+            return -(lam @ self.constraint_jacobian(t, q))
+        return self.call("reaction", t, q, v, lam) if self.structure.reaction_uses_v else self.call("reaction", t, q, lam)
+
+    def reaction_jacobians(self, t: Array, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array]:
+        """Q_q (n, n), Q_v (n, n), None where it is zero, and Q_lam (n, m)."""
+        if self.gives("reaction_jacobians"):
+            return self._declared_reaction_jacobians(t, q, v, lam)
+        order, by_v = self._order("reaction", "constraint_jacobian"), None
+        by_q = self.jacobian(lambda x: self.reaction(t, x, v, lam), q, "reaction_q", order)
+        if not self.gives("reaction"):
+            return by_q, by_v, -self.constraint_jacobian(t, q).T
+        if self.structure.reaction_uses_v:
+            by_v = self.jacobian(lambda x: self.reaction(t, q, x, lam), v, "reaction_v", order)
+        return by_q, by_v, self.jacobian(lambda x: self.reaction(t, q, v, x), lam, order=1)
+
+    def _declared_reaction_jacobians(self, t: Array, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array]:
+        if self.structure.reaction_uses_v:
+            return self.call("reaction_jacobians", t, q, v, lam)
+        by_q, by_lam = self.call("reaction_jacobians", t, q, lam)
+        return by_q, None, by_lam
 
     @unless_given
     def velocity_reaction(self, t: Array, q: Array, v: Array, mu: Array) -> Array:
@@ -218,7 +230,7 @@ class Dynamics:
         """
         balance = inertia - self.force(t, q, v)
         if self.structure.m:
-            balance = balance - self.reaction(t, q, lam)
+            balance = balance - self.reaction(t, q, v, lam)
         if self.structure.p:
             balance = balance - self.velocity_reaction(t, q, v, mu)
         return balance
@@ -254,6 +266,24 @@ class Wrapper(eqx.Module, Dynamics):
     def call(self, name: str, *arguments: Any) -> Any:
         """The function ``name`` of the inner dynamics."""
         return getattr(self.inner, name)(*arguments)
+
+    def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
+        """That of the inner dynamics."""
+        return self.call("reaction", t, q, v, lam)
+
+    def reaction_jacobians(self, t: Any, q: Any, v: Any, lam: Any) -> tuple[Any, Any, Any]:
+        """Likewise."""
+        return self.call("reaction_jacobians", t, q, v, lam)
+
+
+def as_declared(dynamics: Dynamics, name: str) -> Callable[..., Any]:
+    """The function ``name`` of ``dynamics`` that takes and gives what a user's does: no v where the reaction has none."""
+    function: Callable[..., Any] = getattr(dynamics, name)
+    if name not in WITH_VELOCITY or dynamics.structure.reaction_uses_v:
+        return function
+    if name == "reaction":
+        return lambda t, q, lam: function(t, q, None, lam)
+    return lambda t, q, lam: function(t, q, None, lam)[::2]
 
 
 @functools.cache

@@ -24,10 +24,10 @@ from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import cpython_internals
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.jax_internals import Primitive
-from hhtbench.protocol import SIGNATURES, Signature, declared
+from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, Signature, declared
 
 Shape = tuple[int, ...]
 foreign_p = Primitive("hhtbench_foreign")
@@ -47,6 +47,13 @@ FUNCTIONS = {"mass": SIGNATURES["mass_matrix"]} | {
     for name in (*SIGNATURES, *UNDECLARED)
     if hasattr(Dynamics, name)
 }
+
+
+def functions_of(s: Structure) -> dict[str, Signature]:
+    """``FUNCTIONS``, those of reactions as a system of this structure has them."""
+    return FUNCTIONS | WITH_VELOCITY if s.reaction_uses_v else FUNCTIONS
+
+
 SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: of arguments, by letter
 
 
@@ -188,11 +195,15 @@ class ForeignDynamics(Called):
         return name in self.own
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The result of the function ``name``, an array or a pair."""
-        address, shape = self.addresses[list(FUNCTIONS).index(name)], _shape(FUNCTIONS[name].results, self.structure)
+        """The result of the function ``name``, an array or several."""
+        results = functions_of(self.structure)[name].results
+        address, shape = self.addresses[list(FUNCTIONS).index(name)], _shape(results, self.structure)
         floats = (jnp.asarray(argument, dtype=float) for argument in (t, *arguments))
-        value, n = foreign_p.bind(address, *floats, shape=shape), self.structure.n
-        return (value[:, :n], value[:, n:]) if len(FUNCTIONS[name].results) == 2 else value
+        value = foreign_p.bind(address, *floats, shape=shape)
+        if len(results) == 1:
+            return value
+        ends = list(accumulate(getattr(self.structure, letters[1]) for letters in results))
+        return tuple(value[:, first:end] for first, end in zip([0, *ends], ends, strict=False))
 
 
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
@@ -200,9 +211,9 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
     users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # of copies already, and to be copied from
     addresses = []
-    for name, (arguments, results) in FUNCTIONS.items():
-        function = users.get("mass_matrix" if name == "mass" else name) or getattr(dynamics, name)
-        if len(results) == 2:
+    for name, (arguments, results) in functions_of(s).items():
+        function = users.get("mass_matrix" if name == "mass" else name) or as_declared(dynamics, name)
+        if len(results) > 1:
             function = partial(_joined, function, s.n)
         addresses.append(
             callbacks.row(function, _shape(results, s), tuple(_shape((SIZES[symbol],), s) for symbol in arguments))
@@ -215,11 +226,11 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
 
 
 def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:
-    """The two matrices that ``function`` gives, side by side; None stands for zero."""
+    """The matrices that ``function`` gives, side by side; None stands for zero."""
     return np.concatenate([np.zeros((n, n)) if part is None else part for part in function(*arguments)], axis=1)
 
 
 def _shape(sizes: tuple[str, ...], s: Structure) -> Shape:
-    """Of an array whose sizes are known by letter, or of two matrices side by side."""
-    first, *second = (tuple(getattr(s, letter) for letter in letters) for letters in sizes)
-    return (first[0], first[1] + second[0][1]) if second else first
+    """Of an array whose sizes are known by letter, or of matrices side by side."""
+    first, *others = (tuple(getattr(s, letter) for letter in letters) for letters in sizes)
+    return (first[0], first[1] + sum(other[1] for other in others)) if others else first

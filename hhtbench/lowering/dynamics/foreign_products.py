@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of
-from hhtbench.lowering.dynamics.foreign import SIZES, Callbacks, Called, foreign_p
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared
+from hhtbench.lowering.dynamics.foreign import FUNCTIONS, SIZES, Callbacks, Called, foreign_p
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
@@ -88,8 +88,8 @@ def _differential(called: Function, primals: Any, tangents: Any) -> Any:
     value, dynamics = evaluated(called, *primals), called.dynamics
     change = jnp.zeros_like(value)
     for place, name, transposed in DERIVATIVES[called.name]:
-        names = arguments_of(called.name)
-        at = [arguments[names.index(symbol)] for symbol in arguments_of(PARTS[name].function)]
+        names = _taken(called.name)
+        at = [arguments[names.index(symbol)] for symbol in _taken(PARTS[name].function)]
         rows, columns = dynamics.patterns[PARTS[name].pattern]
         entries = dynamics.part(addresses, name, *at)
         if transposed:
@@ -99,6 +99,11 @@ def _differential(called: Function, primals: Any, tangents: Any) -> Any:
 
 
 NAMES = (*VALUES, *PARTS)
+
+
+def _taken(name: str) -> tuple[str, ...]:
+    """Names of the arguments of a function that is called; these reactions have no v."""
+    return FUNCTIONS[name].arguments if name in FUNCTIONS else arguments_of(name)
 
 
 class ForeignProducts(Called):
@@ -201,14 +206,14 @@ def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callb
     """Of a function in Python for the values or the entries known as ``name``; 0 where the system has none."""
     s = dynamics.structure
     if name in VALUES:
-        function, size, source = getattr(dynamics, name), getattr(s, VALUES[name]), name
+        function, size, source = as_declared(dynamics, name), getattr(s, VALUES[name]), name
     elif PARTS[name].pattern in patterns:
         part = PARTS[name]
-        function = partial(_entries, getattr(dynamics, part.function), part.which, patterns[part.pattern])
+        function = partial(_entries, as_declared(dynamics, part.function), part.which, patterns[part.pattern])
         size, source = patterns[part.pattern].shape[1], part.function
     else:
         return 0
-    shapes = [tuple(getattr(s, letter) for letter in SIZES[symbol]) for symbol in arguments_of(source)]
+    shapes = [tuple(getattr(s, letter) for letter in SIZES[symbol]) for symbol in _taken(source)]
     return callbacks.row(function, (size,), tuple(shapes))
 
 

@@ -104,9 +104,9 @@ class MatrixFree(Wrapper):
     def velocity_row(self, t: Any, q: Any, v: Any, x: Any) -> Any:
         return jax.jvp(lambda y: self.velocity_constraint(t, q, y), (v,), (x,))[1]
 
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+    def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         if declared(self.system, "reaction") is not None:
-            return self.inner.reaction(t, q, lam)
+            return self.inner.reaction(t, q, v, lam)
         return -self.position_column(t, q, lam)
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
@@ -153,7 +153,7 @@ def entries_of_mass(dynamics: VariableMass, t: Any, q: Any) -> Any:
 class Conjugate(MatrixFree):
     """The same with the reactions -g_q^T lam and -k_v^T mu, whatever is declared: its KKT matrix is that of projections."""
 
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+    def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         return -self.position_column(t, q, lam)
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:

@@ -48,7 +48,7 @@ def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     residual = [dynamics.residual(t, q, v, mass @ vdot, lam, mu), rows @ vdot + rest]
     top = [mass]
     if s.m:
-        top.append(-dynamics.reaction_jacobians(t, q, lam)[1])
+        top.append(-dynamics.reaction_jacobians(t, q, v, lam)[2])
     if s.p:
         top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
     bottom = [rows, xp.zeros((s.m + s.p, s.m + s.p))]
@@ -116,7 +116,7 @@ class AccelerationLevel:
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
             if self._sparse is None:
-                increment = _solve_scaled(matrix, residual)
+                increment = _solve_scaled(matrix, residual, s.n)
             else:
                 increment, weakest = solve_scaled_sparse(matrix, residual)
             if increment is None:
@@ -131,16 +131,39 @@ class AccelerationLevel:
                 converged = True
                 break
             last = size
+        else:
+            converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
+    def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
+        """Whether roundoff is left of the equations at ``x``: multipliers near zero beside large forces are roundoff too."""
+        residual, matrix = self.terms(t, q, v, x)
+        sizes = abs(matrix) @ np.abs(x) + np.abs(self.terms(t, q, v, 0.0 * x)[0])
+        n = self.structure.n
+        return all(np.max(np.abs(residual[rows])) <= CONVERGED * np.max(sizes[rows]) for rows in (np.s_[:n], np.s_[n:]))
 
-def _solve_scaled(matrix: Matrix, right: Vector) -> Vector | None:
+
+def _solve_scaled(matrix: Matrix, right: Vector, n: int) -> Vector | None:
     """Solve, with rows and columns scaled where their sizes differ; None when the matrix is singular to working precision.
 
-    By LAPACK's expert driver, in one call: each one more takes as long as it does for a small matrix.
+    By LAPACK's expert driver, in one call: each one more takes as long as it does for a small matrix.  It scales rows by
+    their largest entries, beside which the mass vanishes where rows of constraints are 1e16 times larger: what seems
+    singular is scaled again, the first ``n`` rows by their mass.
     """
     *_, solution, _, _, _, info = lapack.dgesvx(matrix, right, fact="E")
-    return solution[:, 0] if info == 0 else None
+    if info == 0:
+        return solution[:, 0]
+    with np.errstate(all="ignore"):
+        rows = _sizes(matrix[:, :n], axis=1)
+        columns = _sizes(matrix / rows[:, None], axis=0)
+        *_, solution, _, _, _, info = lapack.dgesvx(matrix / rows[:, None] / columns, right / rows, fact="N")
+        return solution[:, 0] / columns if info == 0 else None
+
+
+def _sizes(matrix: Matrix, axis: int) -> Vector:
+    """Largest magnitudes along ``axis``; one where there are only zeros."""
+    largest = np.abs(matrix).max(axis=axis)
+    return np.where(largest == 0.0, 1.0, largest)
 
 
 def solve_scaled_sparse(matrix: sp.csr_array, right: Vector) -> tuple[Vector | None, float]:

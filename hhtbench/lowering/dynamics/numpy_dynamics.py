@@ -17,7 +17,7 @@ from hhtbench.counting import note_callback
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
-from hhtbench.protocol import SIGNATURES, NumpySystem, declared
+from hhtbench.protocol import SIGNATURES, NumpySystem, declared, signature_of
 
 ROWS = {
     "force": "one entry per coordinate",
@@ -54,7 +54,7 @@ class NumpyDynamics(Dynamics):
 
     def _checked(self, name: str) -> Callable[..., Any]:
         function, tell, s = getattr(self.system, name), self.on_call, self.structure
-        shapes = SIGNATURES[name].shapes(s.n, s.m, s.p)
+        shapes = signature_of(self.system, name).shapes(s.n, s.m, s.p)
         one = shapes[0] if len(shapes) == 1 else None
 
         def evaluate(t: float, *arguments: np.ndarray) -> Any:
@@ -62,12 +62,12 @@ class NumpyDynamics(Dynamics):
             for argument in arguments:
                 argument.setflags(False)  # type: ignore[call-arg] # by its keyword it would take twice as long
             value = function(t, *arguments)
-            return checked_pair(name, value, shapes, t) if one is None else checked_result(name, value, one, t)
+            return checked_parts(name, value, shapes, t) if one is None else checked_result(name, value, one, t)
 
         return evaluate
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The checked result of the callback ``name``, an array or a pair, which nobody else holds."""
+        """The checked result of the callback ``name``, an array or several, which nobody else holds."""
         value = self.functions[name](float(t), *[np.array(argument, dtype=np.float64) for argument in arguments])
         if isinstance(value, tuple):
             return tuple(part if part is None else part.copy() for part in value)
@@ -97,11 +97,11 @@ class NumpyDynamics(Dynamics):
         return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
 
 
-def checked_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:
-    """A callback's two matrices, each checked; None stands for zero."""
+def checked_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:
+    """A callback's matrices, each checked; None stands for zero."""
     return tuple(
         None if part is None else checked_result(f"{function}[{i}]", part, shape, t)
-        for i, (part, shape) in enumerate(zip(expect_pair(function, value, shapes), shapes, strict=True))
+        for i, (part, shape) in enumerate(zip(expect_parts(function, value, shapes), shapes, strict=True))
     )
 
 
@@ -131,8 +131,10 @@ def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> P
     return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
 
 
-def expect_pair(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
-    """``value``, raising unless it is a pair."""
-    if not isinstance(value, (tuple, list)) or len(value) != 2:
-        raise TypeError(f"{function} must return two matrices of shapes {shapes}; got {type(value).__name__}.")
+def expect_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
+    """``value``, raising unless it holds as many matrices as ``shapes``."""
+    if not isinstance(value, (tuple, list)) or len(value) != len(shapes):
+        many, got = {2: "two", 3: "three"}[len(shapes)], type(value).__name__
+        got += f" of {len(value)}" if isinstance(value, (tuple, list)) else ""
+        raise TypeError(f"{function} must return {many} matrices of shapes {shapes}; got {got}.")
     return value

@@ -124,9 +124,13 @@ class Dependencies(Wrapper):
         by = (q, "reaction_q"), (x, "position_column")
         return self._of(self.structure.n, self.inner.position_column, (t, ""), *by)
 
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
+    def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         by_lam = "position_column" if declared(self.system, "reaction") is None else ""
-        return self._of(self.structure.n, self.inner.reaction, (t, ""), (q, "reaction_q"), (lam, by_lam))
+        if self.structure.reaction_uses_v:
+            by = (q, "reaction_q"), (v, "reaction_v"), (lam, by_lam)
+            return self._of(self.structure.n, self.inner.reaction, (t, ""), *by)
+        without = lambda t, q, lam: self.inner.reaction(t, q, v, lam)  # noqa: E731
+        return self._of(self.structure.n, without, (t, ""), (q, "reaction_q"), (lam, by_lam))
 
     def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
         by = (q, "velocity_constraint_q"), (v, "velocity_constraint_jacobian")

@@ -53,7 +53,8 @@ class ReducedDynamics(Wrapper):
             arguments = *place, self.xp.asarray(np.eye(size)[:, kept]) @ multipliers
         value = super().call(name, *arguments)
         if name.endswith("reaction_jacobians"):
-            return value[0], value[1][:, kept]
+            *others, by_multipliers = value
+            return *others, by_multipliers[:, kept]
         return value[kept] if "constraint" in name else value
 
 

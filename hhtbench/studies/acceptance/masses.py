@@ -11,7 +11,8 @@ import hhtbench as hb
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.callbacks import FUNCTIONS
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
-from hhtbench.studies.acceptance.scenes import Q0, V0, DoublePendulum, Rod, apart, ends, plane, problem
+from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, apart, ends, plane, problem
+from hhtbench.testing.extremes.scenes import DoublePendulum, double_pendulum_angles
 
 STATUS = hb.Status
 
@@ -68,21 +69,6 @@ def mass_ratios(asked: Asked) -> Finding:
                 worst = max(worst, error)
                 faults[case] = "" if error <= 1e-3 else f"error {error:.1e}"
     return every(faults, f"largest error {worst:.1e}, at most {max(steps.values())} steps")
-
-
-def double_pendulum_angles(start: float, ratio: float, t: float) -> tuple[float, float]:
-    """Angles [rad] at ``t`` [s] of the double pendulum released straight at ``start``, by DOP853 in minimal coordinates."""
-    from scipy.integrate import solve_ivp
-
-    def rates(_: float, y: Any) -> Any:
-        upper, lower, w, z = y
-        s, c = np.sin(upper - lower), np.cos(upper - lower)
-        pull = s * w**2 - 9.81 * np.sin(lower)
-        rate = (-ratio * s * z**2 - (1 + ratio) * 9.81 * np.sin(upper) - ratio * c * pull) / (1 + ratio * s**2)
-        return [w, z, rate, pull - c * rate]
-
-    found = solve_ivp(rates, (0, t), [start, start, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-12)
-    return float(found.y[0, -1]), float(found.y[1, -1])
 
 
 class MasslessAngle(hb.System):

@@ -17,17 +17,6 @@ PENDULUM = pendulum()  # compiled
 PLAIN = numpy_pendulum()  # functions in Python
 
 
-class Oscillator(hb.System):
-    """``q'' = -stiffness q - damping v``: one coordinate."""
-
-    stiffness: Any = hb.parameter(1.0, doc="[1/s^2]")
-    damping: Any = hb.parameter(0.0, doc="[1/s]")
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Spring and damper."""
-        return -self.stiffness * q - self.damping * v
-
-
 class Rod(hb.System):
     """The unit pendulum in its plane: two coordinates, one constraint."""
 
@@ -109,33 +98,3 @@ def apart(one: hb.Solution, other: hb.Solution) -> float:
     if not (one.success and other.success):
         return np.inf
     return float(max(np.abs(one.q[-1] - other.q[-1]).max(), np.abs(one.v[-1] - other.v[-1]).max()))
-
-
-class DoublePendulum(hb.System):
-    """Two masses on unit rods, q (4,): the upper one 1 kg, the lower one ``ratio``."""
-
-    ratio: Any = hb.parameter(1.0, doc="of the lower mass to the upper one")
-
-    def mass_matrix(self, t: Any, q: Any) -> Any:
-        """Constant."""
-        return jnp.diag(jnp.stack([1.0 + 0 * self.ratio, 1.0 + 0 * self.ratio, self.ratio, self.ratio]))
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weights."""
-        return -9.81 * jnp.stack([0.0 * self.ratio, 1.0 + 0.0 * self.ratio, 0.0 * self.ratio, self.ratio])
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """Both rods."""
-        d = q[2:] - q[:2]
-        return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2.0, (d @ d - 1.0) / 2.0])
-
-    @staticmethod
-    def bent(upper: float, lower: float) -> tuple[np.ndarray, np.ndarray]:
-        """The rods at these angles [rad] from below, at rest."""
-        first, second = (np.array([np.sin(x), -np.cos(x)]) for x in (upper, lower))
-        return np.concatenate([first, first + second]), np.zeros(4)
-
-    @staticmethod
-    def straight(angle: float) -> tuple[np.ndarray, np.ndarray]:
-        """Both rods at ``angle`` [rad] from below, at rest."""
-        return DoublePendulum.bent(angle, angle)

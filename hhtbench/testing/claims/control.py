@@ -1,4 +1,4 @@
-"""What only error control can do: it takes steps back where a force begins within a thousandth of the interval, and goes on."""
+"""What only error control can do: steps shrink where a force begins within a thousandth of the interval, and grow again."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ def steps_grow_again(subject: Subject) -> None:
     problem, ladder = _asked(subject)
     lengths = np.diff(subject.succeeds(problem, **ladder[1]).t)
     grown = float(np.max(lengths[np.argmin(lengths) :]) / np.min(lengths))
-    expect(grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least")
+    expect(
+        grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least"
+    )
 
 
 @claim("tolerance/onset")

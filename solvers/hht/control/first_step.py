@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from solvers.hht.control.controller import ControlOptions
+from solvers.hht.equations.formulas import TINY
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import called, compiled
 from solvers.hht.loops.memory import Memory
@@ -35,7 +36,7 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
     suggested = suggestion(z, probe, plain) if known else probe
     if suggested == 0.0:
         suggested = UNKNOWN * abs(left)
-    suggested = max(suggested, SPACING * abs(stop - left))
+    suggested = max(suggested, SPACING * abs(stop - left), TINY)  # parts of the shortest intervals are zero
     control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else max(min(longest, suggested), o.min_step)
     control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
     before = part(z, mem.BEFORE)

@@ -25,6 +25,7 @@ class Stages(NamedTuple):
     q1: Any  #: (n,)
     v1: Any  #: (n,)
     end: Any  #: (n,) place of the end reaction, or None without position constraints
+    end_velocity: Any  #: (n,) velocity there, which matters where a reaction depends on it
     start_reaction: Any  #: (n,) R0, or None
     end_reaction: Any  #: (n,) R1, or None
 
@@ -51,14 +52,15 @@ def stages(dynamics: Dynamics, layout: Layout, unknown: Mapping[str, Any], known
         if end_reaction is None:
             end_reaction = _end_reaction(dynamics, end, unknown["lam1"], known)
         v1 = v1 + known["v_R1"] * end_reaction
-    return Stages(q1, v1, end, start_reaction, end_reaction)
+    end_velocity = known["v_stage"] + known["theta_v"] * v1 if s.reaction_uses_v else None  # (H50)
+    return Stages(q1, v1, end, end_velocity, start_reaction, end_reaction)
 
 
 def layout(structure: Structure, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
     moving = method.reaction in ("implicit", "midpoint")
     unknown = structure.mass == "sparse" or (moving and (method.coefficients.b != 0.0 or structure.mass == "variable"))
-    return Layout(structure, moving, unknown)
+    return Layout(structure, moving, unknown or structure.reaction_uses_v)  # (H50)
 
 
 def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
@@ -102,11 +104,10 @@ def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: S
     rows = [scaled_rows(dynamics, known, balance)]
     if s.m and layout.start_unknown:
         inertia = dynamics.mass_product(known["t0"], known["q0"], unknown["R0"])
-        rows.append(
-            scaled_rows(dynamics, known, inertia - dynamics.reaction(known["t0"], known["q0"], unknown["lam0"]))
-        )  # (H8)
+        reaction = dynamics.reaction(known["t0"], known["q0"], known["v0"], unknown["lam0"])
+        rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H8)
     if s.m and layout.end_unknown:
-        reaction = dynamics.reaction(known["t_stage"], place.end, unknown["lam1"])
+        reaction = dynamics.reaction(known["t_stage"], place.end, place.end_velocity, unknown["lam1"])
         inertia = dynamics.mass_product(known["t_stage"], place.end, unknown["R1"])
         rows.append(scaled_rows(dynamics, known, inertia - reaction))  # (H8)
     if s.m:
@@ -158,7 +159,7 @@ def _matrix_rows(
     row = accelerate(dynamics, known, reduce(add, parts) if parts else None)
     rows = [columns(dynamics, layout, row, a=known["rate_a"] * scaled_mass(dynamics, known, t1, place.q1))]
     if s.m and layout.end_unknown:
-        rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x))
+        rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x, v_x))
     if s.m:
         jacobian = dynamics.constraint_jacobian(t1, place.q1)
         velocity_q = dynamics.constraint_velocity_jacobian(t1, place.q1, place.v1)
@@ -169,13 +170,18 @@ def _matrix_rows(
     return rows
 
 
-def _end_reaction_row(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any) -> Any:
-    t = known["t_stage"]
-    reaction_q, reaction_lam = dynamics.reaction_jacobians(t, place.end, unknown["lam1"])
+def _end_reaction_row(
+    dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
+) -> Any:
+    t, at = known["t_stage"], (place.end, place.end_velocity, unknown["lam1"])
+    reaction_q, reaction_v, reaction_lam = dynamics.reaction_jacobians(t, *at)
     by_q = -reaction_q
     if layout.structure.mass == "variable":
         by_q = by_q + dynamics.mass_product_jacobian(t, place.end, unknown["R1"])
     row = known["theta"] * (by_q @ q_x) if layout.moving else None
+    if reaction_v is not None:
+        by_v = -known["theta_v"] * (reaction_v @ v_x)  # (H50)
+        row = by_v if row is None else row + by_v
     scaled, own = accelerate(dynamics, known, row), scaled_mass(dynamics, known, t, place.end)
     return columns(dynamics, layout, scaled, R1=own, lam1=-accelerate(dynamics, known, reaction_lam))
 
@@ -201,13 +207,13 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
     if s.p:
         q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
     if s.m:
-        at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], unknown["lam0"])[1]
+        at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], known["v0"], unknown["lam0"])[2]
         at_start = accelerate(dynamics, known, at_start)
         q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
     if s.m and layout.end_unknown:
         q_blocks["R1"], v_blocks["R1"] = known["q_R1"] * eye, known["v_R1"] * eye
     elif s.m:
-        by_q, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, unknown["lam1"])
+        by_q, _, by_lam = dynamics.reaction_jacobians(known["t_stage"], place.end, None, unknown["lam1"])
         at_end = accelerate(dynamics, known, by_lam, "inverse_mass_stage")
         v_blocks["lam1"] = known["v_R1"] * at_end
         if layout.moving:
@@ -228,11 +234,12 @@ def columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
 
 
 def _start_reaction(dynamics: Dynamics, lam: Any, known: Any) -> Any:
-    return accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], lam))  # (H8)
+    return accelerate(dynamics, known, dynamics.reaction(known["t0"], known["q0"], known["v0"], lam))  # (H8)
 
 
 def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
-    return accelerate(dynamics, known, dynamics.reaction(known["t_stage"], q, lam), "inverse_mass_stage")  # (H8)
+    reaction = dynamics.reaction(known["t_stage"], q, None, lam)  # one that has v is an unknown
+    return accelerate(dynamics, known, reaction, "inverse_mass_stage")  # (H8)
 
 
 def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass") -> Any:

@@ -22,8 +22,8 @@ class HHTI3(Newmark):
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
         """The sums of one step."""
-        h, a0, at = start["h"], start["a0"], (start["t"], start["q"])
-        before = dynamics.force(*at, start["v"])
+        h, a0, at = start["h"], start["a0"], (start["t"], start["q"], start["v"])
+        before = dynamics.force(*at)
         if dynamics.structure.m:
             before = before + dynamics.reaction(*at, start["lam"])
         return Terms(

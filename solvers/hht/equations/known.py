@@ -23,7 +23,7 @@ class Layout:
 
     structure: Structure
     moving: bool  #: the end reaction is taken at a place that depends on q1
-    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, or M^-1 there is not known or full
+    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, depends on v1, or M^-1 is not known or full
     inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
     multipliers: tuple[str, ...] = ("lam0", "lam1")  #: of position constraints
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
@@ -106,6 +106,7 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
         "q_a": half * (2.0 * c.beta + (1.0 - 2.0 * c.beta) * from_end),
         "v_a": h * (c.gamma + (1.0 - c.gamma) * from_end),
         "q_known": q + h * v + half * (1.0 - 2.0 * c.beta) * a0,
+        "v0": v,
         "v_known": v + h * (1.0 - c.gamma) * a0,
         "rate_a": 1.0 - c.alpha_m,
         "rate_known": (c.alpha - c.alpha_m) * start["f"],  # (H6)
@@ -116,10 +117,13 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
         values["rate_known"] = values["rate_known"] + c.alpha_m * a0  # (H45)
     if layout.structure.m:
         values |= _reaction_values(method.reaction, c.b, start["t"], q, v, h, t1)
+        if layout.structure.reaction_uses_v:
+            share = 0.5 if method.reaction.startswith("midpoint") else 1.0
+            values |= {"v_stage": (1.0 - share) * v, "theta_v": share}  # (H50)
         if layout.structure.mass == "variable" and not layout.end_unknown:
             values["inverse_mass_stage"] = inverse_mass(values["t_stage"], values["q_stage"])
     if layout.structure.p:
-        values |= {"t_half": start["t"] + 0.5 * h, "q_half": q + 0.5 * h * v, "v0": v}  # (H10)
+        values |= {"t_half": start["t"] + 0.5 * h, "q_half": q + 0.5 * h * v}  # (H10)
     return values
 
 

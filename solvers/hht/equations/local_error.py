@@ -59,7 +59,7 @@ def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, a
     if s.m:
         change = after["lam1"] if method.reaction.startswith("midpoint") else after["lam0"]
         lam = after["lam1"] + share * (change - before["lam"])
-        force = dynamics.reaction(t1, after["q1"], lam)
+        force = dynamics.reaction(t1, after["q1"], after["v1"], lam)
     if s.p:
         mu = after["mu"] + share * (after["mu"] - before["mu"])
         force = force + dynamics.velocity_reaction(t1, after["q1"], after["v1"], mu)

@@ -105,7 +105,7 @@ class _Step:
         q1, v1 = terms.q + terms.q_a * a, terms.v + terms.v_a * a  # (H36)
         self.first = next(iter(method.coefficients.multipliers()))
         if self.first != "lam1" and layout.structure.m:
-            reaction = dynamics.reaction(start["t"], start["q"], self.unknown[self.first])
+            reaction = dynamics.reaction(start["t"], start["q"], start["v"], self.unknown[self.first])
             reaction = accelerate(dynamics, start, reaction)
             q1, v1 = q1 + terms.q_R0 * reaction, v1 + terms.v_R0 * reaction
         self.end = End(q1, v1, terms.rate + terms.rate_a * a)
@@ -116,7 +116,7 @@ class _Step:
         h, t1, s = self.start["h"], self.start["t1"], self.layout.structure
         force = d.force(t1, q1, v1)
         if s.m:
-            force = force + d.reaction(t1, q1, self.unknown["lam1"])
+            force = force + d.reaction(t1, q1, v1, self.unknown["lam1"])
         balance = d.mass_product(t1, q1, rate) - terms.end * force  # (H37)
         rows = [accelerate(d, self.start, balance if terms.earlier is None else balance - terms.earlier)]
         if s.m:
@@ -130,8 +130,8 @@ class _Step:
         d, terms, eye = self.dynamics, self.terms, self.dynamics.xp.eye(self.layout.structure.n)
         q_blocks, v_blocks = {"a": terms.q_a * eye}, {"a": terms.v_a * eye}
         if self.first != "lam1" and self.layout.structure.m:
-            at = self.start["t"], self.start["q"], self.unknown[self.first]
-            by_lam = accelerate(d, self.start, d.reaction_jacobians(*at)[1])
+            at = self.start["t"], self.start["q"], self.start["v"], self.unknown[self.first]
+            by_lam = accelerate(d, self.start, d.reaction_jacobians(*at)[2])
             q_blocks[self.first], v_blocks[self.first] = terms.q_R0 * by_lam, terms.v_R0 * by_lam
         return columns(d, self.layout, None, **q_blocks), columns(d, self.layout, None, **v_blocks)
 
@@ -143,8 +143,10 @@ class _Step:
         direct = {"a": terms.rate_a * scaled_mass(d, self.start, t1, q1)}
         parts = [] if by_q is None else [by_q]
         if s.m:
-            reaction_q, reaction_lam = d.reaction_jacobians(t1, q1, self.unknown["lam1"])
+            reaction_q, reaction_v, reaction_lam = d.reaction_jacobians(t1, q1, v1, self.unknown["lam1"])
             parts.append(-terms.end * reaction_q)
+            if reaction_v is not None:
+                by_v = -terms.end * reaction_v if by_v is None else by_v - terms.end * reaction_v
             direct["lam1"] = -terms.end * accelerate(d, self.start, reaction_lam)
         if s.mass == "variable":
             parts.append(d.mass_product_jacobian(t1, q1, rate))

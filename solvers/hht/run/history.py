@@ -53,6 +53,7 @@ class History:
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
         self._sizes = np.zeros(2 * layout.n)  # of the steps that were dropped
+        self._remarks: list[str] = []
         self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
         self.restart(start)
 
@@ -75,6 +76,20 @@ class History:
     def commit(self, count: int) -> None:
         """``count`` of those rows hold accepted steps now."""
         self._count += count
+
+    def replace_last(self, steps: int, row: Vector, remark: str) -> None:
+        """One step with the end ``row`` in the place of the last ``steps``, and what is to be said of it."""
+        self._count -= steps
+        self.room(1)[0] = row
+        self.commit(1)
+        self._remarks.append(remark)
+
+    def last(self, count: int) -> list[Matrix]:
+        """t, q and v, (k, 1), (k, n) each, of at most ``count`` of the last rows, since the state was last changed."""
+        first = max(self._count - count, 0)
+        changed = np.flatnonzero(self._rows[first : self._count, 1] == 0.0)
+        first += int(changed[-1]) if changed.size else 0
+        return [self._rows[first : self._count, self._layout.parts[i]] for i in (0, 2, 3)]
 
     def handing_over(self) -> float:
         """About how many seconds it takes to hand over the rows, multipliers apart."""
@@ -165,8 +180,8 @@ class History:
         return HermiteOutput(t[:, 0].copy(), q, v)
 
     def remarks(self) -> list[str]:
-        """What is to be said of the states at events."""
-        return [f"Event {o.name!r}: {o.note}" for each in self._occurrences for o in each if o.note]
+        """What is to be said of singular positions, and of the states at events."""
+        return self._remarks + [f"Event {o.name!r}: {o.note}" for each in self._occurrences for o in each if o.note]
 
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""

@@ -1,15 +1,21 @@
-"""A run that will not arrive: steps so short, and so many of them refused by Newton's iteration, that it ends early."""
+"""A run that will not arrive: steps so short, and so many of them refused, that it ends early with the cause."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
+import numpy as np
+
+from hhtbench.counting import uncounted
+from hhtbench.errors import NonFiniteValue
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.run.engine import Engine
 from solvers.hht.step.state import State
 
-LOOK = 1_000  # accepted steps before the first look: step control has then long found its length
+LOOK = 500  # accepted steps before the first look: about those of a first call
+SETTLED = 1_000  # accepted steps after which step control has long found its length
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 STUCK = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
@@ -22,16 +28,19 @@ class Pace:
     taken: int  #: accepted steps
     t: float  #: [s]
     refused: int  #: attempts that Newton's iteration did not solve
+    rejected: int  #: attempts whose error was too large
+    matrices: int  #: of Newton's iteration that were made
     nonfinite: int  #: evaluations that gave no numbers
 
 
 def pace_of(engine: Engine, taken: int, t: float) -> Pace:
     """After ``taken`` steps, at ``t`` [s]."""
     tally = engine.work.tally
-    return Pace(taken, t, tally["steps_rejected_newton"], tally["nonfinite_evaluations"])
+    names = "steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations"
+    return Pace(taken, t, *(tally[name] for name in names))
 
 
-def hopeless(engine: Engine, paces: tuple[Pace, Pace, Pace], state: State, stop: float) -> Failure | None:
+def hopeless(engine: Engine, paces: tuple[Pace, Pace, Pace], state: State, stop: float, rtol: float) -> Failure | None:
     """Why the run ends at ``state``, as :meth:`Engine.explain` tells it; None where it goes on to ``stop`` [s].
 
     ``paces``: at the start, at the last look, now.  A rough start before a long quiet rest is slow too: where only Newton's
@@ -40,7 +49,9 @@ def hopeless(engine: Engine, paces: tuple[Pace, Pace, Pace], state: State, stop:
     first, before, now = paces
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)
-    if refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
+    if uneven(before, now) and (text := noisy_force(engine, state, rtol)):
+        return Failure(Status.step_too_small, f"at t = {state.t:.17g} {text}")
+    if now.taken < SETTLED or refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
         return None
     if nonfinite < refused and steps * abs(now.t - first.t) <= STUCK * made:
         return None
@@ -53,3 +64,26 @@ def hopeless(engine: Engine, paces: tuple[Pace, Pace, Pace], state: State, stop:
     if nonfinite >= refused:
         return Failure(Status.nonfinite_callback, f"{cause or 'a value is not finite'}, again and again; {text}.")
     return Failure(Status.newton_failed, f"{text}; look for a jump in the forces, or a wrong derivative.")
+
+
+def uneven(before: Pace, now: Pace) -> bool:
+    """Whether many steps were rejected, or each took a matrix of its own: so it is where a force is no smooth function."""
+    steps, rejected = now.taken - before.taken, now.rejected - before.rejected
+    return rejected >= REFUSED * (steps + rejected) or now.matrices - before.matrices >= steps
+
+
+def noisy_force(engine: Engine, state: State, rtol: float) -> str:
+    """That two calls of the force with the same arguments differ by more than ``rtol``, in words; empty where they do not.
+
+    No step is short enough for such noise: the error of a step ends at it.
+    """
+    with suppress(NonFiniteValue), uncounted():
+        one, other = (engine.bare_force(state.t, state.q, state.v) for _ in range(2))
+        difference, size = float(np.abs(one - other).max()), float(np.abs(one).max())
+        if difference > rtol * size:
+            relative = difference / (size or 1.0)
+            return (
+                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size: "
+                "make them functions of t, q and v alone, or loosen the tolerances beyond their noise."
+            )
+    return ""

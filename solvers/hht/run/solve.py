@@ -21,11 +21,13 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
+from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.pace import LOOK, hopeless, pace_of
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
+from solvers.hht.run.singular import LOOKED_AT, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
@@ -155,12 +157,38 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             history.restart(stepper.engine.loops.row(after.state))
         state, watch = after.state, after.watch
         if after.ended is not None:
-            return after.ended
+            beyond = go_beyond(stepper, after.ended, state, stop, history)
+            if isinstance(beyond, Failure):
+                return beyond
+            state = beyond
+            continue
         if taken == look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
-            if stepper.plan.by_error is not None and (ended := hopeless(stepper.engine, (first, before, pace), state, stop)):
+            by_error, paces = stepper.plan.by_error, (first, before, pace)
+            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances.finest)):
                 return ended
     return Failure(Status.success, Status.success.text)
+
+
+def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, history: History) -> State | Failure:
+    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends."""
+    engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LOOKED_AT))
+    position = cause_of(engine, ended, places)
+    if position is None:
+        return ended
+    if by_error is None:
+        return told(position, "the steps are prescribed")
+    if stepper.events:
+        return told(position, "events would not be seen there")
+    found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
+    if isinstance(found, str):
+        return told(position, found)
+    row = engine.loops.row(found.state)
+    row[1] = found.h
+    history.replace_last(found.steps, row, f"At t = {position.t:.10g} s a step across a singular position was made.")
+    engine.work.add("steps_rejected_error", found.steps)
+    engine.work.add("steps_accepted", 1 - found.steps)
+    return found.state
 
 
 def own_multipliers(rows: OutputRows) -> OwnMultipliers:

@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
-from solvers._start import Place
+from solvers._start import Failure, Place
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import Tolerances
@@ -24,6 +24,7 @@ from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
+from solvers.hht.run.singular import cause_of, places_of, told
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
@@ -123,8 +124,9 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
     accepted = stepper.advance(before, integrator.watch, stop, rows, _horizon(integrator, goal))
     after = stepper.after_events(accepted)
     status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
-    if status not in (Status.success, Status.event):
-        return replace(integrator, message=message), status
+    if after.ended is not None and status is not Status.event:
+        ended = _with_cause(stepper.engine, after.ended, integrator.last)
+        return replace(integrator, message=ended.message), ended.status
     moved = replace(
         integrator,
         state=after.state,
@@ -134,6 +136,12 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
         message=message,
     )
     return moved, status
+
+
+def _with_cause(engine: Engine, ended: Failure, last: HermiteOutput) -> Failure:
+    """How stepping has ``ended`` after the ``last`` step, by a singular position if that is its cause."""
+    position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
+    return ended if position is None else told(position, "steps are made one by one")
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:

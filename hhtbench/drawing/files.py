@@ -1,8 +1,7 @@
-"""The command ``hhtbench show``: a drawing of one problem's motion, thumbnails and the table of all."""
+"""Drawings as files: one problem's motion, thumbnails of all."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +12,7 @@ import click
 from hhtbench.drawing import draw
 from hhtbench.drawing.motion import Course, draw_state, find_course
 from hhtbench.drawing.scene import Scene, make_scene
-from hhtbench.drawing.table import update_table
 from hhtbench.errors import ProblemError
-from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.protocol import Problem
 from hhtbench.registry import list_problems, load_problem
 
@@ -29,46 +26,7 @@ WRITERS: dict[str, Writer] = {
 }
 
 
-@click.command("show")
-@click.argument("problem", required=False)
-@click.option("--out", type=click.Path(path_type=Path), help="FILE.png, .svg, .gif or .html; with --all a folder.")
-@click.option("--frames", type=click.IntRange(min=2), help="Phases of a still, pictures of a film.  [default: 9; 60]")
-@click.option("--solver", help="For example ida(form=ggl).  [default: the closed solution, else collocation]")
-@click.option("--seconds", type=float, help="From the start [s].  [default: about one turn, swing or until it rests]")
-@click.option("--all", "every", is_flag=True, help="A thumbnail NAME.png of every registered problem.")
-@click.option(
-    "--table", type=click.Path(dir_okay=False, path_type=Path), help="Renew the table of all problems in this Markdown file."
-)
-@json_option
-def show_command(
-    problem: str | None,
-    out: Path | None,
-    frames: int | None,
-    solver: str | None,
-    seconds: float | None,
-    every: bool,
-    table: Path | None,
-    json_file: Path | None,
-) -> None:
-    """Draw the motion of PROBLEM from its sketch: phases in one picture (.png, .svg) or a film (.gif, .html)."""
-    if (problem is not None) == (every or table is not None):
-        raise click.UsageError("name one PROBLEM, or give --all or --table.")
-    require_folder(json_file)
-    drawings: list[dict[str, Any]] = []
-    if every:
-        if out is None or frames is not None or solver is not None or seconds is not None:
-            raise click.UsageError("--all needs --out FOLDER and takes no other option than --table.")
-        drawings = _draw_all(out)
-    if table is not None:
-        update_table(table)
-        click.echo(f"written: {table}")
-    if problem is not None:
-        drawings = [_draw_one(problem, out, frames, solver, seconds)]
-    write_json({"drawings": drawings, "table": None if table is None else str(table)}, json_file)
-    sys.exit(FAILED if any(drawing["failed"] for drawing in drawings) else 0)
-
-
-def _draw_one(spec: str, out: Path | None, frames: int | None, solver: str | None, seconds: float | None) -> dict[str, Any]:
+def draw_one(spec: str, out: Path | None, frames: int | None, solver: str | None, seconds: float | None) -> dict[str, Any]:
     """Write the drawing; what it shows, and in ``failed`` why not all that was asked for, "" where it does."""
     problem = load_problem(spec)
     file = out or Path(f"{problem.name}.png")
@@ -99,22 +57,29 @@ def _drawn(problem: str, file: Path, course: Course, source: str, notes: Sequenc
     }
 
 
-def _draw_all(folder: Path) -> list[dict[str, Any]]:
-    """One thumbnail a problem; those that cannot be drawn are named and ``failed``."""
+def draw_all(
+    folder: Path, tell: Callable[[str], None] = click.echo, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> list[dict[str, Any]]:
+    """One thumbnail a problem; those that cannot be drawn are named and ``failed``.
+
+    ``tell`` gets a line a problem, ``progress`` how many of how many are drawn.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    drawings = []
-    for name in list_problems():
+    drawings: list[dict[str, Any]] = []
+    names = list_problems()
+    for count, name in enumerate(names):
+        progress("drawings", count, len(names))
         try:
             course = _draw_thumbnail(load_problem(name), folder / f"{name}.png")
         except Exception as error:  # noqa: BLE001 - whatever one problem's file raises, the others are drawn
             text = f"{type(error).__name__}: {error}"
             drawings.append({"problem": name, "file": None, "failed": text})
-            click.echo(f"{name}: NOT DRAWN: {text}")
+            tell(f"{name}: NOT DRAWN: {text}")
             continue
         notes = [course.stopped] if course.stopped else []
         drawings.append(_drawn(name, folder / f"{name}.png", replace(course, stopped=""), course.source, notes))
         shown = f"t = {course.t[0]:.4g} to {course.t[-1]:.4g} s", course.source, course.stopped
-        click.echo(f"{name}: {'; '.join(filter(None, shown))}")
+        tell(f"{name}: {'; '.join(filter(None, shown))}")
     return drawings
 
 

@@ -1,0 +1,33 @@
+"""Drift against cost at equal accuracy: on each problem what a solver pays beside HHT, and how far it drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hhtbench.analysis.cells import SUBJECT, TYPICAL_ERROR, family
+from hhtbench.analysis.fronts import Cost, fronts
+from hhtbench.store.rows import RunRow
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftCost:
+    """One solver on one problem, at one error."""
+
+    problem: str
+    cost: Cost
+    ratio: float  #: its cost over that of HHT's cheapest entry
+    drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
+
+
+def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    found: dict[str, list[DriftCost]] = {}
+    for front in fronts(rows, measure, (target,)):
+        own = next((cost.value for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        for cost in front.costs if own else ():
+            levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
+            if own and levels:
+                line = DriftCost(problem=front.problem, cost=cost, ratio=cost.value / own, drift=max(levels))
+                found.setdefault(cost.entry, []).append(line)
+    return {entry: tuple(lines) for entry, lines in found.items()}

@@ -1,0 +1,149 @@
+"""What a store holds, and what of a campaign is left to do in it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hhtbench.campaign.campaign import stands, untimed
+from hhtbench.campaign.machine import clock_of
+from hhtbench.campaign.plan import Campaign, Cell, Pair, plan_pairs
+from hhtbench.campaign.references import references_there
+from hhtbench.campaign.refine import next_cells
+from hhtbench.campaign.summary import ended, failure_lines, failures
+from hhtbench.store import Reading, RunRow, read_store
+
+MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
+
+
+@dataclass(frozen=True, kw_only=True)
+class Left:
+    """What of a campaign is not there yet.
+
+    A pair of problem and solver that is refined asks for its next cell when it has seen the last one: how many more will
+    follow, nobody knows before.
+    """
+
+    campaign: str
+    pairs: int  #: of problem and solver
+    finished: int  #: of them, those that ask for nothing more
+    done: int  #: cells that the store holds
+    next: int  #: cells that would be run at once
+    untimed: int  #: successes that are there and have no times of this machine
+    other: int  #: rows of the store that the campaign has no use for: of others, or of files that have changed since
+
+    def __str__(self) -> str:
+        lines = [f"campaign {self.campaign}: {self.done} cells done, {self.finished} of {self.pairs} pairs finished"]
+        if self.finished < self.pairs:
+            lines.append(f"  left: {self.next} cells to run now, and those that their pairs ask for after them")
+        lines += [f"  left: {self.untimed} successes to time on this machine"] if self.untimed else []
+        lines += [f"  {self.other} rows are not of this campaign, or of files that have changed since"] if self.other else []
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """Where and with what rows were made."""
+
+    facts: dict[str, Any]  #: processor, cores, memory, system, Python, version and commit of hhtbench
+    rows: int
+
+    def __str__(self) -> str:
+        facts = self.facts
+        what = f"{facts['processor']}, {facts['cores']} cores, {facts['memory_GiB']} GiB, {facts['system']}"
+        return f"{self.rows} rows by {what}, Python {facts['python']}, hhtbench {facts['hhtbench']} ({facts['commit']})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreStatus:
+    """What :func:`status_of` finds."""
+
+    file: Path
+    reading: Reading
+    left: Left | None  #: None where no campaign is named
+
+    @property
+    def rows(self) -> tuple[RunRow, ...]:
+        """Those that can be read."""
+        return tuple(row for _, row in self.reading.sound)
+
+    @property
+    def span(self) -> tuple[str, str] | None:
+        """When the first and the last row were made, UTC; None where there is none."""
+        times = sorted(row.created for row in self.rows)
+        return (times[0], times[-1]) if times else None
+
+    @property
+    def machines(self) -> tuple[Machine, ...]:
+        """In the order of their first rows."""
+        found: Counter[tuple[tuple[str, Any], ...]] = Counter()
+        for row in self.rows:
+            facts = clock_of(row.environment) | {key: row.environment.get(key) for key in MADE_WITH}
+            found[tuple(facts.items())] += 1
+        return tuple(Machine(facts=dict(facts), rows=count) for facts, count in found.items())
+
+    def __str__(self) -> str:
+        counted = f"{len(self.rows)} cells: {ended(self.rows)}" if self.rows else "no cells"
+        lines = [f"{self.file}: {counted}", *failure_lines(self.rows)]
+        lines += [f"made from {self.span[0]} to {self.span[1]}"] if self.span else []
+        return "\n".join([*lines, *map(str, self.machines), *([] if self.left is None else [str(self.left)])])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "schema": "hhtbench.status/1",
+            "store": str(self.file),
+            "cells": len(self.rows),
+            "ended": Counter(row.status for row in self.rows),
+            "failures": [failure.as_dict() for failure in failures(self.rows)],
+            "first": self.span[0] if self.span else None,
+            "last": self.span[1] if self.span else None,
+            "machines": [asdict(machine) for machine in self.machines],
+            "damaged": list(self.reading.damaged),
+            "fault": self.reading.fault,
+            "left": None if self.left is None else asdict(self.left),
+        }
+
+
+def status_of(file: Path, name: str = "", campaign: Campaign | None = None) -> StoreStatus:
+    """What the store ``file`` holds; with a campaign of that ``name`` what it would still run.  Nothing is run or written.
+
+    Raises
+    ------
+    ProblemError
+        There is no such file, or it is no store.
+    """
+    reading = read_store(file)
+    left = None
+    if campaign is not None:
+        pairs = plan_pairs(campaign, references_there(campaign, file))
+        left = _left(name, pairs, {row.key: row for _, row in reading.sound})
+    return StoreStatus(file=file, reading=reading, left=left)
+
+
+def _left(name: str, pairs: tuple[Pair, ...], rows: Mapping[str, RunRow]) -> Left:
+    looked = [_asked(pair, rows) for pair in pairs]
+    done = {cell.key for there, _ in looked for cell in there}
+    return Left(
+        campaign=name,
+        pairs=len(pairs),
+        finished=sum(not missing for _, missing in looked),
+        done=len(done),
+        next=sum(len(missing) for _, missing in looked),
+        untimed=sum(untimed(rows[key]) for key in done),
+        other=len(rows.keys() - done),
+    )
+
+
+def _asked(pair: Pair, rows: Mapping[str, RunRow]) -> tuple[list[Cell], list[Cell]]:
+    """Cells of a pair that are there, and those that it would run next."""
+    there: list[Cell] = []
+    while cells := next_cells(pair, [rows[cell.key] for cell in there]):
+        missing = [cell for cell in cells if cell.key not in rows or not stands(rows[cell.key], cell)]
+        there += [cell for cell in cells if cell not in missing]
+        if missing:
+            return there, missing
+    return there, []

@@ -1,0 +1,96 @@
+"""What rows of a campaign come to, as text and as plain values."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hhtbench.campaign.campaign import Done
+from hhtbench.campaign.public import Runs
+from hhtbench.result import Status
+from hhtbench.store import RunRow
+
+MOST_SHOWN = 12  # kinds of failures on the terminal; the store holds all
+ANY = "any"  # status that is neither success, event nor declined
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """Cells that ended alike, not well."""
+
+    status: str
+    message: str
+    rows: tuple[RunRow, ...]
+
+    def __str__(self) -> str:
+        problems = _one_of(list(dict.fromkeys(row.problem for row in self.rows)))
+        solvers = _one_of(list(dict.fromkeys(row.solver for row in self.rows)))
+        cells = _asked(self.rows[0].request) if len(self.rows) == 1 else f"{len(self.rows)} cells"
+        return f"{self.status:>14}  {problems}  {solvers}  {cells}: {self.message}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        cells = [{"problem": row.problem, "solver": row.solver, **row.request} for row in self.rows]
+        return {"status": self.status, "message": self.message, "cells": cells}
+
+
+def failures(rows: Iterable[RunRow]) -> list[Failure]:
+    """Of each status and message one; what was declined comes last."""
+    alike: dict[tuple[str, str], list[RunRow]] = {}
+    for row in rows:
+        if not row.success:
+            alike.setdefault((row.status, row.message), []).append(row)
+    found = [Failure(status=status, message=message, rows=tuple(some)) for (status, message), some in alike.items()]
+    return sorted(found, key=lambda failure: failure.status == Status.declined.label)
+
+
+def failure_lines(rows: Iterable[RunRow]) -> list[str]:
+    """The first ``MOST_SHOWN`` as text, and how many more there are."""
+    lines = [str(failure) for failure in failures(rows)]
+    return lines[:MOST_SHOWN] + ([f"... and {len(lines) - MOST_SHOWN} more lines"] if len(lines) > MOST_SHOWN else [])
+
+
+def ended(rows: Iterable[RunRow]) -> str:
+    """How many ended how."""
+    return ", ".join(f"{count} {status}" for status, count in Counter(row.status for row in rows).most_common())
+
+
+def is_failure(row: RunRow, fail_on: tuple[str, ...]) -> bool:
+    """Whether a row ended with one of these statuses; ``ANY``: neither well nor declined."""
+    return row.status in fail_on or (ANY in fail_on and not row.success and row.status != Status.declined.label)
+
+
+def text_of(done: Done, file: Path) -> str:
+    """How many cells ended how, what did not end well, and where the rows are."""
+    contradicted = [
+        f"{row.problem}  {row.solver}  {_asked(row.request)}: came out otherwise a second time; the first row stays"
+        for row in done.contradictions
+    ]
+    work = f"{done.ran} run now, {done.timed} timed now"
+    summary = f"{done.cells} cells: {ended(done.rows)} ({work}); rows in {file}"
+    return "\n".join([*failure_lines(done.rows), *contradicted, summary])
+
+
+def facts_of(done: Done, file: Path, repairs: Sequence[str]) -> dict[str, Any]:
+    """The same as plain values, and the numbers of every cell."""
+    return {
+        "store": str(file),
+        "repairs": list(repairs),
+        "cells": done.cells,
+        "run": done.ran,
+        "timed": done.timed,
+        "ended": Counter(row.status for row in done.rows),
+        "contradictions": [{"problem": row.problem, "solver": row.solver, **row.request} for row in done.contradictions],
+        "rows": Runs(done.rows).table(),
+    }
+
+
+def _one_of(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
+
+def _asked(request: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={request[name]:g}" for name in ("rtol", "step", "steps") if request[name] is not None)

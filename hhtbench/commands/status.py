@@ -1,0 +1,39 @@
+"""The command ``hhtbench status``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from hhtbench.errors import ProblemError
+from hhtbench.interruption import ends_at_once
+from hhtbench.output import FAILED, json_option, require_folder, write_json
+
+
+@click.command("status")
+@click.argument("store", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--campaign", "name", help="quick, full or FILE.toml: what of it is left to do in this store.")
+@json_option
+def status_command(store: Path, name: str | None, json_file: Path | None) -> None:
+    """Say what the store of a campaign holds, and what is left to do.
+
+    How many cells ended how, failures by reason, when and by which machines they were made, damaged rows.  Nothing is run or
+    written, and the campaign may be running.  Exit 1 where rows are damaged, 2 where none can be read.
+    For example: hhtbench status runs.sqlite --campaign quick
+    """
+    with ends_at_once():
+        from hhtbench.campaign.files import named_campaign
+        from hhtbench.campaign.status import status_of
+
+    require_folder(json_file)
+    found = status_of(store, name or "", None if name is None else named_campaign(name))
+    damaged = found.reading.warning(store)
+    if damaged and not found.rows:
+        raise ProblemError(damaged)
+    click.echo(str(found))
+    write_json(found.as_dict(), json_file)
+    if damaged:
+        click.echo(f"Error: {damaged}", err=True)
+        sys.exit(FAILED)

@@ -1,0 +1,193 @@
+"""The two figures of the first screen: drift against cost at equal accuracy, and profiles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from statistics import median
+from typing import Any
+
+from hhtbench import analysis
+from hhtbench.analysis import BOUNDS, SUBJECT, TYPICAL_ERROR, DriftCost, Profile, Reach, family
+from hhtbench.report import colours
+from hhtbench.report.chart import layout_of, rounded
+from hhtbench.report.colours import SolverStyle
+from hhtbench.report.figures import axis
+from hhtbench.report.series import LEAST_DRIFT
+from hhtbench.report.words import plural, short
+from hhtbench.store.rows import RunRow
+
+Styles = Mapping[str, SolverStyle]
+ROOM = 0.08  # of an axis
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """One of the drawings of a figure."""
+
+    name: str
+    caption: str
+    figure: dict[str, Any]
+
+
+def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
+    """Drift against cost over HHT's, by time and by evaluations; none where HHT reaches the error on no problem."""
+    views = []
+    for measure in ("time", "evaluations"):
+        found = analysis.drift_costs(rows, measure)
+        if found:
+            views.append(View(name=measure, caption=_told(found), figure=_drift_figure(found, measure, styles)))
+    return views
+
+
+def _told(found: Mapping[str, Sequence[DriftCost]]) -> str:
+    count = len({line.problem for lines in found.values() for line in lines})
+    return (
+        f"Left and low is better. On each of {plural(count, 'problem')} with constraints the cost at an error of "
+        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest, and the largest drift of that run; large marks are medians. "
+        f"Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
+    )
+
+
+def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
+    medians = {entry: _median(lines) for entry, lines in found.items()}
+    places = _label_places(medians)
+    own = [entry for entry in styles if entry in found]
+    data = [_single(entry, found[entry], styles[entry]) for entry in own]
+    data += [_middle(entry, medians[entry], len(found[entry]), styles[entry], places.get(entry)) for entry in own]
+    everything = [line for lines in found.values() for line in lines]
+    x = _limits(math.log10(line.ratio) for line in everything)
+    y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
+    what = "processor time" if measure == "time" else "evaluations"
+    layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
+    layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
+    return {"data": data, "layout": layout}
+
+
+def _median(lines: Sequence[DriftCost]) -> tuple[float, float]:
+    return median(line.ratio for line in lines), max(median(line.drift for line in lines), LEAST_DRIFT)
+
+
+def _label_places(medians: Mapping[str, tuple[float, float]]) -> dict[str, str]:
+    """Names beside whom no other beats in both, and beside HHT's cheapest: those of all would hide one another."""
+
+    def beaten(place: tuple[float, float]) -> bool:
+        return any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in medians.values())
+
+    own = min((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
+    named = {own} | {entry for entry, place in medians.items() if not beaten(place)}
+    return dict(zip(sorted(named, key=lambda entry: medians[entry]), cycle(("top center", "bottom center")), strict=False))
+
+
+def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "name": entry,
+        "mode": "markers",
+        "x": [rounded(line.ratio) for line in lines],
+        "y": [rounded(max(line.drift, LEAST_DRIFT)) for line in lines],
+        "text": [f"{line.problem}, {line.cost.run.setting.text}" for line in lines],
+        "hovertemplate": "<b>%{fullData.name}</b><br>%{text}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
+        "marker": {"color": style.colour, "symbol": style.symbol, "size": 5, "opacity": 0.4},
+    }
+
+
+def _middle(entry: str, place: tuple[float, float], count: int, style: SolverStyle, label: str | None) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "name": entry,
+        "mode": "markers+text" if label else "markers",
+        "x": [rounded(place[0])],
+        "y": [rounded(place[1])],
+        "text": [short(entry)],
+        "textposition": label or "top center",
+        "textfont": {"size": 12},
+        "customdata": [f"median of {plural(count, 'problem')}"],
+        "hovertemplate": "<b>%{fullData.name}</b><br>%{customdata}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
+        "marker": {"color": style.colour, "symbol": style.symbol, "size": 13, "line": {"width": 1, "color": "#ffffff"}},
+    }
+
+
+def _line(x0: float | None = None, y0: float | None = None) -> dict[str, Any]:
+    """Across the whole figure, at one value of one axis."""
+    look = {"type": "line", "layer": "below", "line": {"color": colours.GUIDE, "width": 1, "dash": "dot"}}
+    if x0 is None:
+        return look | {"xref": "paper", "x0": 0, "x1": 1, "y0": y0, "y1": y0}
+    return look | {"yref": "paper", "y0": 0, "y1": 1, "x0": x0, "x1": x0}
+
+
+def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> list[View]:
+    """Shares of problem-error pairs within a cost, by time, by evaluations, and relative to the best."""
+    shown_first = [entry for entry in styles if entry in set(front)]
+    by_time, by_count = (analysis.reaches(rows, measure) for measure in ("time", "evaluations"))
+    views = []
+    for name, found, label in (
+        ("time", by_time, "processor time [s]"),
+        ("evaluations", by_count, "evaluations"),
+    ):
+        if any(reach.cost is not None for reach in found):
+            pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
+            figure = _profile_figure(pairs, label, styles, shown_first)
+            views.append(View(name=name, caption=_pairs(found) + SEARCHED + COUNTED[name], figure=figure))
+    if any(reach.cost is not None for reach in by_time):
+        figure = _profile_figure(
+            [(analysis.relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
+        )
+        views.append(View(name="over the best", caption=_pairs(by_time) + RELATIVE, figure=figure))
+    return views
+
+
+SEARCH = 0.35  # opacity of the curves that count the search
+SEARCHED = (
+    " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
+    "failed ones included. What is not reached, or was not run, is in no curve."
+)
+COUNTED = {
+    "time": "",
+    "evaluations": " A call is what a solver evaluates: a residual of IDA's is less work than an acceleration.",
+}
+RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."
+
+
+def _pairs(found: Sequence[Reach]) -> str:
+    targets = sorted({reach.target for reach in found}, reverse=True)
+    problems = plural(len({reach.problem for reach in found}), "problem")
+    return f"Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} to {targets[-1]:.0e}."
+
+
+def _profile_figure(
+    drawn: Sequence[tuple[Sequence[Profile], float]], label: str, styles: Styles, front: Sequence[str]
+) -> dict[str, Any]:
+    costs = [cost for found, _ in drawn for profile in found for cost in profile.cost]
+    x = _limits(map(math.log10, costs))
+    data = []
+    for found, opacity in drawn:
+        known = {profile.entry: profile for profile in found}
+        data += [_staircase(known[entry], styles[entry], opacity, 10.0 ** x[1]) for entry in styles if entry in known]
+    y_axis = axis("share reached", [0.0, 1.02], False) | {"tickformat": ".0%"}
+    return {"data": data, "layout": layout_of(axis(label, x, True), y_axis), "front": list(front)}
+
+
+def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float) -> dict[str, Any]:
+    """From the first cost to the right edge."""
+    share = [0.0, *profile.share]
+    cost = [*profile.cost[:1], *profile.cost, end] if profile.cost else [end]
+    return {
+        "type": "scatter",
+        "name": profile.entry,
+        "mode": "lines",
+        "x": [rounded(value) for value in cost],
+        "y": [rounded(value) for value in [*share, share[-1]][: len(cost)]],
+        "line": style.line | {"shape": "hv", "width": style.width if opacity == 1.0 else 1.2},
+        "opacity": opacity,
+        "hovertemplate": "<b>%{fullData.name}</b><br>%{y:.0%} within %{x:.3g}<extra></extra>",
+    }
+
+
+def _limits(exponents: Iterable[float]) -> list[float]:
+    known = list(exponents)
+    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    room = ROOM * max(high - low, 1.0)
+    return [low - room, high + room]

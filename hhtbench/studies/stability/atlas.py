@@ -1,0 +1,124 @@
+"""``hhtbench study atlas``: how the runs of a campaign failed, by solver, form, problem and accuracy, with typed causes."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+from hhtbench.analysis import DOUBTED, number, points
+from hhtbench.report.tables import Cell, Table, make_table
+from hhtbench.specs import parse_spec
+from hhtbench.store.rows import RunRow
+
+SILENT = "silently wrong"
+TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200
+DECLINED = "declined"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """Runs of one solver and form on one problem, of one decade of accuracy, that ended in the same way."""
+
+    solver: str  #: with its options, but for the form
+    form: str  #: "" where the spec names none
+    problem: str
+    accuracy: str  #: decade of what was asked: "rtol 1e-6", "1e3 steps"
+    cause: str  #: label of the status; of a result that is not believed what speaks against it; silently wrong
+    runs: int
+    reached: float | None  #: largest fraction of the interval
+    message: str  #: of the first of them
+
+
+@dataclass(frozen=True, kw_only=True)
+class Atlas:
+    """What :func:`failure_atlas` found."""
+
+    failures: tuple[Failure, ...]
+    runs: int  #: all, declined ones left out
+
+    def causes(self) -> Table:
+        """A line a solver and form, a column a cause: how many runs."""
+        counted: Counter[str] = Counter()
+        for x in self.failures:
+            counted[x.cause] += x.runs
+        causes = [cause for cause, _ in counted.most_common()]
+        lines = sorted({(x.solver, x.form) for x in self.failures})
+        rows = [[solver, form, *(str(self._runs(solver, form, cause) or "") for cause in causes)] for solver, form in lines]
+        failed = sum(x.runs for x in self.failures)
+        return make_table(["solver", "form", *causes], rows, f"{failed} of {self.runs} runs failed or are silently wrong.")
+
+    def table(self) -> Table:
+        """A line a failure, silently wrong ones first."""
+        ordered = sorted(self.failures, key=lambda x: (x.cause != SILENT, x.solver, x.form, x.problem, x.accuracy))
+        rows: list[list[str | Cell]] = [
+            [
+                *(x.solver, x.form, x.problem, x.accuracy, Cell(x.cause, "bad"), str(x.runs)),
+                *("" if x.reached is None else f"{100 * x.reached:.3g} %", x.message[:120]),
+            ]
+            for x in ordered
+        ]
+        return make_table(["solver", "form", "problem", "accuracy", "cause", "runs", "reached", "first message"], rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {"schema": "hhtbench.atlas/1", "runs": self.runs, "failures": [asdict(x) for x in self.failures]}
+
+    def _runs(self, solver: str, form: str, cause: str) -> int:
+        return sum(x.runs for x in self.failures if (x.solver, x.form, x.cause) == (solver, form, cause))
+
+
+def failure_atlas(rows: Sequence[RunRow]) -> Atlas:
+    """Every run that failed, is not believed, or is off by more than a thousand tolerances and says nothing."""
+    groups: dict[_Kind, list[RunRow]] = {}
+    for row in rows:
+        cause = cause_of(row)
+        if cause not in ("", DECLINED):
+            solver, form = _solver_and_form(row.solver)
+            groups.setdefault(_Kind(solver, form, row.problem, _decade(row), cause), []).append(row)
+    failures = tuple(_failure(kind, own) for kind, own in groups.items())
+    return Atlas(failures=failures, runs=sum(row.status != DECLINED for row in rows))
+
+
+class _Kind(NamedTuple):
+    """What runs of one :class:`Failure` have in common."""
+
+    solver: str
+    form: str
+    problem: str
+    accuracy: str
+    cause: str
+
+
+def _failure(kind: _Kind, rows: Sequence[RunRow]) -> Failure:
+    known = [reached for row in rows if (reached := number(row.metrics, "reached")) is not None]
+    return Failure(**kind._asdict(), runs=len(rows), reached=max(known, default=None), message=rows[0].message)
+
+
+def cause_of(row: RunRow) -> str:
+    """The type of a failure; "" where there is none."""
+    if row.status == DOUBTED:
+        return f"{DOUBTED}: {row.message.partition(':')[0]}"
+    if not row.success:
+        return row.status
+    (run,) = points([row])
+    if run.setting.kind == "rtol" and run.error is not None and run.error > TOLERANCES * run.setting.value + run.limit:
+        return SILENT
+    return ""
+
+
+def _solver_and_form(spec: str) -> tuple[str, str]:
+    found = parse_spec(spec)
+    rest = ", ".join(f"{name}={value}" for name, value in found.arguments.items() if name != "form")
+    return f"{found.target}({rest})" if rest else found.target, str(found.arguments.get("form", ""))
+
+
+def _decade(row: RunRow) -> str:
+    (run,) = points([row])
+    if run.setting.kind == "rtol":
+        return f"rtol 1e{math.floor(math.log10(run.setting.value) + 0.5)}"
+    if run.setting.kind == "steps":
+        return f"1e{math.floor(0.5 - math.log10(run.setting.value))} steps"
+    return run.setting.text

@@ -1,0 +1,136 @@
+"""``stability.html``: sentences, counts, and a map of every axis: solver and request against the parameter."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+import plotly.graph_objects as go
+
+from hhtbench.errors import ProblemError
+from hhtbench.report import STABILITY, colours
+from hhtbench.report.drawings import Drawings
+from hhtbench.report.elements import html_table
+from hhtbench.report.wording import anchor
+from hhtbench.studies.stability.study import Stability
+from hhtbench.studies.stability.tables import ABOUT, TITLE, counts
+from hhtbench.studies.stability.workers import Measured
+from hhtbench.testing.extremes.cell import Axis, Kind
+
+LINE = 17  # pixels of one line of a map
+PALEST = 0.35
+MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and without colours
+    Kind.right: ("#009E73", "square"),
+    Kind.named: ("#56B4E9", "diamond"),
+    Kind.budget: ("#E69F00", "triangle-up"),
+    Kind.wrong: ("#B3261E", "x"),
+    Kind.crashed: ("#000000", "star"),
+}
+
+
+def write_stability(found: Stability, folder: Path) -> Path:
+    """Write the page into ``folder``, which is made when it is missing; the comparison there links it.
+
+    Raises
+    ------
+    ProblemError
+        The folder cannot be made or written.
+    """
+    file = folder / STABILITY
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(stability_page(found), encoding="utf-8")
+    except OSError as error:
+        raise ProblemError(f"{file} cannot be written: {error.strerror}.") from error
+    return file
+
+
+def stability_page(found: Stability) -> str:
+    """The text of the page."""
+    drawings, report = Drawings(), files("hhtbench.report")
+    style = Template(report.joinpath("comparison.css").read_text(encoding="utf-8"))
+    template = Template(files("hhtbench.studies.stability").joinpath("stability.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        title=escape(TITLE),
+        style=style.substitute(font=colours.FONT, text=colours.TEXT, height=LINE),
+        contents="\n".join(f'<a href="#{anchor(axis.name)}">{escape(axis.name)}</a>' for axis in found.axes),
+        about=escape(ABOUT),
+        classes="\n".join(f"<li><b>{kind.label}</b>: {escape(kind.text)}</li>" for kind in MARKS),
+        sentences="\n".join(f"<p>{escape(found.sentence(solver))}</p>" for solver in found.solvers),
+        counts=html_table(counts(found)),
+        sections="\n".join(_section(found, axis, drawings) for axis in found.axes),
+        seed=str(found.seed),
+        minutes=f"{found.seconds / 60:.0f}",
+        environment=escape(", ".join(f"{name} {value}" for name, value in found.environment.items())),
+        scripts=drawings.scripts(report.joinpath("draw_all.js").read_text(encoding="utf-8")),
+    )
+
+
+def _section(found: Stability, axis: Axis, drawings: Drawings) -> str:
+    drawn = axis_map(found.of(axis.name), axis.label)
+    return f"""\
+<section>
+<h2 id="{anchor(axis.name)}">{escape(axis.name)}</h2>
+<p class="lead">{escape(axis.sentence)}</p>
+{drawings.box(drawn, drawn.layout.height)}
+</section>"""
+
+
+def axis_map(measured: list[Measured], label: str) -> go.Figure:
+    """A line for every solver and request, a column for every value of the parameter, a mark for the class of the end."""
+    asked = [x for x in measured if x.outcome.kind is not Kind.declined]
+    rows = list(dict.fromkeys(_name(x) for x in asked))
+    columns = [f"{x:g}" for x in sorted({x.x for x in asked})]
+    figure = go.Figure()
+    for kind, (colour, symbol) in MARKS.items():
+        own = [x for x in asked if x.outcome.kind is kind]
+        figure.add_scatter(
+            x=[f"{x.x:g}" for x in own],
+            y=[_name(x) for x in own],
+            text=[_told(x) for x in own],
+            name=kind.label,
+            mode="markers",
+            marker={"color": colour, "symbol": symbol, "size": 11, "opacity": [_opacity(x) for x in own]},
+            hovertemplate="%{y}<br>%{x}: %{text}",
+        )
+    figure.update_layout(
+        template="none",
+        height=130 + LINE * max(1, len(rows)),
+        margin={"l": 20, "r": 16, "t": 36, "b": 60},
+        font={"family": colours.FONT, "size": 12, "color": colours.TEXT},
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        showlegend=True,
+        hovermode="closest",
+        xaxis=_categories(columns) | {"title": {"text": label}},
+        yaxis=_categories(rows[::-1]) | {"automargin": True, "gridcolor": colours.FINE_GRID},
+    )
+    return figure
+
+
+def _opacity(x: Measured) -> float:
+    """Of a right cell: full from a hundredth of the allowed error on, pale at all of it."""
+    share = x.outcome.share
+    if x.outcome.kind is not Kind.right or not share:
+        return 1.0
+    return PALEST + (1.0 - PALEST) * min(max(-math.log10(share), 0.0), 2.0) / 2.0
+
+
+def _categories(names: list[str]) -> dict[str, object]:
+    return {"type": "category", "categoryorder": "array", "categoryarray": names, "range": [-0.7, len(names) - 0.3]}
+
+
+def _name(x: Measured) -> str:
+    return escape(f"{x.solver}, {x.line}")
+
+
+def _told(x: Measured) -> str:
+    """What a pointer shows."""
+    o = x.outcome
+    parts = [f"{name} off by {error:.1e}" for name, error in o.errors.items()]
+    parts += [f"{o.share:.2g} of what is allowed"] if o.share is not None else [escape(f"{o.status}: {o.message[:160]}")]
+    parts += [] if o.steps is None else [f"{o.steps} steps"]
+    parts += [] if o.evaluations is None else [f"{o.evaluations} evaluations"]
+    return "<br>".join([*parts, f"{o.seconds:.2g} s"])

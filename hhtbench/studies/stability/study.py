@@ -1,0 +1,169 @@
+"""``hhtbench study stability``: every axis of the extremes with every solver, and one sentence a solver."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from hhtbench.evidence import environment
+from hhtbench.studies.stability.workers import Batch, Measured, measure_all
+from hhtbench.testing.extremes.cell import Axis, Kind
+from hhtbench.testing.extremes.table import chosen_axes
+
+SOLVERS = (
+    "hht",
+    "hht(alpha=-0.3)",
+    "generalised_alpha",
+    "hht_i3",
+    "rattle",
+    "ida",
+    "cvode",
+    "scipy(method=Radau)",
+    "scipy(method=DOP853)",
+    "projected",
+    "collocation",
+    "diffrax",
+    "minimal",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stability:
+    """What :func:`study_stability` found."""
+
+    axes: tuple[Axis, ...]
+    solvers: tuple[str, ...]
+    seed: int
+    measured: tuple[Measured, ...]  #: by axis, solver and place
+    seconds: float  #: on the clock
+    environment: Mapping[str, str] = field(default_factory=environment)
+
+    def of(self, axis: str = "", solver: str = "") -> list[Measured]:
+        """Cells of an axis, of a solver, or of both."""
+        return [x for x in self.measured if axis in ("", x.axis) and solver in ("", x.solver)]
+
+    def counts(self, axis: str = "", solver: str = "") -> Mapping[Kind, int]:
+        """How many of them ended in which way."""
+        return Counter(x.outcome.kind for x in self.of(axis, solver))
+
+    def sentence(self, solver: str) -> str:
+        """Where a solver is safe and where not."""
+        counts = self.counts(solver=solver)
+        asked = sum(count for kind, count in counts.items() if kind is not Kind.declined)
+        if not asked:
+            return f"{solver} can be asked none of these."
+        told = ", ".join(f"{counts[kind]} {WORDS[kind]}" for kind in WORDS if counts[kind])
+        names = [axis.name for axis in self.axes]
+        reached = [name for name in names if set(self.counts(name, solver)) - {Kind.declined}]
+        safe = [name for name in reached if not self._misled(name, solver)]
+        unsafe = [f"{name} ({self._where(name, solver)})" for name in reached if name not in safe]
+        text = f"{solver}: of {asked} cells {told}."
+        text += f" Safe, by arriving or by saying why not, on {', '.join(safe)}." if safe else " Safe on no whole axis."
+        return text + (f" Not on {'; '.join(unsafe)}." if unsafe else "")
+
+    def _misled(self, axis: str, solver: str) -> list[Measured]:
+        return [x for x in self.of(axis, solver) if x.outcome.kind.misleading]
+
+    def _where(self, axis: str, solver: str) -> str:
+        """How many cells, and between which values of the parameter."""
+        wrong = self._misled(axis, solver)
+        low, high = min(x.x for x in wrong), max(x.x for x in wrong)
+        asked = len(self.of(axis, solver)) - self.counts(axis, solver)[Kind.declined]
+        between = f"at {low:g}" if low == high else f"{low:g} to {high:g}"
+        return f"{len(wrong)} of {asked}, {between}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON: lines of an axis as one letter a cell, and the cells themselves."""
+        return {
+            "schema": "hhtbench.stability/1",
+            "seed": self.seed,
+            "seconds": self.seconds,
+            "kinds": {kind.letter: f"{kind.label}: {kind.text}" for kind in Kind},
+            "sentences": {solver: self.sentence(solver) for solver in self.solvers},
+            "axes": [
+                {"name": axis.name, "parameter": axis.label, "what": axis.sentence, "lines": letters(self.of(axis.name))}
+                for axis in self.axes
+            ],
+            "cells": [_plain(x) for x in self.measured],
+            "environment": dict(self.environment),
+        }
+
+
+WORDS = {
+    Kind.right: "right",
+    Kind.named: "ended with a cause",
+    Kind.budget: "out of budget",
+    Kind.wrong: "silently wrong",
+    Kind.crashed: "crashed or hung",
+}
+
+
+def letters(measured: Sequence[Measured]) -> dict[str, dict[str, str]]:
+    """Solver -> line -> a letter a cell, along the parameter."""
+    groups: dict[str, dict[str, list[Measured]]] = {}
+    for x in measured:
+        groups.setdefault(x.solver, {}).setdefault(x.line, []).append(x)
+    return {solver: {line: _spelled(own) for line, own in lines.items()} for solver, lines in groups.items()}
+
+
+def _spelled(line: Sequence[Measured]) -> str:
+    return "".join(x.outcome.kind.letter for x in sorted(line, key=lambda x: x.x))
+
+
+def _plain(x: Measured) -> dict[str, Any]:
+    o = x.outcome
+    return {
+        "solver": x.solver,
+        "axis": x.axis,
+        "x": x.x,
+        "line": x.line,
+        "kind": o.kind.label,
+        "status": o.status,
+        "message": o.message,
+        "errors": dict(o.errors),
+        "share": o.share,
+        "steps": o.steps,
+        "evaluations": o.evaluations,
+        "seconds": o.seconds,
+    }
+
+
+def study_stability(
+    only: Sequence[str] = (),
+    solvers: Sequence[str] = (),
+    *,
+    seed: int = 0,
+    jobs: int = 2,
+    small: bool = False,
+    tell: Callable[[Batch, Sequence[Measured]], None] = lambda batch, measured: None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+) -> Stability:
+    """Measure the axes ``only``, by default all but the longer run, with ``solvers``; ``small``: few cells of each.
+
+    ``tell`` hears of each batch, ``progress`` how many of how many are measured, both from the thread that has measured it.
+    """
+    began = time.perf_counter()
+    axes, columns = chosen_axes(only), tuple(solvers) or SOLVERS
+    batches = [batch for axis in axes for solver in columns if (batch := _batch(axis, solver, seed, small)).places]
+    done = itertools.count(1)
+
+    def told(batch: Batch, measured: Sequence[Measured]) -> None:
+        tell(batch, measured)
+        progress("batches", next(done), len(batches))
+
+    progress("batches", 0, len(batches))
+    found = measure_all(batches, jobs, told)
+    places = {axis.name: index for index, axis in enumerate(axes)}
+    found.sort(key=lambda x: (places[x.axis], columns.index(x.solver)))
+    seconds = time.perf_counter() - began
+    return Stability(axes=axes, solvers=columns, seed=seed, measured=tuple(found), seconds=seconds)
+
+
+def _batch(axis: Axis, solver: str, seed: int, small: bool) -> Batch:
+    cells = axis.cells(seed)
+    places = tuple(i for i, cell in enumerate(cells) if cell.is_about(solver) and (cell.small or not small))
+    return Batch(solver, axis.name, seed, places)

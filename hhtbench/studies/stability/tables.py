@@ -1,0 +1,66 @@
+"""What the study found as tables: counts of axis by solver, and every line of an axis as letters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hhtbench.report.markdown import escape_text, markdown_table
+from hhtbench.report.tables import Cell, Table, make_table
+from hhtbench.studies.stability.study import Stability, letters
+from hhtbench.testing.extremes.cell import Axis, Kind
+
+TITLE = "Stability at the extremes"
+KEY = "; ".join(f"{kind.letter} {kind.text}" for kind in Kind)
+ABOUT = (
+    "Each axis drives one parameter to its extremes. A cell is one solve with a budget of time; its answer is judged by a "
+    "closed solution, a certified reference or an invariant, never by another run of the solver. A hundred times the "
+    "tolerance is right, and for prescribed steps the error of a method of second order."
+)
+
+
+def counts(found: Stability) -> Table:
+    """A line an axis, a column a solver: right cells of those that it can be asked, and how many are silently wrong."""
+    rows: list[list[str | Cell]] = [
+        [axis.name, *(_share(found.counts(axis.name, solver)) for solver in found.solvers)] for axis in found.axes
+    ]
+    note = "Right of all cells that it can be asked; below it those that are silently wrong, crashed or hung."
+    return make_table(["axis", *found.solvers], rows, note)
+
+
+def _share(found: Mapping[Kind, int]) -> Cell:
+    asked = sum(count for kind, count in found.items() if kind is not Kind.declined)
+    wrong = sum(count for kind, count in found.items() if kind.misleading)
+    if not asked:
+        return Cell("-")
+    tone = "bad" if wrong else "good" if found.get(Kind.right, 0) == asked else ""
+    return Cell(f"{found.get(Kind.right, 0)} of {asked}", tone, f"{wrong} wrong" if wrong else "")
+
+
+def lines(found: Stability, axis: Axis) -> Table:
+    """A line for every solver and every line of the axis: a letter a cell, along the parameter."""
+    spelled = letters(found.of(axis.name))
+    rows = [
+        [solver, line, text]
+        for solver, of_solver in spelled.items()
+        for line, text in of_solver.items()
+        if set(text) != {Kind.declined.letter}
+    ]
+    return make_table(["solver", "asked", "along the parameter"], rows)
+
+
+def points(found: Stability, axis: Axis) -> str:
+    """The values of the parameter."""
+    return ", ".join(f"{x:g}" for x in sorted({x.x for x in found.of(axis.name)}))
+
+
+def markdown(found: Stability) -> str:
+    """The whole as text."""
+    parts = [f"# {TITLE}", ABOUT, f"Made by `hhtbench study stability`, seed {found.seed}.", f"Letters: {KEY}."]
+    parts += ["## Where each solver is safe"]
+    parts += ["\n".join(f"- {escape_text(found.sentence(solver))}" for solver in found.solvers)]
+    parts += ["## Right cells", *markdown_table(counts(found))]
+    for axis in found.axes:
+        parts += [f"## {axis.name}", escape_text(axis.sentence), f"Parameter: {axis.label}; {points(found, axis)}."]
+        parts += markdown_table(lines(found, axis))
+    made = ", ".join(f"{name} {value}" for name, value in found.environment.items())
+    return "\n\n".join([*parts, f"{found.seconds / 60:.0f} minutes; {made}."]) + "\n"

@@ -1,0 +1,180 @@
+"""Pendulums: masses, variable steps, units, origins of time, spans, and vibrations that the tension carries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Vector
+from hhtbench.protocol import Problem
+from hhtbench.registry import load_problem
+from hhtbench.result import Solution
+from hhtbench.testing.extremes.cell import ROWS, Cell, Expected, axis
+from hhtbench.testing.extremes.known import held, motion, off
+from hhtbench.testing.extremes.scenes import DoublePendulum, double_pendulum, double_pendulum_angles, stiff
+from hhtbench.testing.extremes.springs import CURVATURE, beside
+from hhtbench.testing.scenes import PERIOD, SPAN, Frame, Scene, pendulum
+from hhtbench.testing.subject import ACCURACY
+
+SWING = 100.0  # error over h^2 of a method of second order in a swing of the pendulum [1/s^2]; HHT's is near 10
+ROUNDOFF = 1e-9
+COUNT = 200  # steps of a run with variable ones
+STIFF, STIFF_SPAN = 1e8, 5.0  # [1/s^2], [s]
+RESOLVED = 0.1  # of the amplitude, where sixty steps make a period: a phase of 0.02 rad is HHT's in 200 steps
+OFF = 5e-9  # of a start: accepted as consistent
+
+
+@axis("masses", "lower mass over upper mass")
+def masses(seed: int) -> Iterator[Cell]:
+    """A double pendulum of masses up to 1e8 apart: DOP853 in minimal coordinates."""
+    for power in range(-8, 9, 2):
+        ratio = 10.0**power
+        make = partial(double_pendulum, ratio, 1.0)
+        for line, request, most in (
+            ("rtol 0.0001", {"rtol": 1e-4}, ACCURACY * 1e-4),
+            ("rtol 1e-06", {"rtol": 1e-6}, ACCURACY * 1e-6),
+            ("h = 0.001 s", {"step": 1e-3}, 1e-3),
+        ):
+            expected = {"end": Expected(error=partial(_off_angles, ratio), most=most)}
+            small = power in (-8, -4, 4) and line != "rtol 1e-06"
+            asked = {**request, "t_eval": [1.0]}
+            yield Cell(x=ratio, line=line, make=make, request=asked, expected=expected, small=small)
+
+
+def _off_angles(ratio: float, problem: Problem, found: Solution) -> float:
+    exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, ratio, 1.0))
+    return float(np.max(np.abs(found.q[-1] - exact)))
+
+
+@axis("ratios", "largest ratio of neighbouring steps")
+def ratios(seed: int) -> Iterator[Cell]:
+    """Variable steps, alternating and drawn, on a swing and beside a stiff spring: closed solutions."""
+    for ratio in (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 100.0, 1000.0):
+        for name, lengths in (("1 : r", _alternating(ratio)), ("drawn", _drawn(ratio, seed))):
+            h = float(lengths.max())
+            swing = motion(SWING * (SPAN[1] * h) ** 2 + ROUNDOFF)
+            small = ratio in (2.0, 100.0)
+            given: dict[str, Any] = {"x": ratio, "small": small}
+            make: Any = lambda: pendulum().problem  # noqa: E731
+            yield Cell(line=f"{name}, swing", make=make, request={"steps": SPAN[1] * lengths}, expected=swing, **given)
+            slow = beside(STIFF, CURVATURE * (STIFF_SPAN * h) ** 2 + ROUNDOFF)
+            make = partial(stiff, STIFF, STIFF_SPAN)
+            yield Cell(line=f"{name}, stiff", make=make, request={"steps": STIFF_SPAN * lengths}, expected=slow, **given)
+
+
+def _alternating(ratio: float) -> Vector:
+    """Lengths 1, r, 1, r, ..., over their sum."""
+    lengths = np.tile([1.0, ratio], COUNT // 2)
+    return lengths / math.fsum(lengths)
+
+
+def _drawn(ratio: float, seed: int) -> Vector:
+    """Lengths between 1 and r, drawn in the logarithm, over their sum."""
+    lengths = ratio ** np.random.default_rng(seed).uniform(size=COUNT)
+    return np.asarray(lengths / math.fsum(lengths))
+
+
+def _of_scene(make: Any) -> Problem:
+    scene: Scene = make()
+    return scene.problem
+
+
+@axis("units", "new units in an old one")
+def units(seed: int) -> Iterator[Cell]:
+    """The swing in micrometres and megametres, micrograms and gigagrams, microseconds and weeks: closed solution."""
+    for power in (-6, -3, 0, 3, 6):
+        for name in ("length", "mass", "time"):
+            frame = replace(Frame(), **{name: 10.0**power})  # type: ignore[arg-type]
+            unit = frame.time
+            make = partial(_of_scene, partial(pendulum, frame=frame, t_span=(0.0, SPAN[1] * unit)))
+            small = abs(power) == 6
+            for line, request, most in (
+                (f"{name}, rtol 1e-05", {"rtol": 1e-5}, ACCURACY * 1e-5),
+                (f"{name}, 300 steps", {"steps": 300}, SWING * (SPAN[1] / 300) ** 2),
+            ):
+                expected = motion(most)
+                yield Cell(x=10.0**power, line=line, make=make, request=request, expected=expected, small=small)
+
+
+@axis("origin", "time at the start [s]")
+def origin(seed: int) -> Iterator[Cell]:
+    """The swing begun at up to 1e12 s: closed solution, and what a rounded time moves."""
+    for t0 in (0.0, 1e3, 1e6, 1e9, 1e12):
+        make = partial(_of_scene, partial(pendulum, t_span=(t0, t0 + SPAN[1])))
+        rounded = 1e3 * float(np.spacing(t0))  # a hundred times the distance of times, at 10 m/s^2
+        for line, request, most in (
+            ("rtol 1e-05", {"rtol": 1e-5}, ACCURACY * 1e-5),
+            ("300 steps", {"steps": 300}, SWING * (SPAN[1] / 300) ** 2),
+        ):
+            expected = motion(most + rounded)
+            yield Cell(x=t0, line=line, make=make, request=request, expected=expected, small=t0 == 1e9)
+
+
+@axis("span", "length of the interval [s]")
+def span(seed: int) -> Iterator[Cell]:
+    """The swing over intervals from 1e-100 s to 1000 s: closed solution."""
+    for length in (1e-100, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e1, 1e2, 1e3):
+        make = partial(_of_scene, partial(pendulum, t_span=(0.0, length)))
+        count = max(100, round(200 * length))
+        longer = max(1.0, length)
+        for line, request, most in (
+            ("rtol 1e-06", {"rtol": 1e-6}, ACCURACY * 1e-6 * longer),
+            ("100 steps, at least 200 a second", {"steps": count}, SWING * (length / count) ** 2 * longer + 1e-12),
+        ):
+            small = length in (1e-12, 1e2)
+            asked = {**request, "t_eval": np.linspace(0.0, length, ROWS)}
+            yield Cell(x=length, line=line, make=make, request=asked, expected=motion(most), small=small)
+
+
+@axis("tension", "frequency times step")
+def tension(seed: int) -> Iterator[Cell]:
+    """A small vibration that the tension of a rod carries, steps up to 200 times too long: it must not grow."""
+    h, steps, amplitude = 0.01, 200, 1e-3
+    for o in (0.1, 0.5, 1.0, 1.9, 2.1, 5.0, 20.0, 200.0):
+        spec = f"simple_pendulum(g={(o / h) ** 2!r}, amplitude={amplitude!r}, t_end={h * steps!r})"
+        make, small = partial(load_problem, spec), o in (0.1, 2.1, 200.0)
+        expected = {"size": Expected(error=partial(_amplitude, amplitude), most=3.0)}
+        if o == 0.1:
+            expected["resolved"] = Expected(error=off, most=RESOLVED * amplitude)
+        given: dict[str, Any] = {"x": o, "make": make, "expected": expected}
+        yield Cell(line="h = 0.01 s", request={"step": h}, small=small, **given)
+        for b in (0.0, 0.2, 0.4, 1.0):
+            yield Cell(line=f"h = 0.01 s, b = {b:g}", request={"step": h}, options={"b": b}, families=("hht",), **given)
+        yield Cell(line="rtol 1e-06", request={"rtol": 1e-6}, **given)
+
+
+def _amplitude(released: float, problem: Problem, found: Solution) -> float:
+    """Largest angle over the one at the start."""
+    return float(np.max(np.abs(np.arctan2(found.q[:, 0], -found.q[:, 1])))) / released
+
+
+@axis("perturbations", "error of the start [m, m/s]")
+def perturbations(seed: int) -> Iterator[Cell]:
+    """A start a little off both levels of the constraints: on the underlying ODE it grows as a straight line."""
+    length = 10 * PERIOD
+    for size in (0.0, 1e-12, OFF):
+        for line, request, slack in (
+            ("rtol 1e-06", {"rtol": 1e-6}, ACCURACY * 1e-6),
+            ("h = 0.005 s", {"step": 5e-3}, SWING * 5e-3**2),
+        ):
+            scene = pendulum(t_span=(PERIOD / 5, PERIOD / 5 + length), start=0.0)
+            most = 3 * size * (1 + length) + slack * length
+            expected = {"both levels": Expected(error=held(partial(_both, scene)), most=most)}
+            make = partial(_off_start, scene, size)
+            yield Cell(x=size, line=line, make=make, request=request, expected=expected, small=size == OFF)
+
+
+def _off_start(scene: Scene, size: float) -> Problem:
+    given = scene.problem
+    normal = given.q0 / np.linalg.norm(given.q0)
+    return replace(given, q0=given.q0 + size * normal, v0=given.v0 + size * normal, exact=None)
+
+
+def _both(scene: Scene, t: float, q: Vector, v: Vector) -> Vector:
+    found = scene.levels(t, q, v)
+    return np.concatenate([found.position, found.velocity])

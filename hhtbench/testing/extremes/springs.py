@@ -1,0 +1,128 @@
+"""Springs, dampers and spins far stiffer than the motion that is looked at, at given tolerances and at given steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from hhtbench.protocol import Problem
+from hhtbench.registry import load_problem
+from hhtbench.result import Solution
+from hhtbench.testing.extremes.cell import Cell, Expected, axis
+from hhtbench.testing.extremes.known import along, at_the_end, held, motion
+from hhtbench.testing.extremes.scenes import BASIS, FAST, SLOW, damped, spinning, stiff
+from hhtbench.testing.subject import ACCURACY
+
+SPAN = 5.0  # [s], most of a period of the slow motion
+CURVATURE = 10.0  # error over h^2 of a method of second order on a motion of frequency 1 [1/s^2], unless it is said
+GROWTH = 10.0  # of a fast vibration that counts as bounded
+UNRESOLVED = 3.0  # at steps longer than the slow motion: that it stays of its size
+ROUNDOFF = 1e-9
+LEVELS = 20 * float(np.finfo(np.float64).eps)  # of constraints, over the size of q and v
+STIFF = 1e6  # of the steps [1/s^2]
+TOLERANCES = (1e-3, 1e-5)
+STEPS = (1e-1, 1e-2, 1e-3)  # [s]
+PROBLEM = "stiff_spring_pendulum(stiffness=1e{})"
+BEND = 30.0  # error over h^2 of a method of second order there [1/s^2]; 8 to 11 for HHT on the rigid pendulum
+SWAY = 30.0  # over g/k, where the step does not resolve the spring: 11 there
+LAST = 8  # exponent of the largest stiffness with a reference; that of the rigid rod is nearer to the others than SWAY g/k
+
+
+def beside(stiffness: float, most: float, across: float = ROUNDOFF) -> dict[str, Expected]:
+    """The slow motion is right; the vibration across it, 1 / stiffness at first, grows by no more than ``across``."""
+    slow = Expected(error=along(SLOW), most=most)
+    return {"slow motion": slow, "fast vibration": Expected(error=_fast, most=GROWTH / stiffness + across)}
+
+
+def _fast(problem: Problem, found: Solution) -> float:
+    return float(np.max(np.abs(found.q @ FAST)))
+
+
+def _ways() -> Iterator[tuple[str, dict[str, float], float]]:
+    """Name, request, and the error that is allowed."""
+    yield from ((f"rtol {rtol:g}", {"rtol": rtol}, ACCURACY * rtol) for rtol in TOLERANCES)
+    yield from ((f"h = {h:g} s", {"step": h}, CURVATURE * h**2 + ROUNDOFF) for h in STEPS)
+
+
+@axis("stiffness", "stiffness across the motion [1/s^2]")
+def stiffness(seed: int) -> Iterator[Cell]:
+    """A slow vibration beside one up to 1e7 times faster, both constrained: error of the slow one, closed solution."""
+    for power in range(2, 15, 2):
+        for line, request, most in _ways():
+            make = partial(stiff, 10.0**power, SPAN)
+            small = power in (4, 12) and line in ("rtol 0.001", "h = 0.01 s")
+            expected = beside(10.0**power, most, most if "rtol" in request else ROUNDOFF)
+            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=expected, small=small)
+
+
+@axis("dampers", "damper along the motion [1/s]")
+def dampers(seed: int) -> Iterator[Cell]:
+    """A damper and a spring that leave a decay of about e^-t: closed solution."""
+    for power in (1, 2, 4, 6, 8, 10):
+        for line, request, most in _ways():
+            make = partial(damped, 10.0**power, SPAN)
+            small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
+            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=motion(most), small=small)
+
+
+@axis("spin", "gyroscopic coupling [1/s]")
+def spin(seed: int) -> Iterator[Cell]:
+    """Fast spin: gyroscopic forces whose slow circle has a frequency near 1: closed solution."""
+    for power in (0, 1, 2, 3, 4, 6):
+        for line, request, most in _ways():
+            make = partial(spinning, 10.0**power, SPAN)
+            small = power == 4 and line in ("rtol 0.001", "h = 0.01 s")
+            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=motion(most), small=small)
+
+
+@axis("steps", "length of a step [s]")
+def steps(seed: int) -> Iterator[Cell]:
+    """Sixty steps from roundoff to far beyond the fast period of 6e-3 s: bounded, both levels of constraints at roundoff."""
+    count = 60
+    for power in range(-14, 2):
+        h = 10.0**power
+        make = partial(stiff, STIFF, count * h)
+        levels = Expected(error=held(_levels), most=LEVELS * max(1.0, h * count))
+        slow = beside(STIFF, min(CURVATURE * h**2 * max(1.0, h * count) + ROUNDOFF, UNRESOLVED))
+        expected = slow | {"both levels": levels}
+        small = power in (-9, -3, 1)
+        yield Cell(x=h, line=f"{count} steps", make=make, request={"steps": count}, expected=expected, small=small)
+        within = motion(ACCURACY * 1e-6 * max(1.0, count * h))
+        yield Cell(x=h, line="rtol 1e-06, as long", make=make, request={"rtol": 1e-6}, expected=within, small=small)
+
+
+def _levels(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    rows = BASIS[2:]
+    return np.concatenate([rows @ q / max(1.0, float(np.abs(q).max())), rows @ v / max(1.0, float(np.abs(v).max()))])
+
+
+def _sprung(power: int) -> Problem:
+    problem = load_problem(PROBLEM.format(power))
+    if power <= LAST:
+        return problem
+    return replace(problem, reference=load_problem("stiff_spring_pendulum(stiffness=inf)").reference)
+
+
+def _sway(power: int) -> float:
+    return SWAY * 9.81 / 10.0**power
+
+
+@axis("order", "stiffness of the spring [N/m]")
+def order(seed: int) -> Iterator[Cell]:
+    """Order at intermediate stiffness: a pendulum on a stiff spring, steps around its period: certified references."""
+    for power in (2, 4, 6, 8, 10, 12):
+        make = partial(_sprung, power)
+        for rtol in (1e-3, 1e-5, 1e-7):
+            within = {"end": Expected(error=at_the_end, most=ACCURACY * rtol + _sway(power) * (power > LAST))}
+            line = f"rtol {rtol:g}"
+            yield Cell(x=10.0**power, line=line, make=make, request={"rtol": rtol, "t_eval": [1.0]}, expected=within)
+        for h in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4):
+            resolved = h * math.sqrt(10.0**power) < 1.0
+            most = BEND * h**2 + _sway(power) * (not resolved or power > LAST) + ROUNDOFF
+            within = {"end": Expected(error=at_the_end, most=most)}
+            line = f"h = {h:g} s"
+            yield Cell(x=10.0**power, line=line, make=make, request={"step": h, "t_eval": [1.0]}, expected=within)

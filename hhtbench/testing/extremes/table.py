@@ -1,0 +1,54 @@
+"""All axes, in the order in which they are told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hhtbench.errors import NotFoundError
+from hhtbench.testing.extremes.cell import Axis
+from hhtbench.testing.extremes.forces import contact, friction, jump, wrong_a0
+from hhtbench.testing.extremes.long import long_run, longer_run
+from hhtbench.testing.extremes.ranks import dead_points, rank, redundant
+from hhtbench.testing.extremes.recurrence import amplification
+from hhtbench.testing.extremes.rods import masses, origin, perturbations, ratios, span, tension, units
+from hhtbench.testing.extremes.springs import dampers, order, spin, steps, stiffness
+
+AXES = (
+    amplification,
+    perturbations,
+    wrong_a0,
+    stiffness,
+    order,
+    dampers,
+    spin,
+    masses,
+    tension,
+    steps,
+    ratios,
+    rank,
+    redundant,
+    dead_points,
+    jump,
+    friction,
+    contact,
+    origin,
+    span,
+    units,
+    long_run,
+)
+ASKED_FOR = (longer_run,)  # by name only
+
+
+def chosen_axes(names: Sequence[str]) -> tuple[Axis, ...]:
+    """Those of these names; none given: all but the longer run.
+
+    Raises
+    ------
+    NotFoundError
+        A name is none of an axis.
+    """
+    known = {axis.name: axis for axis in (*AXES, *ASKED_FOR)}
+    for name in names:
+        if name not in known:
+            raise NotFoundError(f"there is no axis {name}; known: {', '.join(known)}.")
+    return tuple(known[name] for name in names) if names else AXES

@@ -1,0 +1,186 @@
+"""The step across a singular position, (H49): along the smooth motion before it, onto both levels of the far side.
+
+At such a position several motions meet, each with a tangent of its own.  That of the run is known from its rows, as is v',
+which is smooth along it although multipliers may have poles.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from solvers._projection import PROJECTED
+from solvers._start import Failure
+from solvers._start import Place as Start
+from solvers.hht.control.tolerances import Tolerances
+from solvers.hht.equations.formulas import EPS
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.singular import Place, SingularPosition, UnitRows
+from solvers.hht.run.start import first_state
+from solvers.hht.step.state import State
+
+WIDTHS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25)  # times the longest step: near the position v' is roundoff, far away it turns
+SWEEPS = 4  # of the corrector: each leaves about the square of the step, over that of the motion's own time
+CLOSE = 0.1  # of the least singular value: what a projection may change the rows, or other motions are as near
+SMOOTH = 0.2  # of the largest v': what v' on the far side may differ from that extrapolated
+SPENT = 0.05  # of the tolerance of a whole run, whose steps are allowed its power 3/2 each: there are few such steps
+NARROW = 0.25  # of the way to the position, beyond it, at least: closer to it nothing is known well
+FEW = "too few steps lead there"
+REST = 0.5  # of v: what v' may change of it on the way across, or the motion has no direction
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A step across."""
+
+    steps: int  #: how many of the last steps it takes the place of
+    h: float  #: signed [s]
+    state: State  #: on the far side
+
+
+class Refused(Exception):
+    """Why there is no step across, in words."""
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A run that has ended at a singular position."""
+
+    engine: Engine
+    tolerances: Tolerances
+    position: SingularPosition
+    places: list[Place]  #: the last rows of the run
+    state: State  #: its last
+    stop: float  #: [s]
+
+    def crossing(self) -> Crossing | str:
+        """The step across from one of the rows, or why there is none."""
+        reason, ahead = FEW, math.copysign(1.0, self.stop - self.state.t)
+        longest = max((abs(after.t - before.t) for before, after in pairwise(self.places)), default=0.0)
+        for factor in WIDTHS:
+            found = [i for i, x in enumerate(self.places) if (self.position.t - x.t) * ahead >= factor * longest]
+            try:
+                if found:
+                    return self._across(found[-1])
+            except (Refused, NonFiniteValue) as refused:
+                reason = reason if str(refused) == FEW else str(refused)
+            except BudgetSpent:
+                return "a budget is used up"
+        return reason
+
+    def _across(self, last: int) -> Crossing:
+        """From ``places[last]`` as far beyond the position as it is before it.
+
+        Raises
+        ------
+        Refused
+            What is found there is not plainly the motion that led to the position.
+        """
+        before = self.places[last]
+        half = self.position.t - before.t
+        t1 = self._end(half)
+        rows = UnitRows(self.engine.dynamics, before)
+        leading = _spread_over(self.places[: last + 1], abs(half))
+        nodes = [self._accelerated(self._projected(rows, x, x)) for x in leading]
+        start, h = nodes[0], t1 - before.t
+        if abs(h) * largest(start.vdot) > REST * largest(start.v):
+            raise Refused("the motion comes to rest there")
+        q, v = quadrature(start, h, nodes)
+        expected = extrapolated(start, t1, nodes)
+        for _ in range(SWEEPS):
+            far = self._accelerated(self._projected(rows, Place(t1, q, v, expected), start))
+            q, v = quadrature(start, h, [far, *nodes])
+        if largest(far.vdot - expected) > SMOOTH * max(largest(x.vdot) for x in nodes):
+            raise Refused("accelerations on its far side are not those that lead to it")
+        self._check_error(start, (q, v), quadrature(start, h, [far, *nodes[:2]]))
+        return Crossing(len(self.places) - 1 - last, h, self._begun(far, h))
+
+    def _end(self, half: float) -> float:
+        """The time [s] on the far side that is ``half`` [s] beyond the position, or the end of the interval."""
+        t1 = self.position.t + half
+        if (self.stop - t1) * half < 0:
+            t1 = self.stop
+        if (t1 - self.position.t) / half <= NARROW:
+            raise Refused("the interval ends just beyond it")
+        if (t1 - self.state.t) * half <= 0:
+            raise Refused("the run is beyond it")
+        return t1
+
+    def _accelerated(self, place: Place) -> Place:
+        """``place`` with v' of the acceleration level."""
+        found = self.engine.acceleration.solve(place.t, place.q, place.v, self.state.lam, self.state.mu)
+        self.engine.work.add("residual_evaluations", self.engine.points)
+        if not found.converged:
+            raise Refused("accelerations beside it are not determined")
+        return replace(place, vdot=found.vdot)
+
+    def _projected(self, rows: UnitRows, place: Place, start: Place) -> Place:
+        """``place`` on both levels of the constraints: the only state there that is near, by Newton and Kantorovich."""
+        t, sizes = place.t, np.concatenate([np.full(start.q.size, largest(x)) for x in (start.q, start.v)])
+        q, v = rows.projection.nearest(t, place.q, place.v)
+        at = rows.projection.levels.at(t, q, v)
+        left = np.concatenate([at.scaled_position(sizes[: q.size]), at.scaled_velocity(sizes[q.size :])])
+        found = replace(place, q=q, v=v)
+        if not np.max(left) <= PROJECTED:
+            raise Refused("no state on its far side meets the constraints")
+        if np.linalg.norm(rows.at(found) - rows.at(place), 2) > CLOSE * rows.least(found):
+            raise Refused("other motions leave it in nearly the same direction")
+        return found
+
+    def _check_error(self, start: Place, end: tuple[Vector, Vector], rough: tuple[Vector, Vector]) -> None:
+        """Refuse a step whose ends by four and by three values of v' are too far apart."""
+        at, there = (replace(self.state, q=q, v=v) for q, v in ((start.q, start.v), end))
+        size = self.tolerances.size(at, there, np.concatenate(rough) - np.concatenate(end))
+        if size > max(1.0, SPENT / math.sqrt(max(self.tolerances.finest, EPS))):
+            raise Refused(f"the error of a step across it is {size:.2g} times what the tolerances allow of a step")
+
+    def _begun(self, far: Place, h: float) -> State:
+        """The state at ``far``, as after a start."""
+        found = first_state(self.engine, Start(far.t, far.q, far.v), self.state.lam, self.state.mu, h)
+        if isinstance(found, Failure):
+            raise Refused(found.message)
+        size_q, size_v = max(found.size_q, self.state.size_q), max(found.size_v, self.state.size_v)
+        return replace(found, size_q=size_q, size_v=size_v)
+
+
+def _spread_over(places: list[Place], width: float) -> list[Place]:
+    """The last of ``places`` and two before it, ``width`` [s] apart or more; newest first."""
+    found = [places[-1]]
+    for place in reversed(places):
+        if abs(place.t - found[-1].t) >= width:
+            found.append(place)
+        if len(found) == 3:
+            return found
+    raise Refused(FEW)
+
+
+def quadrature(start: Place, h: float, nodes: list[Place]) -> tuple[Vector, Vector]:
+    """q and v (n,) a step of ``h`` [s] after ``start`` by the polynomial through v' of ``nodes``."""
+    x = [(node.t - start.t) / h for node in nodes]
+    weights = coefficients(x, [node.vdot for node in nodes])
+    k = np.arange(1.0, len(nodes) + 1)
+    v = start.v + h * (1 / k) @ weights
+    return start.q + h * start.v + h * h * (1 / (k * (k + 1))) @ weights, v
+
+
+def extrapolated(start: Place, t: float, nodes: list[Place]) -> Vector:
+    """v' (n,) at ``t`` [s] by the polynomial through v' of ``nodes``."""
+    scale = t - start.t
+    weights = coefficients([(node.t - start.t) / scale for node in nodes], [node.vdot for node in nodes])
+    return np.asarray(weights.sum(axis=0))
+
+
+def coefficients(x: list[float], values: list[Vector]) -> Matrix:
+    """Of the polynomial (k, n) through ``values`` at ``x``, the constant first."""
+    return np.asarray(np.linalg.solve(np.vander(x, increasing=True), np.stack(values)))
+
+
+def largest(x: Any) -> float:
+    """Of the magnitudes."""
+    return float(np.abs(x).max())

@@ -1,0 +1,175 @@
+"""Singular positions, where the constraints lose rank, (H48): found from the rows of a run that fails there, and told."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import Dynamics
+from hhtbench.lowering.dynamics.regular import redundant_rows
+from hhtbench.result import Status
+from solvers._projection import Projection
+from solvers._start import Failure
+from solvers.hht.loops import memory as mem
+from solvers.hht.run.engine import Engine
+
+STUCK = (  # ends that may have a singular position for their cause
+    Status.newton_failed,
+    Status.step_too_small,
+    Status.singular_iteration_matrix,
+    Status.time_resolution,
+)
+LARGEST = 1_000  # rows and columns of which singular values take less than a second
+CLEAR = 1e-4  # least singular value from which its fall is seen beside roundoff
+LOOKED_AT = 400  # rows of a run, at most: near the position steps shrink by a factor each
+PROBE = 1e-6  # of the time in which the motion crosses its own size: there the fall of a singular value is looked at
+BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
+LOST = 0.05  # of a singular value, at most, that is left where it vanishes: all of it but errors of the way there
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a motion: [s], (n,) each."""
+
+    t: float
+    q: Vector
+    v: Vector
+    vdot: Vector
+
+    @property
+    def scale(self) -> float:
+        """[s] in which the motion crosses its own size; infinite at rest."""
+        speed = float(np.abs(self.v).max())
+        return float(np.abs(self.q).max()) / speed if speed > 0.0 else np.inf
+
+    def moved(self, s: float) -> Place:
+        """Where the motion is ``s`` [s] later, to second order."""
+        return replace(self, t=self.t + s, q=self.q + s * self.v + s * s / 2 * self.vdot, v=self.v + s * self.vdot)
+
+
+@dataclass(frozen=True)
+class SingularPosition:
+    """Where rows of the constraints become dependent."""
+
+    t: float  #: [s]
+    rows: int  #: of the constraints
+    rank: int
+    dependent: tuple[int, ...]  #: rows of [g; k] that depend on others there
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return (
+            f"the constraints lose rank at t = {self.t:.10g}: a singular position, of rank {self.rank} of {self.rows} rows; "
+            f"dependent on the others there: rows {list(self.dependent)} of [g; k]"
+        )
+
+
+class UnitRows:
+    """The rows of [g_q; k_v] over the root of the mass, of length one at ``first``: what their rank is told by.
+
+    Not everywhere: of a single row the rank is lost where it vanishes.
+    """
+
+    def __init__(self, dynamics: Dynamics, first: Place) -> None:
+        self.dynamics, self.projection = dynamics, Projection(dynamics)
+        self._lengths = np.ones((1, 1))
+        self._lengths = np.linalg.norm(self.at(first), axis=1, keepdims=True)
+
+    def at(self, place: Place) -> Matrix:
+        """(m + p, n) there."""
+        mass = dense(self.projection.mass(place.t, place.q))
+        rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
+        if not (self._lengths > 0.0).all():
+            raise ValueError("a row is zero")
+        with suppress(linalg.LinAlgError):  # a singular mass has no root: the rows themselves tell as well, in other units
+            rows = linalg.solve_triangular(linalg.cholesky(mass, lower=True), rows.T, lower=True).T
+        return np.asarray(rows / self._lengths)
+
+    def least(self, place: Place) -> float:
+        """The least singular value there."""
+        return float(linalg.svdvals(self.at(place))[-1])
+
+
+def dense(matrix: Any) -> Matrix:
+    """As an array."""
+    return np.asarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
+
+
+def singular_position(dynamics: Dynamics, places: list[Place], reach: float) -> SingularPosition | None:
+    """What ends a run at the last of ``places`` if that is a singular position; None if not.
+
+    ``reach`` [s] is what it may be away, at least.  The place is found from the last one that is not too close to it.
+    """
+    s = dynamics.structure
+    if not s.constrained or s.n > LARGEST:
+        return None
+    last = places[-1]
+    try:
+        rows = UnitRows(dynamics, places[0])
+        clear = next((x for x in reversed(places) if rows.least(x) >= CLEAR), None)
+        found = _vanishing(rows, clear) if clear is not None else last
+    except (BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):  # no rank where something is not finite
+        return None
+    if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
+        return None
+    return _told(rows, clear or last, found)
+
+
+def _vanishing(rows: UnitRows, place: Place) -> Place | None:
+    """Where the least singular value vanishes along the motion from ``place``, (H48): by secants from this side of it."""
+    start, probe = rows.least(place), PROBE * place.scale
+    if not np.isfinite(probe):
+        return None
+    ahead, behind = rows.least(place.moved(probe)), rows.least(place.moved(-probe))
+    if ahead == behind:
+        return None
+    away = 2 * probe * start / (behind - ahead)
+    for _ in range(5):
+        near, nearer = rows.least(place.moved(0.8 * away)), rows.least(place.moved(0.9 * away))
+        if not near > nearer:
+            return None
+        away *= 0.9 + 0.1 * nearer / (near - nearer)
+    found = place.moved(away)
+    return found if rows.least(found) <= LOST * start else None
+
+
+def _told(rows: UnitRows, clear: Place, found: Place) -> SingularPosition:
+    """What is lost at ``found``, by the left singular vectors there; at ``clear`` it was not."""
+    before = linalg.svdvals(rows.at(clear))
+    left, sizes, _ = linalg.svd(rows.at(found))
+    lost = sizes <= np.maximum(LOST * before, CLEAR)
+    null = left[:, : sizes.size][:, lost]
+    pivots = linalg.qr(null.T, mode="r", pivoting=True)[1][: null.shape[1]]
+    s, out = rows.dynamics.structure, redundant_rows(rows.dynamics)
+    kept = [i for i in range(s.m + s.p + len(out)) if i not in out]
+    dependent = tuple(sorted(kept[int(i)] for i in pivots))
+    return SingularPosition(found.t, len(kept), len(kept) - len(dependent), dependent)
+
+
+def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
+    """The ends of steps in the rows ``t`` (k, 1), ``q`` and ``v`` (k, n) of a run, with v' by differences."""
+    if len(t) < 2:
+        return []
+    vdot = np.diff(v, axis=0) / np.diff(t, axis=0)
+    return [Place(float(time[0]), *rest) for time, *rest in zip(t[1:], q[1:], v[1:], vdot, strict=True)]
+
+
+def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | None:
+    """The singular position that has caused the ``failure`` of a run through ``places``; None where there is none."""
+    if failure.status not in STUCK or not places:
+        return None
+    reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
+    return singular_position(engine.dynamics, places, reach)
+
+
+def told(position: SingularPosition, why: str) -> Failure:
+    """That a run ends at ``position``, and ``why`` it does not go on beyond."""
+    remedy = "Several motions may follow; end before it, or choose other coordinates"
+    return Failure(Status.singular_iteration_matrix, f"{position.text}. It is not stepped over: {why}. {remedy}.")

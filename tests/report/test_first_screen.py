@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from hhtbench import analysis
+from hhtbench.analysis import Campaign, Kind
+from hhtbench.report import write_comparison
+from hhtbench.report.chart import draw
+from hhtbench.report.charts import problem_charts
+from hhtbench.report.colours import solver_styles
+from hhtbench.report.decisions import decisions
+from hhtbench.report.overview import drift_views, profile_views
+from hhtbench.report.runs import failure_table, failures_by_reason
+from hhtbench.report.words import NOTHING, short, times
+from tests.analysis.laws import failed, law, run
+from tests.report.conftest import COMMAND
+
+KIND = Kind(constraints="position constraints", stiff=False)
+WHOLE = Campaign(level=1.5, targets=(1e-2, 1e-3, 1e-4))
+
+
+def told(rows, measure="time", bound=None, problems=("pendulum",)):
+    """Cells of the table's lines, each as one text."""
+    table = decisions(rows, {KIND: problems}, WHOLE)[measure, bound]
+    return [[" | ".join(filter(None, (cell.text, cell.detail))) for cell in line] for line in table.rows]
+
+
+def test_table_names_the_cheapest_with_its_cost_the_second_with_its_factor_and_the_place_of_hht():
+    rows = [*law("hht(alpha=-0.1)", 400.0, 2), *law("ida(form=ggl)", 100.0, 2), *law("scipy(method=DOP853)", 200.0, 2)]
+    coarse, fine = told(rows)
+    assert [line[1] for line in (coarse, fine)] == ["1e-02", "1e-04"]  # 1e-3 is left to the tables below
+    assert coarse[2:] == ["ida(ggl) | 10 ms", f"scipy(DOP853) | {times(2)}", f"3 of 3 | {times(4)}, hht(-0.1)"]
+
+
+def test_times_that_differ_by_less_than_repeats_of_one_solve_are_called_level_and_evaluations_are_not():
+    rows = [*law("hht", 140.0, 2), *law("ida", 100.0, 2)]
+    assert told(rows)[0][3] == f"hht | {times(1.4)}, level"
+    assert told(rows, "evaluations")[0][3] == f"hht | {times(1.4)}"
+
+
+def test_who_does_not_get_there_everywhere_is_told_with_the_number_of_problems():
+    rows = [*law("hht", 400.0, 2), *law("ida", 100.0, 2), *law("hht", 400.0, 2, problem="andrews")]
+    assert told(rows, problems=("pendulum", "andrews"))[0][2:4] == ["hht | 40 ms", f"ida | {times(0.25)}, 1 of 2"]
+
+
+def test_where_hht_or_nobody_gets_there_the_table_says_so():
+    rows = [run("hht", 1e-1, 0.5, 10), *law("ida", 100.0, 2, settings=(1e-1, 1e-2))]
+    coarse, fine = told(rows)
+    assert coarse[4] == "does not get there"
+    assert fine[2] == "nobody gets there"
+
+
+def test_every_kind_leads_to_its_evidence_which_names_its_problems(page, rows):
+    first = page.partition('data-table="time any"')[2].partition("</div></div>")[0]
+    links = set(re.findall(r'<td><a href="#(plot-kind-[^"]*)">', first))
+    named = []
+    for link in links:
+        section = page.partition(f'<h3 id="{link}">')[2].partition("<table>")[0]
+        named += re.findall(r'<a href="#plot-[^"]*">(.*?)</a>', section)
+    judged = {name for kind, names in analysis.kinds(rows).items() for name in names}
+    assert set(named) <= judged
+    assert "andrews" in named
+    assert len(named) == len(set(named))
+
+
+def _traces(view, entry):
+    return [trace for trace in view.figure["data"] if trace["name"] == entry]
+
+
+def test_drift_figure_has_a_point_for_each_problem_and_the_median_large():
+    rows = [*law("hht", 100.0, 2, drift=1e-15)]
+    for problem, factor, drift in (("pendulum", 50.0, 1e-9), ("andrews", 200.0, 1e-7), ("car", 300.0, 1e-8)):
+        rows += law("ida", factor, 2, drift=drift, problem=problem)
+        rows += law("hht", 100.0, 2, drift=1e-15, problem=problem) if problem != "pendulum" else []
+    view = drift_views(rows, solver_styles(["hht", "ida"]))[0]
+    single, middle = _traces(view, "ida")
+    assert sorted(single["x"]) == pytest.approx([0.5, 2.0, 3.0])
+    assert (middle["x"], middle["y"]) == ([2.0], [1e-8])
+    assert drift_views([row for row in rows if row.solver == "ida"], solver_styles(["ida"])) == []
+
+
+def test_profile_has_a_strong_curve_and_a_pale_one_with_the_search_which_costs_more(rows):
+    styles = solver_styles(analysis.entries(rows))
+    time, evaluations, relative = profile_views(rows, styles, ["hht(alpha=0)"])
+    assert [view.name for view in (time, evaluations, relative)] == ["time", "evaluations", "over the best"]
+    strong, pale = _traces(time, "hht(alpha=0)")
+    assert strong["opacity"] > pale["opacity"]
+    assert strong["y"][-1] == pytest.approx(pale["y"][-1])
+    assert all(a <= b for a, b in zip(strong["x"], pale["x"], strict=True))
+    assert sum(pale["x"]) > 1.1 * sum(strong["x"])
+    assert time.figure["front"] == ["hht(alpha=0)"]
+    assert min(min(trace["x"]) for trace in relative.figure["data"] if len(trace["x"]) > 1) == 1.0
+    assert "Dolan and Moré" in relative.caption
+
+
+def test_hht_and_who_has_an_unbeaten_run_are_shown_first():
+    rows = [*law("hht", 100.0, 2), *law("ida", 10.0, 2), *law("scipy", 1000.0, 2)]
+    assert {chart.front for chart in problem_charts(rows, "pendulum")} == {frozenset({"hht", "ida"})}
+
+
+def test_failures_of_a_problem_are_grouped_by_reason_whatever_the_numbers_in_it():
+    rows = [failed("ida", 1e-3, message="no convergence at t = 0.1"), failed("ida", 1e-4, message="no convergence at t = 2")]
+    rows += [failed("scipy", 1e-4, message="no convergence at t = 3e-2"), failed("cvode", 1e-4, "declined", "no form")]
+    table = failures_by_reason(rows, "pendulum")
+    assert [[cell.text for cell in line] for line in table.rows] == [
+        ["newton_failed", "3", "ida, 2 runs; scipy, rtol 1e-04", NOTHING, "no convergence at t = 0.1"],
+        ["declined", "1", "cvode, rtol 1e-04", NOTHING, "no form"],
+    ]
+
+
+def test_no_failed_run_is_left_out_of_the_tables_of_failures(rows):
+    lost = [row for row in rows if not row.success]
+    assert sum(int(line[1].text) for line in failure_table(rows).rows) == len(lost)
+    for problem in analysis.problems(rows):
+        counted = sum(int(line[1].text) for line in failures_by_reason(rows, problem).rows)
+        assert counted == sum(row.problem == problem for row in lost)
+
+
+def test_foot_names_commit_campaign_command_and_machine(rows, tmp_path):
+    asked = {"accuracies": [1e-2, 1e-4], "max_seconds": 1.0, "pair_seconds": 2.0, "refinements": 14}
+    kept = [
+        replace(row, request={**row.request, "rules": asked}, environment={**row.environment, "commit": "abc123"})
+        for row in rows[:20]
+    ]
+    write_comparison(kept, tmp_path, COMMAND)
+    foot = (tmp_path / "index.html").read_text(encoding="utf-8").partition("<footer")[2].partition("</footer>")[0]
+    assert "commit abc123" in foot
+    assert f"<code>{COMMAND}</code>" in foot
+    assert "errors 1e-02, 1e-04; of one solver on one problem at most 14 runs, 1 s each, 2 s in all." in foot
+    assert "cores 2" in foot
+
+
+def test_a_mark_at_the_edge_has_no_value_there_for_the_data_to_tell():
+    rows = [*law("ida", 50.0, 4), run("ida", 1e-7, None, 300, status="deadline", message="the budget is used up")]
+    (chart,) = [chart for chart in problem_charts(rows, "pendulum") if chart.id == "work-evaluations"]
+    (mark,) = [trace for trace in draw(chart, solver_styles(["ida"]))["data"] if trace["mode"] == "markers"]
+    assert mark["meta"] == {"x": 300, "y": None}
+    assert mark["y"][0] > 0.1
+
+
+def test_short_names_leave_out_what_tells_itself():
+    assert short("scipy(method=DOP853)") == "scipy(DOP853)"
+    assert short("hht(alpha=-0.05), constant step") == "hht(-0.05), constant h"
+    assert short("minimal(alpha=-0.05, solver=hht)") == "minimal(-0.05, hht)"

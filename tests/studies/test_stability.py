@@ -1,0 +1,191 @@
+"""The study of stability: expectations that hold by themselves, ends in their right class, nothing that hangs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hhtbench.report import STABILITY
+from hhtbench.store.rows import RunRow
+from hhtbench.studies.stability import workers
+from hhtbench.studies.stability.atlas import failure_atlas
+from hhtbench.studies.stability.page import write_stability
+from hhtbench.studies.stability.study import Stability, letters, study_stability
+from hhtbench.studies.stability.tables import markdown
+from hhtbench.studies.stability.workers import Batch, Measured, Worker
+from hhtbench.testing import Kind as CheckKind
+from hhtbench.testing import check_solver
+from hhtbench.testing.extremes import recurrence, scenes
+from hhtbench.testing.extremes.cell import Kind, Outcome, measure
+from hhtbench.testing.extremes.table import AXES, chosen_axes
+from solvers.hht.verify.vibration import roots
+from tests.studies.liars import Raising, Straight
+
+LIARS = Path(__file__).with_name("liars.py")
+
+
+def small(axis, solver="hht"):
+    (found,) = chosen_axes([axis])
+    return [cell for cell in found.cells() if cell.small and cell.is_about(solver)]
+
+
+@pytest.mark.parametrize("alpha", [0.0, -0.15, -0.3])
+@pytest.mark.parametrize("frequency", [0.1, 1.0, 10.0])
+def test_the_closed_recurrence_has_the_roots_of_the_integrator_s_theory(alpha, frequency):
+    ours = np.linalg.eigvals(recurrence.of_alpha(alpha).matrix(frequency))
+    assert np.sort(np.abs(ours)) == pytest.approx(np.sort(np.abs(roots(alpha, frequency))), abs=1e-7)
+
+
+def test_leapfrog_is_bounded_up_to_a_frequency_of_two_and_no_further():
+    radius = [np.abs(np.linalg.eigvals(recurrence.LEAPFROG.matrix(x))).max() for x in (0.5, 1.9, 2.1)]
+    assert radius[:2] == pytest.approx([1.0, 1.0]) and radius[2] > 1.2
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
+def test_generalised_alpha_leaves_what_it_says_of_the_fastest_vibration(rho):
+    assert np.abs(np.linalg.eigvals(recurrence.of_rho(rho).matrix(1e4))).max() == pytest.approx(rho, abs=0.02)
+
+
+CLOSED = {
+    "stiff": lambda: scenes.stiff(100.0, 2.0),
+    "damped": lambda: scenes.damped(50.0, 2.0),
+    "spinning": lambda: scenes.spinning(20.0, 2.0),
+    "pushed": lambda: scenes.pushed(3.0, 0.7, 2.0),
+    "bouncing": lambda: scenes.bouncing(100.0, 2.0),
+    "parallelogram": lambda: scenes.parallelogram(2.0),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_closed_solutions_satisfy_the_equations_of_motion(name):
+    problem, h = CLOSED[name](), 1e-4
+    system = problem.system
+    for t in np.linspace(0.05, 1.95, 12):
+        before, now, after = (problem.exact(t + s) for s in (-h, 0.0, h))
+        acceleration = (after.v - before.v) / (2 * h)
+        assert (after.q - before.q) / (2 * h) == pytest.approx(now.v, abs=1e-5)
+        rows = np.array([np.asarray(system.constraint(t, now.q + d)) for d in 1e-6 * np.eye(now.q.size)])
+        rows = ((rows - np.asarray(system.constraint(t, now.q))) / 1e-6).T
+        unbalanced = acceleration - np.asarray(system.force(t, now.q, now.v))
+        reaction = rows.T @ np.linalg.lstsq(rows.T, unbalanced, rcond=None)[0]
+        assert unbalanced == pytest.approx(reaction, abs=1e-4)
+        assert np.asarray(system.constraint(t, now.q)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_speed_of_a_sliding_mass_obeys_its_friction():
+    width, h = 0.05, 1e-5
+    for t in (0.1, 0.9, 1.0, 1.1):
+        rate = (scenes.sliding_speed(width, t + h) - scenes.sliding_speed(width, t - h)) / (2 * h)
+        assert rate == pytest.approx(-np.tanh(scenes.sliding_speed(width, t) / width), abs=1e-6)
+
+
+@pytest.mark.parametrize("axis", ["stiffness", "wrong_a0"])
+def test_hht_is_right_or_says_why_not(axis):
+    found = [measure(cell, "hht").kind for cell in small(axis)]
+    assert found and set(found) <= {Kind.right, Kind.budget}
+
+
+def test_alternating_steps_that_let_a_stiff_vibration_grow_count_as_wrong():
+    (grown,) = [measure(x, "hht") for x in small("ratios") if x.x == 100.0 and x.line == "1 : r, stiff"]
+    assert grown.kind is Kind.wrong and grown.errors["fast vibration"] > 1.0
+
+
+EVERYWHERE = (0.0, np.inf)
+TURNS = {"steps": (1e-3, 1.0), "span": (1.0, 1e3), "tension": (0.1, 0.1)}  # beyond these nothing turns, or all is bounded
+
+
+@pytest.mark.parametrize("axis", [x.name for x in AXES if any(cell.small for cell in x.cells())])
+def test_a_motion_straight_on_is_nowhere_right_where_the_motion_turns(axis):
+    low, high = TURNS.get(axis, EVERYWHERE)
+    kinds = [measure(cell, Straight()).kind for cell in small(axis) if low <= cell.x <= high]
+    assert kinds and set(kinds) == {Kind.wrong}
+
+
+def test_an_exception_is_a_crash():
+    found = measure(small("stiffness")[0], Raising())
+    assert found.kind is Kind.crashed and "ArithmeticError: lost" in found.message
+
+
+def test_a_solver_that_hangs_or_dies_costs_one_cell(monkeypatch):
+    monkeypatch.setattr(workers, "OVERDUE", 4.0)
+    worker = Worker()
+    try:
+        for name, words in (("Sleeping", "killed"), ("Dying", "ended with 7")):
+            found = worker.measure(Batch(f"{LIARS}:{name}", "stiffness", 0, (0,)), 0, 0.0)
+            assert found.kind is Kind.crashed and words in found.message
+    finally:
+        worker.end()
+
+
+def outcome(kind, **more):
+    return Outcome(kind=kind, status="success", message="", **more)
+
+
+def told():
+    (axis,) = chosen_axes(["stiffness"])
+    kinds = {"good": (Kind.right, Kind.named), "bad": (Kind.right, Kind.wrong), "shy": (Kind.declined, Kind.declined)}
+    measured = [
+        Measured(solver, "stiffness", x, "h = 1 s", outcome(kind, share=0.5))
+        for solver, pair in kinds.items()
+        for x, kind in zip((1e2, 1e4), pair, strict=True)
+    ]
+    return Stability(axes=(axis,), solvers=tuple(kinds), seed=0, measured=tuple(measured), seconds=1.0)
+
+
+def test_a_sentence_says_where_a_solver_is_safe():
+    found = told()
+    assert found.sentence("good").endswith("Safe, by arriving or by saying why not, on stiffness.")
+    assert found.sentence("bad").endswith("Safe on no whole axis. Not on stiffness (1 of 2, at 10000).")
+    assert found.sentence("shy") == "shy can be asked none of these."
+    assert letters(found.measured)["bad"] == {"h = 1 s": "rW"}
+
+
+def test_text_page_and_numbers_hold_every_cell(tmp_path):
+    found = told()
+    assert "| bad" in markdown(found) and "rW" in markdown(found)
+    page = write_stability(found, tmp_path)
+    assert page.name == STABILITY and "silently wrong" in page.read_text(encoding="utf-8")
+    cells = json.loads(json.dumps(found.as_dict()))["cells"]
+    assert [cell["kind"] for cell in cells] == [x.outcome.kind.label for x in found.measured]
+
+
+def test_the_study_measures_every_small_cell_in_its_workers():
+    found = study_stability(["rank"], ["hht"], jobs=1, small=True)
+    assert [x.outcome.kind for x in found.measured] == [Kind.right] * len(small("rank"))
+
+
+def test_others_solvers_are_checked_by_the_same_cells():
+    checks = {check.name: check for check in check_solver("hht", suite="extremes")}
+    assert len(checks) == sum(cell.small for axis in AXES for cell in axis.cells()) and len({*checks}) > 60
+    assert checks["rank/h = 0.01 s/0.0001"].run().kind is CheckKind.passed
+    assert checks["ratios/1 : r, stiff/100"].run().message.startswith("success, but ")
+    with pytest.raises(ValueError, match="claims or extremes"):
+        check_solver("hht", suite="extreme")
+
+
+def row(solver, status, rtol=1e-6, message="", error=None):
+    errors = {} if error is None else {"errors": {"q": {"max_scaled": error}}}
+    request = {"rtol": rtol, "atol": None, "step": None, "steps": None}
+    return RunRow(key=solver, problem="p", solver=solver, request=request, status=status, message=message, metrics=errors)
+
+
+def test_the_atlas_types_every_failure():
+    rows = [
+        row("ida(form='ggl')", "success", error=9e-4),
+        row("ida(form='index2')", "success", error=2e-3),
+        row("ida(form='ggl')", "newton_failed", 3e-6, "at t = 1"),
+        row("hht", "unreliable", message="constraints: violated"),
+        row("rattle", "declined"),
+    ]
+    found = failure_atlas(rows)
+    assert found.runs == 4
+    assert {(x.solver, x.form, x.accuracy, x.cause) for x in found.failures} == {
+        ("ida", "index2", "rtol 1e-6", "silently wrong"),
+        ("ida", "ggl", "rtol 1e-6", "newton_failed"),
+        ("hht", "", "rtol 1e-6", "unreliable: constraints"),
+    }
+    assert found.table().rows[0][4].text == "silently wrong"
+    assert "3 of 4 runs failed" in found.causes().note
