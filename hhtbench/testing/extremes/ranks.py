@@ -14,37 +14,41 @@ from scipy.integrate import solve_ivp
 from hhtbench.protocol import Motion, Problem
 from hhtbench.registry import load_problem
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import along, at_the_end
-from hhtbench.testing.extremes.scenes import FIRST, SECOND, SLOW, leaning
+from hhtbench.testing.extremes.known import at_the_end, held, reacting_by
+from hhtbench.testing.extremes.scenes import crossed_levels, leaning
 from hhtbench.testing.subject import ACCURACY
 
 SPAN = 2.0  # [s]
 RTOL, STEP = 1e-5, 1e-2
+LEVELS = 1e-12
+ROUNDED = 20 * float(np.finfo(np.float64).eps)
 BRANCH = 0.3  # of the scaled positions: nearer than that it is this branch and no other
+CURVATURE = 100.0  # error over h^2 of a method of second order on the branch [1/s^2]
 CRANK_ANGLE, CRANK_RATE = math.pi / 4, 4.0  # at the start of the slider-crank [rad], [rad/s]
 
 
-def _slow(rows: np.ndarray, x: float, small: bool) -> Iterator[Cell]:
-    for line, request, most in (
-        ("rtol 1e-05", {"rtol": RTOL}, ACCURACY * RTOL),
-        ("h = 0.01 s", {"step": STEP}, 10 * STEP**2),
+def _leaning(rows: np.ndarray, x: float, small: bool, known: float) -> Iterator[Cell]:
+    """``known``: to what the rows themselves are rounded, over what they say apart from each other."""
+    for line, request, most, level in (
+        ("rtol 1e-05", {"rtol": RTOL}, ACCURACY * RTOL, ACCURACY * RTOL),
+        ("h = 0.01 s", {"step": STEP}, 10 * STEP**2, LEVELS),
     ):
-        expected = {"slow motion": Expected(error=along(SLOW), most=most)}
+        expected = reacting_by(rows, most + known) | {"both levels": Expected(error=held(crossed_levels), most=level + known)}
         yield Cell(x=x, line=line, make=partial(leaning, rows, SPAN), request=request, expected=expected, small=small)
 
 
 @axis("rank", "angle between two rows of constraints [rad]")
 def rank(seed: int) -> Iterator[Cell]:
-    """Two rows that are nearly one: the motion does not feel it, closed solution."""
+    """Two rows that are nearly one: motion, levels and reaction as if they were apart, but for the roundoff of the rows."""
     for power in (0, -2, -4, -6, -8, -10, -12, -14):
-        yield from _slow(np.array([FIRST, FIRST + 10.0**power * SECOND]), 10.0**power, power in (-4, -10))
+        yield from _leaning(np.array([[1.0, 0.0], [1.0, 10.0**power]]), 10.0**power, power in (-4, -10), ROUNDED / 10.0**power)
 
 
 @axis("redundant", "a row once more, times")
 def redundant(seed: int) -> Iterator[Cell]:
-    """A row of constraints twice, at every scale: the motion does not feel it, closed solution."""
+    """A row of constraints twice, at every scale: motion, levels and sum of reactions as if it were there once, closed."""
     for power in (-12, -8, -4, 0, 4, 8, 12):
-        yield from _slow(np.array([FIRST, SECOND, 10.0**power * FIRST]), 10.0**power, power in (-8, 0))
+        yield from _leaning(np.array([[1.0, 0.0], [0.0, 1.0], [10.0**power, 0.0]]), 10.0**power, power in (-8, 0), 0.0)
 
 
 def _slider_crank() -> Problem:
@@ -76,11 +80,14 @@ def dead_points(seed: int) -> Iterator[Cell]:
         ("two windows", partial(load_problem, "four_bars(n_windows=2, t_end=1.0)"), 1.0),
         ("slider-crank", _slider_crank, 2.0),
     ):
-        expected = {"branch": Expected(error=at_the_end, most=BRANCH)}
+        branch = Expected(error=at_the_end, most=BRANCH)
         for rtol in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
+            expected = {"branch": branch, "accuracy on it": Expected(error=at_the_end, most=ACCURACY * rtol)}
             small = name == "slider-crank" and rtol in (1e-4, 1e-6)
             request: dict[str, object] = {"rtol": rtol, "t_eval": [end]}
             yield Cell(x=rtol, line=f"{name}, rtol", make=make, request=request, expected=expected, small=small)
         for count in (200, 500, 1000, 2000, 5000):
             request = {"steps": count, "t_eval": [end]}
+            on_it = Expected(error=at_the_end, most=CURVATURE * (end / count) ** 2)
+            expected = {"branch": branch, "accuracy on it": on_it}
             yield Cell(x=1 / count, line=f"{name}, steps", make=make, request=request, expected=expected)

@@ -1,109 +1,172 @@
 """Mechanisms of the extremes, with closed solutions up to the largest parameters.
 
-Directions are the rows of a matrix whose entries are halves: sums along them are exact in floating-point numbers, so that a
-stiffness of 1e14 across a motion leaves no roundoff in it.
+Directions are the rows of a matrix whose entries are halves, so that no coordinate is a direction by itself. What moves along
+SLOW and FAST moves on circles through FIRST and SECOND: forces are given by the length of the arc, so that its equation is that
+of a straight line, while the constraints turn the motion and take up forces along the normals. Without them nothing here is right.
 """
 
 from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
 from hhtbench.testing.scenes import GRAVITY, RADIUS, swing
 
 BASIS = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]]) / 2
-SLOW, FAST, FIRST, SECOND = BASIS  # the last two are held by constraints
+SLOW, FAST, FIRST, SECOND = BASIS
+PRESS = 1.0  # force against the circles [m/s^2]
+
+
+class Arc(NamedTuple):
+    """A state on a circle that touches the direction ``along`` at the origin and bends towards ``across``."""
+
+    length: Any  #: from the origin [m]
+    rate: Any  #: [m/s]
+    tangent: Any  #: (n,)
+    normal: Any  #: (n,), away from the centre
+
+
+def arc(q: Any, v: Any, along: Any, across: Any, radius: Any) -> Arc:
+    """What forces on the circle are made of."""
+    angle = jnp.arctan2(along @ q, radius - across @ q)
+    s, c = jnp.sin(angle), jnp.cos(angle)
+    tangent = c * along + s * across
+    return Arc(radius * angle, tangent @ v, tangent, s * along - c * across)
+
+
+def off_circle(q: Any, along: Any, across: Any, radius: Any) -> Any:
+    """Distance from the circle [m], to first order; its gradient is the normal."""
+    x, y = along @ q, across @ q
+    return (x * x + y * y) / (2 * radius) - y
+
+
+def on_circle(length: float, rate: float, along: Vector, across: Vector, radius: float) -> tuple[Vector, Vector]:
+    """q and v (n,) on the arc."""
+    angle = length / radius
+    s, c, depth = math.sin(angle), math.cos(angle), 2 * math.sin(angle / 2) ** 2
+    return radius * (s * along + depth * across), rate * (c * along + s * across)
 
 
 class Crossed(System):
-    """Four coordinates, two of four directions held: along SLOW and FAST springs, a damper and a spin that couples them."""
+    """Four coordinates on two circles: along the arcs springs, a damper and a spin that couples them, and a force on each."""
 
     slow: Any = parameter(1.0, doc="spring along SLOW [1/s^2]")
     fast: Any = parameter(1.0, doc="spring along FAST [1/s^2]")
     damper: Any = parameter(0.0, doc="along SLOW [1/s]")
     spin: Any = parameter(0.0, doc="gyroscopic [1/s]")
-    push: Any = parameter(0.0, doc="of a force along SLOW and one along FIRST, after `begin` [m/s^2]")
+    push: Any = parameter(0.0, doc="of a force along SLOW and one against its circle, after `begin` [m/s^2]")
     begin: Any = parameter(0.0, doc="[s]")
-    rows: Any = parameter(BASIS[2:], doc="(m, 4) of the constraints")
+    rows: Any = parameter(np.eye(2), doc="(m, 2) of the constraints, in the two circles")
+    radius: Any = parameter(1.0, doc="of both circles [m]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Along each direction by itself."""
-        y, z, y_rate, z_rate = SLOW @ q, FAST @ q, SLOW @ v, FAST @ v
+        """Along each arc by itself."""
+        y = arc(q, v, SLOW, FIRST, self.radius)
+        z = arc(q, v, FAST, SECOND, self.radius)
         pushed = jnp.where(t > self.begin, self.push, 0.0)
-        along = pushed - self.slow * y - self.damper * y_rate - self.spin * z_rate
-        across = -self.fast * z + self.spin * y_rate
-        return along * SLOW + across * FAST + pushed * FIRST
+        along = pushed - self.slow * y.length - self.damper * y.rate - self.spin * z.rate
+        across = -self.fast * z.length + self.spin * y.rate
+        return along * y.tangent + across * z.tangent + (PRESS + pushed) * y.normal + PRESS * z.normal
 
     def constraint(self, t: Any, q: Any) -> Any:
         """The rows."""
-        return self.rows @ q
+        return self.rows @ jnp.stack([off_circle(q, SLOW, FIRST, self.radius), off_circle(q, FAST, SECOND, self.radius)])
+
+
+class Lengths(NamedTuple):
+    """Of both arcs and their rates, and what pushes against the first circle besides."""
+
+    y: float
+    z: float
+    y_rate: float
+    z_rate: float
+    pushed: float = 0.0
+
+
+def _crossed(name: str, known: Any, span: float, size: float = 1.0, **given: Any) -> Problem:
+    """``known`` maps t to :class:`Lengths`."""
+    system = Crossed(**given)
+    radius, rows = float(system.radius), np.asarray(system.rows)
+
+    def exact(t: float) -> Motion:
+        x = known(t)
+        (q, v), (p, u) = (
+            on_circle(x.y, x.y_rate, SLOW, FIRST, radius),
+            on_circle(x.z, x.z_rate, FAST, SECOND, radius),
+        )
+        normal = np.array([PRESS + x.pushed + x.y_rate**2 / radius, PRESS + x.z_rate**2 / radius])
+        return Motion(q + p, v + u, np.linalg.lstsq(rows.T, normal, rcond=None)[0], np.zeros(0))
+
+    start = exact(0.0)
+    scales = Scales(q=size, v=size, lam=size)
+    return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+
+
+def crossed_levels(t: float, q: Vector, v: Vector) -> Vector:
+    """Both levels of the two circles of radius 1, (4,)."""
+    pairs = (SLOW, FIRST), (FAST, SECOND)
+    places = [float(off_circle(q, u, n, 1.0)) for u, n in pairs]
+    return np.array([*places, *((u @ q) * (u @ v) + (n @ q - 1.0) * (n @ v) for u, n in pairs)])
 
 
 def stiff(stiffness: float, span: float) -> Problem:
     """y = cos t along SLOW, and a vibration as large as 1 / stiffness along FAST."""
     w = math.sqrt(stiffness)
 
-    def exact(t: float) -> Motion:
-        y, z = math.cos(t), math.cos(w * t) / stiffness
-        q, v = y * SLOW + z * FAST, -math.sin(t) * SLOW - math.sin(w * t) / w * FAST
-        return Motion(q, v, np.zeros(2), np.zeros(0))
+    def known(t: float) -> Lengths:
+        return Lengths(math.cos(t), math.cos(w * t) / stiffness, -math.sin(t), -math.sin(w * t) / w)
 
-    return _problem("stiff", Crossed(fast=stiffness), exact, span)
+    return _crossed("stiff", known, span, fast=stiffness)
 
 
 def damped(damper: float, span: float) -> Problem:
     """y'' = -damper (y' + y) on its slow motion, about e^-t; ``damper`` above 4."""
     rate = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 / damper))
 
-    def exact(t: float) -> Motion:
+    def known(t: float) -> Lengths:
         y = math.exp(-rate * t)
-        return Motion(y * SLOW, -rate * y * SLOW, np.zeros(2), np.zeros(0))
+        return Lengths(y, 0.0, -rate * y, 0.0)
 
-    return _problem("damped", Crossed(slow=damper, damper=damper), exact, span)
+    return _crossed("damped", known, span, slow=damper, damper=damper)
 
 
 def spinning(spin: float, span: float) -> Problem:
     """Springs of the size of a gyroscopic force: a slow circle of frequency near 1, the fast one near ``spin`` at rest."""
     w = 2.0 / (1.0 + math.sqrt(1.0 + 4.0 / spin))
 
-    def exact(t: float) -> Motion:
+    def known(t: float) -> Lengths:
         c, s = math.cos(w * t), math.sin(w * t)
-        return Motion(c * SLOW - s * FAST, -w * (s * SLOW + c * FAST), np.zeros(2), np.zeros(0))
+        return Lengths(c, -s, -w * s, -w * c)
 
-    return _problem("spinning", Crossed(slow=spin, fast=spin, spin=spin), exact, span)
+    return _crossed("spinning", known, span, slow=spin, fast=spin, spin=spin)
 
 
 def pushed(push: float, begin: float, span: float) -> Problem:
     """A force that jumps right after ``begin``: half of it moves, half of it the constraints take up."""
 
-    def exact(t: float) -> Motion:
+    def known(t: float) -> Lengths:
         s = max(t - begin, 0.0)
         y, rate = math.cos(t) + push * (1 - math.cos(s)), -math.sin(t) + push * math.sin(s)
-        return Motion(y * SLOW, rate * SLOW, np.array([push if t > begin else 0.0, 0.0]), np.zeros(0))
+        return Lengths(y, 0.0, rate, 0.0, push if t > begin else 0.0)
 
-    return _problem("pushed", Crossed(push=push, begin=begin), exact, span, 1.0 + push)
+    size = 1.0 + push
+    return _crossed("pushed", known, span, size, push=push, begin=begin, radius=2.0 * size)
 
 
 def leaning(rows: Any, span: float) -> Problem:
-    """Constraints ``rows`` (m, 4) that span FIRST and SECOND, however nearly dependent they are; y = cos t along SLOW."""
+    """Constraints ``rows`` (m, 2) of the two circles, however nearly dependent they are; y = cos t along SLOW."""
 
-    def exact(t: float) -> Motion:
-        return Motion(math.cos(t) * SLOW, -math.sin(t) * SLOW, np.zeros(len(rows)), np.zeros(0))
+    def known(t: float) -> Lengths:
+        return Lengths(math.cos(t), 0.0, -math.sin(t), 0.0)
 
-    return _problem("leaning", Crossed(rows=np.asarray(rows)), exact, span)
-
-
-def _problem(name: str, system: System, exact: Any, span: float, size: float = 1.0) -> Problem:
-    start = exact(0.0)
-    scales = Scales(q=size, v=size, lam=size)
-    return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+    return _crossed("leaning", known, span, rows=np.asarray(rows))
 
 
 class Oscillator(System):
@@ -123,18 +186,23 @@ def oscillator(frequency: float, steps: int) -> Problem:
     return Problem(name="oscillator", system=system, t_span=(0.0, float(steps)), q0=np.zeros(1), v0=np.ones(1))
 
 
+AHEAD, ASIDE = np.eye(2)
+BEND = 2.0  # radius of the circle on which masses slide and bounce [m]
+
+
 class OneSided(System):
-    """A mass that meets a spring at 0, guided along a line."""
+    """A mass that meets a spring at 0, guided along a circle."""
 
     stiffness: Any = parameter(1e4, doc="[1/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         """The spring while it is pressed."""
-        return self.stiffness * jnp.maximum(-q[0], 0.0) * jnp.array([1.0, 0.0])
+        x = arc(q, v, AHEAD, ASIDE, BEND)
+        return self.stiffness * jnp.maximum(-x.length, 0.0) * x.tangent + PRESS * x.normal
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The line."""
-        return q[1:]
+        """The circle."""
+        return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
 
 def bouncing(stiffness: float, span: float) -> Problem:
@@ -149,7 +217,7 @@ def bouncing(stiffness: float, span: float) -> Problem:
             x, rate = -math.sin(s) / w, -math.cos(s)
         else:
             x, rate = t - 1.0 - math.pi / w, 1.0
-        return Motion(np.array([x, 0.0]), np.array([rate, 0.0]), np.zeros(1), np.zeros(0))
+        return Motion(*on_circle(x, rate, AHEAD, ASIDE, BEND), np.array([PRESS + rate**2 / BEND]), np.zeros(0))
 
     start = exact(0.0)
     return Problem(
@@ -158,22 +226,51 @@ def bouncing(stiffness: float, span: float) -> Problem:
 
 
 class Sliding(System):
-    """A mass on a line with a friction of 1 m/s^2 that changes its sign within the speed ``width``."""
+    """A mass on a circle with a friction of 1 m/s^2 that changes its sign within the speed ``width``."""
 
     width: Any = parameter(1e-2, doc="[m/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Friction."""
-        return -jnp.tanh(v[0] / self.width) * jnp.array([1.0, 0.0])
+        """Friction, and what presses the mass to the circle."""
+        x = arc(q, v, AHEAD, ASIDE, BEND)
+        return -jnp.tanh(x.rate / self.width) * x.tangent + PRESS * x.normal
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The line."""
-        return q[1:]
+        """The circle."""
+        return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
 
-def sliding(width: float, span: float) -> Problem:
-    """From the speed 1; it has come to rest at t = 1."""
-    return Problem(name="sliding", system=Sliding(width=width), t_span=(0.0, span), q0=np.zeros(2), v0=np.array([1.0, 0.0]))
+class Rubbing(System):
+    """The same, where friction is as large as the multiplier: what presses the mass leaves it at 1 m/s^2 at every speed."""
+
+    width: Any = parameter(1e-2, doc="[m/s]")
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """What presses."""
+        x = arc(q, v, AHEAD, ASIDE, BEND)
+        return (1.0 - x.rate**2 / BEND) * x.normal
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """The circle."""
+        return off_circle(q, AHEAD, ASIDE, BEND)[None]
+
+    def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
+        """Along the normal, and friction against the motion."""
+        x = arc(q, v, AHEAD, ASIDE, BEND)
+        normal = (q[0] * AHEAD + (q[1] - BEND) * ASIDE) / BEND
+        return -lam[0] * normal - jnp.abs(lam[0]) * jnp.tanh(x.rate / self.width) * x.tangent
+
+def sliding(width: float, span: float, system: type[System] = Sliding) -> Problem:
+    """From the speed 1; it has come to rest at t = 1. ``system``: with friction as a force, or as a part of the reaction."""
+
+    def exact(t: float) -> Motion:
+        rate = sliding_speed(width, t)
+        lam = 1.0 if system is Rubbing else PRESS + rate**2 / BEND
+        return Motion(*on_circle(slid(width, t), rate, AHEAD, ASIDE, BEND), np.array([lam]), np.zeros(0))
+
+    q0, v0 = on_circle(0.0, 1.0, AHEAD, ASIDE, BEND)
+    given: Any = system(width=width)  # type: ignore[call-arg]
+    return Problem(name=system.__name__.lower(), system=given, t_span=(0.0, span), q0=q0, v0=v0, exact=exact)
 
 
 def sliding_speed(width: float, t: float) -> float:
@@ -183,6 +280,13 @@ def sliding_speed(width: float, t: float) -> float:
     return width * (
         level + math.log1p(math.sqrt(1.0 + math.exp(-2.0 * level))) if level > 0 else math.asinh(math.exp(level))
     )
+
+
+def slid(width: float, t: float) -> float:
+    """Way until ``t`` [m]: the integral of v coth(v / width) from :func:`sliding_speed` to 1, its straight part closed."""
+    rate = sliding_speed(width, t)
+    rest, _ = quad(lambda u: u / math.expm1(u) if u else 1.0, min(2 * rate / width, 100.0), min(2 / width, 100.0))
+    return (1.0 - rate**2) / 2 + width**2 / 2 * rest
 
 
 class Parallelogram(System):

@@ -13,8 +13,8 @@ from hhtbench.protocol import Problem
 from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import along, at_the_end, held, motion
-from hhtbench.testing.extremes.scenes import BASIS, FAST, SLOW, damped, spinning, stiff
+from hhtbench.testing.extremes.known import HALF, REACTION, along, at_the_end, exact, held, motion, reacting
+from hhtbench.testing.extremes.scenes import FAST, FIRST, SLOW, crossed_levels, damped, spinning, stiff
 from hhtbench.testing.subject import ACCURACY
 
 SPAN = 5.0  # [s], most of a period of the slow motion
@@ -33,13 +33,19 @@ LAST = 8  # exponent of the largest stiffness with a reference; that of the rigi
 
 
 def beside(stiffness: float, most: float, across: float = ROUNDOFF) -> dict[str, Expected]:
-    """The slow motion is right; the vibration across it, 1 / stiffness at first, grows by no more than ``across``."""
-    slow = Expected(error=along(SLOW), most=most)
-    return {"slow motion": slow, "fast vibration": Expected(error=_fast, most=GROWTH / stiffness + across)}
+    """The slow motion is right on its circle; the vibration across it, 1 / stiffness at first, stays below ``across``."""
+    slow = {name: Expected(error=along(u), most=most) for name, u in (("slow motion", SLOW), ("its circle", FIRST))}
+    fast = {"fast vibration": Expected(error=_fast, most=GROWTH / stiffness + across)}
+    return slow | fast | {"reaction": Expected(error=_slow_reaction, most=min(REACTION * most, HALF))}
 
 
 def _fast(problem: Problem, found: Solution) -> float:
     return float(np.max(np.abs(found.q @ FAST)))
+
+
+def _slow_reaction(problem: Problem, found: Solution) -> float:
+    """Of the circle of the slow motion."""
+    return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:, 0]))
 
 
 def _ways() -> Iterator[tuple[str, dict[str, float], float]]:
@@ -66,7 +72,7 @@ def dampers(seed: int) -> Iterator[Cell]:
         for line, request, most in _ways():
             make = partial(damped, 10.0**power, SPAN)
             small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
-            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=motion(most), small=small)
+            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=reacting(most), small=small)
 
 
 @axis("spin", "gyroscopic coupling [1/s]")
@@ -76,7 +82,7 @@ def spin(seed: int) -> Iterator[Cell]:
         for line, request, most in _ways():
             make = partial(spinning, 10.0**power, SPAN)
             small = power == 4 and line in ("rtol 0.001", "h = 0.01 s")
-            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=motion(most), small=small)
+            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=reacting(most), small=small)
 
 
 @axis("steps", "length of a step [s]")
@@ -91,13 +97,13 @@ def steps(seed: int) -> Iterator[Cell]:
         expected = slow | {"both levels": levels}
         small = power in (-9, -3, 1)
         yield Cell(x=h, line=f"{count} steps", make=make, request={"steps": count}, expected=expected, small=small)
-        within = motion(ACCURACY * 1e-6 * max(1.0, count * h))
+        within = reacting(ACCURACY * 1e-6 * max(1.0, count * h))
         yield Cell(x=h, line="rtol 1e-06, as long", make=make, request={"rtol": 1e-6}, expected=within, small=small)
 
 
 def _levels(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    rows = BASIS[2:]
-    return np.concatenate([rows @ q / max(1.0, float(np.abs(q).max())), rows @ v / max(1.0, float(np.abs(v).max()))])
+    sizes = max(1.0, float(np.abs(q).max())), max(1.0, float(np.abs(v).max()))
+    return crossed_levels(t, q, v) / np.repeat(sizes, 2)
 
 
 def _sprung(power: int) -> Problem:
