@@ -25,7 +25,7 @@ ROWS = 21  # of output under error control; prescribed steps are all seen, betwe
 OUT_OF_BUDGET = (Status.deadline, Status.max_steps, Status.evaluation_budget)
 DIED = (Status.crashed, Status.out_of_memory)
 
-Error = Callable[[Problem, Solution], float]
+Error = Callable[..., float]  # of the problem, the solution, and those of the further runs of the cell
 
 
 class Kind(enum.Enum):
@@ -69,6 +69,7 @@ class Cell:
     options: Mapping[str, Any] = field(default_factory=dict)  #: of the solver; one that has them not declines
     families: tuple[str, ...] = ()  #: solvers that it is about; none: all
     seconds: float = SECONDS
+    further: tuple[tuple[Callable[[], Problem], Mapping[str, Any]], ...] = ()  #: runs that it is compared with
     small: bool = False  #: one of the few that solvers from elsewhere are checked by
 
     def is_about(self, solver: Solver | str) -> bool:
@@ -131,11 +132,15 @@ def measure(cell: Cell, solver: Solver | str) -> Outcome:
 
 
 def _solved(cell: Cell, solver: Solver) -> Outcome:
-    """Functions are compiled in a solve of one step before the one that has the cell's budget."""
+    """Functions are compiled in a solve of one step before those that have the cell's budget; the first that fails counts."""
     problem = cell.make()
     request = _rows(problem, cell.request)
     solve(problem, solver, **{**request, "max_seconds": COMPILING, "max_num_steps": 1})
-    return judge(cell, problem, solve(problem, solver, max_seconds=cell.seconds, **request))
+    runs = [solve(problem, solver, max_seconds=cell.seconds, **request)]
+    for make, asked in cell.further:
+        runs.append(solve(make(), solver, max_seconds=cell.seconds, **_rows(problem, asked)))
+    failed = [run for run in runs if not run.success]
+    return judge(cell, problem, failed[0]) if failed else judge(cell, problem, *runs)
 
 
 def _rows(problem: Problem, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,7 +154,7 @@ def _with(solver: Solver | str, options: Mapping[str, Any]) -> Solver:
     return load_solver(solver, **options)
 
 
-def judge(cell: Cell, problem: Problem, found: Solution) -> Outcome:
+def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> Outcome:
     """The class of an end; an error that is not a number is larger than any."""
     ended = Outcome(
         kind=_kind(found.status),
@@ -160,7 +165,7 @@ def judge(cell: Cell, problem: Problem, found: Solution) -> Outcome:
     )
     if not found.success:
         return ended
-    errors = {name: float(known.error(problem, found)) for name, known in cell.expected.items()}
+    errors = {name: float(known.error(problem, found, *further)) for name, known in cell.expected.items()}
     shares = [errors[name] / known.most for name, known in cell.expected.items()]
     share = max((x if math.isfinite(x) else math.inf for x in shares), default=math.inf)
     return replace(ended, kind=Kind.right if share <= 1.0 else Kind.wrong, errors=errors, share=share)

@@ -22,6 +22,8 @@ def extreme_checks() -> list[tuple[str, str, Callable[[Subject], None]]]:
 
 def _holds(cell: Cell, subject: Subject) -> None:
     """It arrives within the expected error, ends with a cause, or is out of its budget and says so."""
+    if not cell.is_about(subject.spec):
+        raise Declined(f"it is about {' and '.join(cell.families)}.")
     found = measure(cell, subject.spec)
     if found.kind is Kind.declined:
         raise Declined(found.message)

@@ -84,6 +84,7 @@ def amplification(seed: int) -> Iterator[Cell]:
                 expected=_expected(weights, frequency),
                 options=options,
                 families=families,
+                small=power == -1 and weights in (METHODS[1][-1], METHODS[5][-1], LEAPFROG),
             )
 
 

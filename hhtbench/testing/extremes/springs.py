@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,10 @@ STEPS = (1e-1, 1e-2, 1e-3)  # [s]
 PROBLEM = "stiff_spring_pendulum(stiffness=1e{})"
 BEND = 30.0  # error over h^2 of a method of second order there [1/s^2]; 8 to 11 for HHT on the rigid pendulum
 SWAY = 30.0  # over g/k, where the step does not resolve the spring: 11 there
+THERE = 0.3  # scaled, at any step: that the pendulum is where it should be, and not where it was
+SLOPE = (2e-2, 1e-2, 5e-3)  # steps of a fitted order [s]
+FITTED = (2, 10, 12)  # exponents of stiffness where they all resolve the spring, or are far beyond it
+SHORT = 0.5  # of the order
 LAST = 8  # exponent of the largest stiffness with a reference; that of the rigid rod is nearer to the others than SWAY g/k
 
 
@@ -122,13 +127,29 @@ def order(seed: int) -> Iterator[Cell]:
     """Order at intermediate stiffness: a pendulum on a stiff spring, steps around its period: certified references."""
     for power in (2, 4, 6, 8, 10, 12):
         make = partial(_sprung, power)
+        small = power in (2, 10)
+        given: dict[str, Any] = {"x": 10.0**power, "make": make}
         for rtol in (1e-3, 1e-5, 1e-7):
             within = {"end": Expected(error=at_the_end, most=ACCURACY * rtol + _sway(power) * (power > LAST))}
-            line = f"rtol {rtol:g}"
-            yield Cell(x=10.0**power, line=line, make=make, request={"rtol": rtol, "t_eval": [1.0]}, expected=within)
+            asked: dict[str, Any] = {"rtol": rtol, "t_eval": [1.0]}
+            yield Cell(line=f"rtol {rtol:g}", request=asked, expected=within, small=small and rtol == 1e-5, **given)
         for h in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4):
             resolved = h * math.sqrt(10.0**power) < 1.0
             most = BEND * h**2 + _sway(power) * (not resolved or power > LAST) + ROUNDOFF
-            within = {"end": Expected(error=at_the_end, most=most)}
-            line = f"h = {h:g} s"
-            yield Cell(x=10.0**power, line=line, make=make, request={"step": h, "t_eval": [1.0]}, expected=within)
+            within = {"end": Expected(error=at_the_end, most=min(most, THERE))}
+            asked = {"step": h, "t_eval": [1.0]}
+            yield Cell(line=f"h = {h:g} s", request=asked, expected=within, small=small and h == 1e-2, **given)
+        if power in FITTED:
+            further = tuple((make, {"step": h, "t_eval": [1.0]}) for h in SLOPE[1:])
+            within = {"order below 2 by": Expected(error=partial(_shortfall, _sway(power)), most=SHORT)}
+            asked = {"step": SLOPE[0], "t_eval": [1.0]}
+            yield Cell(line="fitted order", request=asked, expected=within, further=further, small=small, **given)
+
+
+def _shortfall(floor: float, problem: Problem, *runs: Solution) -> float:
+    """2 less the fitted order of the error at the end, from the runs above ``floor``; 0 where fewer than two are."""
+    errors = np.array([at_the_end(problem, run) for run in runs])
+    above = errors > 3 * floor
+    if np.count_nonzero(above) < 2:
+        return 0.0
+    return max(0.0, 2.0 - float(np.polyfit(np.log(np.array(SLOPE)[above]), np.log(errors[above]), 1)[0]))
