@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 
+import jax
 import numpy as np
+from scipy.integrate import solve_ivp
 
 import hhtbench as hb
+from hhtbench.testing.extremes.scenes import FAST, FIRST, SECOND, SLOW, on_circle
+from hhtbench.testing.scenes import PERIOD
 
 
 class Straight:
@@ -19,12 +24,27 @@ class Straight:
         return None
 
     def solve(self, problem, request):
-        t0, t1 = problem.t_span
-        t = np.linspace(t0, t1, 5) if request.t_eval is None else request.t_eval
-        q, v = problem.q0 + np.outer(t - t0, problem.v0), np.tile(problem.v0, (t.size, 1))
-        rows = np.size(problem.system.constraint(t0, problem.q0))
-        lam, mu = np.zeros((t.size, rows)), np.zeros((t.size, 0))
-        return hb.Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=hb.Status.success, message="")
+        t = self.rows(problem, request)
+        rows = np.size(problem.system.constraint(t[0], problem.q0)) if hasattr(problem.system, "constraint") else 0
+        return said(t, *self.told(problem, request, t), np.zeros((t.size, rows)))
+
+    def rows(self, problem, request):
+        return np.linspace(*problem.t_span, 5) if request.t_eval is None else np.asarray(request.t_eval)
+
+    def told(self, problem, request, t):
+        """q and v."""
+        return problem.q0 + np.outer(t - problem.t_span[0], problem.v0), np.tile(problem.v0, (t.size, 1))
+
+
+def said(t, q, v, lam):
+    return hb.Solution(t=t, q=q, v=v, lam=lam, mu=np.zeros((t.size, 0)), status=hb.Status.success, message="")
+
+
+class Still(Straight):
+    """Stays where it was let go."""
+
+    def told(self, problem, request, t):
+        return np.tile(problem.q0, (t.size, 1)), np.zeros((t.size, problem.q0.size))
 
 
 class Raising(Straight):
@@ -48,3 +68,110 @@ class Dying(Straight):
         import os
 
         os._exit(7)
+
+
+class Exact(Straight):
+    """The closed solution with its multipliers, but for what is told of it."""
+
+    def solve(self, problem, request):
+        t = self.rows(problem, request)
+        return said(t, *self.told(problem, request, t), np.array([problem.exact(float(s)).lam for s in t]))
+
+    def told(self, problem, request, t):
+        known = [problem.exact(float(s)) for s in self.when(t)]
+        return np.array([x.q for x in known]), np.array([x.v for x in known])
+
+    def when(self, t):
+        return t
+
+
+class Ignoring(Exact):
+    """Integrates v' = f as if there were no constraints, and knows the multipliers by heart."""
+
+    def told(self, problem, request, t):
+        force = jax.jit(lambda s, q, v: problem.system.force(s, q, v))
+
+        def rate(s, y):
+            q, v = np.split(y, 2)
+            return np.concatenate([v, np.asarray(force(s, q, v))])
+
+        states = [np.concatenate([problem.q0, problem.v0])]
+        for start, end in itertools.pairwise([problem.t_span[0], *t]):
+            moved = end > start
+            states.append(
+                solve_ivp(rate, (start, end), states[-1], "LSODA", rtol=1e-8, atol=1e-10).y[:, -1] if moved else states[-1]
+            )
+        return np.split(np.array(states[1:]), 2, axis=1)
+
+
+class Powerless(Exact):
+    """The right motion, and constraints that take up no force."""
+
+    def solve(self, problem, request):
+        found = super().solve(problem, request)
+        return said(found.t, found.q, found.v, np.zeros_like(found.lam))
+
+
+class Across(Exact):
+    """Leaves the second of two constraints, slowly."""
+
+    def told(self, problem, request, t):
+        q, v = super().told(problem, request, t)
+        return q + 0.05 * np.outer(t, SECOND), v + 0.05 * SECOND
+
+
+class Shaking(Exact):
+    """With a vibration across that has grown to a thousandth of the motion."""
+
+    def told(self, problem, request, t):
+        q, v = super().told(problem, request, t)
+        return q + 1e-3 * np.outer(np.sin(40 * t), FAST), v
+
+
+class OutOfPhase(Exact):
+    """Half a period late."""
+
+    def when(self, t):
+        return t + PERIOD / 2
+
+
+class Beside(Exact):
+    """Right to 0.15 of the unit of length."""
+
+    def told(self, problem, request, t):
+        q, v = super().told(problem, request, t)
+        return q + 0.15, v
+
+
+class Deaf(Exact):
+    """Goes on as if no force had jumped: the circle of the problem, and y = cos t on its arc."""
+
+    def told(self, problem, request, t):
+        radius = float(problem.system.radius)
+        known = [on_circle(np.cos(s), -np.sin(s), SLOW, FIRST, radius) for s in t]
+        return [np.array(x) for x in zip(*known, strict=True)]
+
+
+class Spoiled(Straight):
+    """HHT, and what :meth:`spoil` adds."""
+
+    def solve(self, problem, request):
+        asked = {"rtol": request.rtol, "steps": request.steps, "step": request.step, "t_eval": request.t_eval}
+        found = hb.solve(problem, "hht", **asked)
+        return said(found.t, *self.spoil(problem, request, found), found.lam)
+
+
+class FirstOrder(Spoiled):
+    """An error as small as the step, where it should be as its square."""
+
+    def spoil(self, problem, request, found):
+        return found.q + 0.5 * (request.step or 0.0), found.v
+
+
+class Growing(Spoiled):
+    """What the start is off by grows exponentially."""
+
+    def spoil(self, problem, request, found):
+        off = float(problem.system.constraint(0.0, problem.q0)[0]) + float(problem.q0 @ problem.v0)
+        normal = found.q / np.linalg.norm(found.q, axis=1, keepdims=True)
+        return found.q + off * np.expm1(found.t - found.t[0])[:, None] * normal, found.v

@@ -16,7 +16,7 @@ from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.wording import anchor
 from hhtbench.studies.stability.study import Stability
-from hhtbench.studies.stability.tables import ABOUT, TITLE, counts
+from hhtbench.studies.stability.tables import ABOUT, TITLE, allowed, counts
 from hhtbench.studies.stability.workers import Measured
 from hhtbench.testing.extremes.cell import Axis, Kind
 
@@ -71,10 +71,14 @@ def stability_page(found: Stability) -> str:
 
 def _section(found: Stability, axis: Axis, drawings: Drawings) -> str:
     drawn = axis_map(found.of(axis.name), axis.label)
+    allowances = "\n".join(f"<li>{escape(line)}: {escape(most)}</li>" for line, most in allowed(found, axis).items())
     return f"""\
 <section>
 <h2 id="{anchor(axis.name)}">{escape(axis.name)}</h2>
 <p class="lead">{escape(axis.sentence)}</p>
+<ul>
+{allowances}
+</ul>
 {drawings.box(drawn, drawn.layout.height)}
 </section>"""
 

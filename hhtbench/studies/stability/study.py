@@ -31,6 +31,9 @@ SOLVERS = (
 )
 
 
+SAFE = 0.75  # share of right cells on an axis, of which none misleads, from which on a solver is safe there
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stability:
     """What :func:`study_stability` found."""
@@ -46,7 +49,7 @@ class Stability:
         """Cells of an axis, of a solver, or of both."""
         return [x for x in self.measured if axis in ("", x.axis) and solver in ("", x.solver)]
 
-    def counts(self, axis: str = "", solver: str = "") -> Mapping[Kind, int]:
+    def counts(self, axis: str = "", solver: str = "") -> Counter[Kind]:
         """How many of them ended in which way."""
         return Counter(x.outcome.kind for x in self.of(axis, solver))
 
@@ -59,11 +62,23 @@ class Stability:
         told = ", ".join(f"{counts[kind]} {WORDS[kind]}" for kind in WORDS if counts[kind])
         names = [axis.name for axis in self.axes]
         reached = [name for name in names if set(self.counts(name, solver)) - {Kind.declined}]
-        safe = [name for name in reached if not self._misled(name, solver)]
-        unsafe = [f"{name} ({self._where(name, solver)})" for name in reached if name not in safe]
+        honest = [name for name in reached if not self._misled(name, solver)]
+        safe = [name for name in honest if self._arrived(name, solver) >= SAFE]
+        shy = [f"{name} ({self._short_of(name, solver)})" for name in honest if name not in safe]
+        unsafe = [f"{name} ({self._where(name, solver)})" for name in reached if name not in honest]
         text = f"{solver}: of {asked} cells {told}."
-        text += f" Safe, by arriving or by saying why not, on {', '.join(safe)}." if safe else " Safe on no whole axis."
-        return text + (f" Not on {'; '.join(unsafe)}." if unsafe else "")
+        text += f" Safe on {', '.join(safe)}." if safe else " Safe on no whole axis."
+        text += f" Never misleading, but seldom arriving, on {'; '.join(shy)}." if shy else ""
+        return text + (f" Misleading on {'; '.join(unsafe)}." if unsafe else "")
+
+    def _arrived(self, axis: str, solver: str) -> float:
+        """Share of right cells: an end out of budget is as far from it as one with a cause."""
+        counts = self.counts(axis, solver)
+        return counts[Kind.right] / (counts.total() - counts[Kind.declined])
+
+    def _short_of(self, axis: str, solver: str) -> str:
+        counts = self.counts(axis, solver)
+        return f"{counts[Kind.right]} right of {counts.total() - counts[Kind.declined]}"
 
     def _misled(self, axis: str, solver: str) -> list[Measured]:
         return [x for x in self.of(axis, solver) if x.outcome.kind.misleading]

@@ -6,15 +6,20 @@ from collections.abc import Mapping
 
 from hhtbench.report.markdown import escape_text, markdown_table
 from hhtbench.report.tables import Cell, Table, make_table
-from hhtbench.studies.stability.study import Stability, letters
+from hhtbench.studies.stability.study import SAFE, Stability, letters
 from hhtbench.testing.extremes.cell import Axis, Kind
 
 TITLE = "Stability at the extremes"
 KEY = "; ".join(f"{kind.letter} {kind.text}" for kind in Kind)
 ABOUT = (
-    "Each axis drives one parameter to its extremes. A cell is one solve with a budget of time; its answer is judged by a "
-    "closed solution, a certified reference or an invariant, never by another run of the solver. A hundred times the "
-    "tolerance is right, and for prescribed steps the error of a method of second order."
+    "Each axis drives one parameter to its extremes. A cell is one solve with a budget of time; its answer is judged "
+    "by a closed solution, a certified reference or an invariant; only perturbed starts and fitted orders compare "
+    "runs of a solver. What is allowed stands beside every line of an axis: under error control mostly a hundred "
+    "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
+    "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
+    f"{100 * SAFE:g} % are right. Open: trace, minors and determinant of a step are not fitted apart, its rows are "
+    "those of the closed recurrence; the condition of Newton's matrix is not measured, as solvers do not report it; "
+    "multiplier modes are judged by their error twenty rows after a jump of the force, their decay is not fitted."
 )
 
 
@@ -36,16 +41,32 @@ def _share(found: Mapping[Kind, int]) -> Cell:
     return Cell(f"{found.get(Kind.right, 0)} of {asked}", tone, f"{wrong} wrong" if wrong else "")
 
 
+def allowed(found: Stability, axis: Axis) -> dict[str, str]:
+    """Line of the axis -> what is expected, and the largest errors that count as right, least to most."""
+    bounds: dict[str, dict[str, list[float]]] = {}
+    for cell in axis.cells(found.seed):
+        for name, known in cell.expected.items():
+            bounds.setdefault(cell.line, {}).setdefault(name, []).append(known.most)
+    return {
+        line: "; ".join(f"{name} {_between(min(most), max(most))}" for name, most in of_line.items())
+        for line, of_line in bounds.items()
+    }
+
+
+def _between(low: float, high: float) -> str:
+    return f"{low:.2g}" if f"{low:.2g}" == f"{high:.2g}" else f"{low:.2g} to {high:.2g}"
+
+
 def lines(found: Stability, axis: Axis) -> Table:
-    """A line for every solver and every line of the axis: a letter a cell, along the parameter."""
-    spelled = letters(found.of(axis.name))
+    """A line for every solver and every line of the axis: a letter a cell along the parameter, and what is allowed."""
+    spelled, bounds = letters(found.of(axis.name)), allowed(found, axis)
     rows = [
-        [solver, line, text]
+        [solver, line, text, bounds.get(line, "")]
         for solver, of_solver in spelled.items()
         for line, text in of_solver.items()
         if set(text) != {Kind.declined.letter}
     ]
-    return make_table(["solver", "asked", "along the parameter"], rows)
+    return make_table(["solver", "asked", "along the parameter", "allowed"], rows)
 
 
 def points(found: Stability, axis: Axis) -> str:

@@ -132,7 +132,7 @@ def measure(cell: Cell, solver: Solver | str) -> Outcome:
 
 
 def _solved(cell: Cell, solver: Solver) -> Outcome:
-    """Functions are compiled in a solve of one step before those that have the cell's budget; the first that fails counts."""
+    """Functions are compiled in a solve of one step before those with the cell's budget; the first that fails counts."""
     problem = cell.make()
     request = _rows(problem, cell.request)
     solve(problem, solver, **{**request, "max_seconds": COMPILING, "max_num_steps": 1})

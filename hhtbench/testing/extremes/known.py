@@ -79,7 +79,7 @@ def at_the_end(problem: Problem, found: Solution) -> float:
 def held(violated: Callable[[float, Vector, Vector], Any]) -> Error:
     """Largest violation of constraints over the rows, in their own units."""
 
-    def error(problem: Problem, found: Solution) -> float:
+    def error(problem: Problem, found: Solution, *further: Solution) -> float:
         return float(np.max([np.max(np.abs(violated(*row))) for row in zip(found.t, found.q, found.v, strict=True)]))
 
     return error

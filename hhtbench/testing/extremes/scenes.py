@@ -1,8 +1,9 @@
 """Mechanisms of the extremes, with closed solutions up to the largest parameters.
 
-Directions are the rows of a matrix whose entries are halves, so that no coordinate is a direction by itself. What moves along
-SLOW and FAST moves on circles through FIRST and SECOND: forces are given by the length of the arc, so that its equation is that
-of a straight line, while the constraints turn the motion and take up forces along the normals. Without them nothing here is right.
+Directions are the rows of a matrix whose entries are halves, so that no coordinate is a direction by itself. What moves
+along SLOW and FAST moves on circles that bend towards FIRST and SECOND. Forces are given by the length of the arc,
+whose equation is that of a straight line, while the constraints turn the motion and take up a push along the normals:
+nothing is right without them.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def on_circle(length: float, rate: float, along: Vector, across: Vector, radius:
 
 
 class Crossed(System):
-    """Four coordinates on two circles: along the arcs springs, a damper and a spin that couples them, and a force on each."""
+    """Four coordinates on two circles: along the arcs springs, a damper, a spin that couples them, and a push on each."""
 
     slow: Any = parameter(1.0, doc="spring along SLOW [1/s^2]")
     fast: Any = parameter(1.0, doc="spring along FAST [1/s^2]")
@@ -259,6 +260,7 @@ class Rubbing(System):
         x = arc(q, v, AHEAD, ASIDE, BEND)
         normal = (q[0] * AHEAD + (q[1] - BEND) * ASIDE) / BEND
         return -lam[0] * normal - jnp.abs(lam[0]) * jnp.tanh(x.rate / self.width) * x.tangent
+
 
 def sliding(width: float, span: float, system: type[System] = Sliding) -> Problem:
     """From the speed 1; it has come to rest at t = 1. ``system``: with friction as a force, or as a part of the reaction."""
