@@ -271,7 +271,7 @@ def sliding(width: float, span: float, system: type[System] = Sliding) -> Proble
         return Motion(*on_circle(slid(width, t), rate, AHEAD, ASIDE, BEND), np.array([lam]), np.zeros(0))
 
     q0, v0 = on_circle(0.0, 1.0, AHEAD, ASIDE, BEND)
-    given: Any = system(width=width)  # type: ignore[call-arg]
+    given: Any = system(width=width)
     return Problem(name=system.__name__.lower(), system=given, t_span=(0.0, span), q0=q0, v0=v0, exact=exact)
 
 
