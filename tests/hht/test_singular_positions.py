@@ -137,3 +137,24 @@ def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
     """A small part of ``python -m tests.performance.singular``."""
     kinds = singular.counted(1, 4, -0.05) + singular.counted(5, 2, 0.0, (1e-3, 1e-5, 1e-6))
     assert set(kinds) <= {"right", "across", "named"}
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-7, 1e-8])
+def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(rtol):
+    """There both levels determine v up to roundoff over sigma, and multipliers up to that over its square."""
+    problem = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
+    flat = brentq(lambda t: problem.exact(t).q[2], 0.6, 0.8)
+    beside = flat + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
+    solution = hb.solve(problem, rtol=rtol, t_eval=[0.3, *beside, 0.9])
+    assert solution.success, solution.message
+    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, *[True] * 5, False]
+    assert "At 5 rows, first at t = 0.70844" in solution.message
+    errors = [np.abs(v - problem.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
+    assert max(errors) < 20.0 * rtol
+
+
+def test_rows_of_a_regular_motion_all_have_their_multipliers():
+    problem = hb.load_problem("four_bars(n_windows=1, t_end=0.6)")
+    solution = hb.solve(problem, rtol=1e-3, t_eval=np.linspace(0.0, 0.6, 50))
+    assert np.isfinite(solution.lam).all()
+    assert "interpolated" not in solution.message

@@ -21,6 +21,7 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
+from solvers.hht.run.beside import Beside
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -90,7 +91,15 @@ class Integration:
         self.work.only_output_is_left()
         output = self.history.dense_output()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        unmet = self._put_on_constraints(engine, rows)
+        before = (rows.q[:0], rows.v[:0]) if rows.between is None else (rows.q[rows.between], rows.v[rows.between])
+        unmet, remarks = self._put_on_constraints(engine, rows), list[str]()
+
+        def recover() -> Any:
+            done = recovered(engine, rows.rows)
+            if len(before[0]) and engine.method.coefficients.both_levels:
+                remarks.append(Beside(engine.dynamics, rows, *before).keep(done))
+            return done
+
         own, carried = own_multipliers(rows), None
         if self.request.t_eval is None and engine.structure.constrained:
             both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
@@ -102,7 +111,8 @@ class Integration:
         more = self.history.kept(output) | {"carried": carried}
         if "interpolant" in more:
             more["projection"] = projection_of(engine, output)
-        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, **more)
+        found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, **more)
+        return replace(found, message=" ".join(filter(None, (found.message, *remarks))))
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
