@@ -175,7 +175,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         if taken == look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
             by_error, paces = stepper.plan.by_error, (first, before, pace)
-            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances.finest)):
+            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances, max_num_steps)):
                 return ended
     return Failure(Status.success, Status.success.text)
 
