@@ -49,8 +49,9 @@ def hopeless(
 ) -> Failure | None:
     """Why the run ends at ``state``, as :meth:`Engine.explain` tells it; None where it goes on to ``stop`` [s].
 
-    ``paces``: at the start, at the last look, now; ``most`` steps may be taken.  A rough start before a long quiet rest is slow too: where only Newton's
-    iteration complains, the run must have come to a standstill, beside the way that it has come.
+    ``paces``: at the start, at the last look, now; ``most`` steps may be taken.  A rough start before a long quiet rest is
+    slow too: where only Newton's iteration complains, the run must have come to a standstill, beside the way that it has
+    come.
     """
     first, before, now = paces
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite

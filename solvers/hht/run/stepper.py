@@ -11,8 +11,8 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
-from solvers._projection import sizes_from
-from solvers._start import Failure, Place, budget_failure
+from solvers._projection import PROJECTED, sizes_from
+from solvers._start import Failure, Place, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
@@ -243,7 +243,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
-        return _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
+        off = off_at_start(engine, state)
+        return off or _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
@@ -254,14 +255,26 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
 
 
+def off_at_start(engine: Engine, state: State) -> Failure | None:
+    """That ``state`` is a start off its constraints by what counts as consistent, but not at such tolerances; else None."""
+    if state.h is not None or not engine.structure.constrained:
+        return None
+    levels, place = of_dynamics(engine.dynamics).levels, Place(state.t, state.q, state.v)
+    text = violations(levels.at(state.t, state.q, state.v), place, PROJECTED)
+    if not text:
+        return None
+    message = f"the start violates {text}, which is more than these tolerances allow of a step's error"
+    return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or ask for calc_initcond=True")
+
+
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, *, roundoff: bool) -> Failure:
     """The error of the last step that was tried is more than what is allowed."""
     o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
     text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
-    if roundoff:
-        first = float(numbers[mem.FIRST_H])
+    first = float(numbers[mem.FIRST_H])
+    if roundoff and (remedy := plan.tolerances.reachable(before, first)):
         text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
-        return Failure(Status.step_too_small, f"{text}: {plan.tolerances.reachable(before, first)}")
+        return Failure(Status.step_too_small, f"{text}: {remedy}")
     by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
     moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
     if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
