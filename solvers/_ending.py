@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +13,15 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
+from solvers._dense import Until
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
 MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
-LEFT = "a step has led to another branch of the rows that are held, or the rank has changed; take smaller steps."
+ADVICE = (
+    "the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
+    "the system where they always follow from the others; else start where the rank is that of the motion."
+)
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
@@ -67,6 +72,8 @@ def solution_of(
         status, message = found.instead, found.note
     if whole.instead is not None and status in (Status.success, Status.event):
         status, message = whole.instead, whole.note
+    if whole.instead is not None:
+        more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
     held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
     of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
     return Solution(t=t, q=q, v=v, lam=whole.lam, mu=whole.mu, carried=held, **of_run, **more)
@@ -150,10 +157,25 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> R
         except BudgetSpent:
             break
         if lost := _lost(at, redundant, sizes):
-            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {LEFT}"
+            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:i], mu[:i], note, Status.redundant_constraints)
         lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
     return Recovered(lam, mu)
+
+
+def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a Solution, steps, events and dense output, cut to what is not after ``last`` [s]; None: nothing stays."""
+    found = dict(more)
+    if (steps := more.get("steps_data")) is not None:
+        kept = np.zeros(steps.t.size, dtype=bool) if last is None else (steps.t - last) * ahead <= 0.0
+        found["steps_data"] = replace(steps, **{field.name: getattr(steps, field.name)[kept] for field in fields(steps)})
+    if times := more.get("t_events"):
+        early = [np.zeros(t.size, dtype=bool) if last is None else (t - last) * ahead <= 0.0 for t in times]
+        for name in ("t_events", "q_events", "v_events"):
+            found[name] = tuple(x[which] for x, which in zip(more[name], early, strict=True))
+    if (output := more.get("interpolant")) is not None:
+        found["interpolant"] = None if last is None else Until(output, last, ahead)
+    return found
 
 
 def _lost(at: Levels, redundant: tuple[int, ...], sizes: tuple[float, float]) -> str:

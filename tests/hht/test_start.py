@@ -7,7 +7,7 @@ import pytest
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers.hht import HHT
-from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, Calls, circle, pendulum, same_bits
+from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, Calls, Pendulum, circle, pendulum, same_bits
 
 STEPS = {"steps": 20}
 SPAN = (0.0, 0.2)

@@ -50,7 +50,8 @@ class Tolerances:
     def reachable(self, state: State, h: float) -> str:
         """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
 
-        Empty where roundoff is not what the steps are short for.  What is allowed goes with tolerance^(3/2), (H26), and the roundoff of q over h with tolerance^(-1/2) besides.
+        Empty where roundoff is not what makes them short.  What is allowed goes with tolerance^(3/2), (H26), and the
+        roundoff of q over h with tolerance^(-1/2) besides.
         """
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
         if factor <= 1.0:
