@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 import hhtbench as hb
 from hhtbench.result import Status
 from solvers._start import Failure
+from solvers.hht.run import solve
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
 
@@ -158,3 +159,21 @@ def test_rows_of_a_regular_motion_all_have_their_multipliers():
     solution = hb.solve(problem, rtol=1e-3, t_eval=np.linspace(0.0, 0.6, 50))
     assert np.isfinite(solution.lam).all()
     assert "interpolated" not in solution.message
+
+
+def test_a_crossing_counts_as_a_step_and_there_are_not_crossings_without_end(failing):
+    few = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
+    assert singular.kind_of(BARS, few) == "across"
+    taken = few.counters.steps_accepted + int(few.message.split("the last ")[1].split(".")[0]) - 1
+    enough, less = (
+        hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3, max_num_steps=taken + more) for more in (1, 0)
+    )
+    assert enough.success
+    assert less.status is Status.max_steps
+
+
+def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failing, monkeypatch):
+    monkeypatch.setattr(solve, "CROSSED", -1_000)
+    solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
+    assert solution.status is Status.singular_iteration_matrix
+    assert "for example rows" in solution.message

@@ -19,7 +19,7 @@ from solvers.hht.run.singular import LARGEST, Place, UnitRows, dense
 
 FALLEN = 1e-3  # of what it is elsewhere: below that a singular value falls towards zero
 LOUD = 10.0  # times the median of the multipliers: those of rows beside a singular position are larger by far
-FEW = 64  # rows that are all looked at; of more, only those with loud multipliers: a look takes 0.2 ms
+ALL_UP_TO = 64  # rows that are all looked at; of more, only those with loud multipliers: a look takes 0.2 ms
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Beside:
         """Which rows may be such."""
         largest = np.abs(np.concatenate([self.rows.lam, self.rows.mu], axis=1)).max(axis=1)
         found = ~(largest[between] <= LOUD * np.median(largest))
-        return found if between.size > FEW else np.ones(between.size, dtype=bool)
+        return found if between.size > ALL_UP_TO else np.ones(between.size, dtype=bool)
 
     @cached_property
     def _unit(self) -> UnitRows:

@@ -19,7 +19,7 @@ from solvers.hht.step.state import State
 LOOK = 500  # accepted steps before the first look: about those of a first call
 SETTLED = 1_000  # accepted steps after which step control has long found its length
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
-STUCK = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
+STANDSTILL = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
 MANY = 200_000  # steps through a noisy force, unless max_num_steps allows others: half an hour of calls in Python
 NOISY = 0.01  # of what a step's error may be: noise that lengths of steps are found by; two calls may differ by little
@@ -63,7 +63,7 @@ def hopeless(
         return Failure(Status.step_too_small, f"at t = {state.t:.17g} {needed}: {text}")
     if now.taken < SETTLED or refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
         return None
-    if nonfinite < refused and steps * abs(now.t - first.t) <= STUCK * made:
+    if nonfinite < refused and steps * abs(now.t - first.t) <= STANDSTILL * made:
         return None
     text = (
         f"it will not arrive: the last {steps} steps came from t = {before.t:.17g} to {now.t:.17g} and at that pace "

@@ -37,6 +37,7 @@ from solvers.hht.step.state import State
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 
@@ -148,7 +149,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
     first = pace = pace_of(stepper.engine, taken, state.t)
-    look = LOOK
+    look, crossed = LOOK, 0
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
@@ -167,12 +168,11 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             history.restart(stepper.engine.loops.row(after.state))
         state, watch = after.state, after.watch
         if after.ended is not None:
-            beyond = go_beyond(stepper, after.ended, state, stop, history)
+            beyond = go_beyond(stepper, after.ended, state, stop, history, often=crossed > CROSSED + taken / BETWEEN)
             if isinstance(beyond, Failure):
                 return beyond
-            state = beyond
-            continue
-        if taken == look:
+            state, taken, crossed = beyond, taken + 1, crossed + 1
+        if taken >= look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
             by_error, paces = stepper.plan.by_error, (first, before, pace)
             if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances, max_num_steps)):
@@ -180,8 +180,13 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     return Failure(Status.success, Status.success.text)
 
 
-def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, history: History) -> State | Failure:
-    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends."""
+def go_beyond(
+    stepper: Stepper, ended: Failure, state: State, stop: float, history: History, *, often: bool
+) -> State | Failure:
+    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends.
+
+    ``often``: it has been beyond so many that it would only go from one to the next.
+    """
     engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LOOKED_AT))
     position = cause_of(engine, ended, places)
     if position is None:
@@ -190,13 +195,15 @@ def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, histo
         return told(position, "the steps are prescribed")
     if stepper.events:
         return told(position, "events would not be seen there")
+    if often:
+        return told(position, f"the run has stepped over {CROSSED:d} and more already, one every {BETWEEN:d} steps or less")
     found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
     if isinstance(found, str):
         return told(position, found)
     row = engine.loops.row(found.state)
     row[1] = found.h
-    history.replace_last(found.steps, row, f"At t = {position.t:.10g} s a step across a singular position was made.")
-    engine.work.add("steps_rejected_error", found.steps)
+    place = f", in the place of the last {found.steps}" if found.steps else ""
+    history.replace_last(found.steps, row, f"At t = {position.t:.10g} s a step across a singular position was made{place}.")
     engine.work.add("steps_accepted", 1 - found.steps)
     return found.state
 
