@@ -85,8 +85,8 @@ def decide(
 
 
 def _judged(front: Front) -> bool:
-    """Whether the reference can judge this error: then somebody has a cost, or a reason of his own for none."""
-    return bool(front.costs) or any(reason.kind != "unjudged" for reason in front.missing.values())
+    """Whether an error is known here, or nobody has come so far that it could be missing."""
+    return bool(front.costs) or all(reason.kind != "unjudged" for reason in front.missing.values())
 
 
 def _choice(kind: Kind, own: Sequence[Front], found: Sequence[Place]) -> Choice:

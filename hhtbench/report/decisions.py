@@ -20,10 +20,10 @@ def reading(campaign: Campaign) -> str:
     seconds, evaluations = (work(campaign.allowed(measure), measure) for measure in MEASURES)
     return (
         "The table. Ranked are solvers that were run on all problems of the kind, by the geometric mean of their costs; a "
-        f"problem on which one does not get there counts {seconds}, or {evaluations} evaluations, and how many it reaches is "
-        "told. Second and HHT: how many times dearer; level, by time: by no more than repeats of one solve differ, "
-        f"{times(campaign.level)}. Cheaper on some: who was run on a part of the problems, and is cheaper there. {AT_MOST}, "
-        "at most, at least: by runs more accurate than asked. Stiff: as the problem is tagged."
+        f"problem on which one does not get there counts {seconds}, or {evaluations} evaluations, and how many it reaches "
+        "is told. Second and HHT: how many times dearer; level, by time: by no more than repeats of one solve differ, "
+        f"{times(campaign.level)}. Cheaper on some: who was run on a part of the problems only, and is cheaper there. "
+        f"{AT_MOST}, at most, at least: by runs more accurate than asked. Stiff: as the problem is tagged."
     )
 
 
@@ -38,7 +38,8 @@ def decisions(
             choices = analysis.decide(rows, kinds, measure, asked, bound, campaign)
             level = campaign.level if measure == "time" else 1.0
             body = [_line(choice, measure, level) for choice in choices]
-            tables[measure, bound] = make_table(HEADERS, body)
+            some = None if any(line[-1] != NOTHING for line in body) else -1  # most campaigns run everybody on all of a kind
+            tables[measure, bound] = make_table(HEADERS[:some], [line[:some] for line in body])
     return tables
 
 
@@ -108,8 +109,8 @@ def _subject(choice: Choice, level: float) -> Cell:
     return Cell("unknown" if own else "not run")
 
 
-def _cheaper(choice: Choice, level: float) -> Cell:
+def _cheaper(choice: Choice, level: float) -> str | Cell:
     """Of those who were not run on all problems the one that is farthest below the cheapest where both were."""
     compared = [(ratio, place) for place in choice.partial if (ratio := place.ratio(choice.places[0])) is not None]
     ratio, best = min(compared, key=lambda pair: pair[0], default=(1.0, None))
-    return Cell(NOTHING) if best is None or ratio >= 1 else Cell(short(best.entry), "", _beside(best, choice, level))
+    return NOTHING if best is None or ratio >= 1 else Cell(short(best.entry), "", _beside(best, choice, level))
