@@ -146,7 +146,9 @@ def false_lines(tables, rows):
                 if problems and not (bound and name.startswith("no ")):
                     told = [f"{cell.text} | {cell.detail}" for cell in next(lines, [])]
                     found = (truth, problems, target, measure, bound)
-                    wrong += [f"{name}, {target:.0e}, {measure}, {bound}: {told}: {why}" for why in _false(told, *found)]
+                    wrong += [
+                        f"{name}, {target:.0e}, {measure}, {bound}: {told}: {why}" for why in _false(told, name, *found)
+                    ]
         wrong += [f"{measure}, {bound}: a line too many" for _ in lines]
     return wrong
 
@@ -158,17 +160,17 @@ ORDER = [
 ] + ["constraints not recorded, stiffness not declared"]
 
 
-def _false(told, truth, problems, target, measure, bound):
+def _false(told, name, truth, problems, target, measure, bound):
     if not told:
         return ["there is no such line"]
     ranked = truth.line(problems, target, measure, bound)
     wrong = [] if told[1].startswith(f"{target:.0e}") else ["another error"]
-    wrong += [] if f"{len(problems)} problem" in told[0] else [f"of {len(problems)} problems"]
+    wrong += [] if told[0].startswith(f"{name} | {len(problems)} problem") else [f"of {len(problems)} problems"]
     for place, (column, of) in enumerate(((2, 1.0), (3, ranked[0][0] if ranked else 1.0))):
         if len(ranked) > place:
             mean, solver, reached = ranked[place]
-            name, _, detail = told[column].partition(" | ")
-            right = name == short(solver) and abs(number(detail) / (mean / of) - 1) < CLOSE
+            shown, _, detail = told[column].partition(" | ")
+            right = shown == short(solver) and abs(number(detail) / (mean / of) - 1) < CLOSE
             counted = reached == len(problems) or f"reaches {reached} of {len(problems)}" in told[column]
             wrong += [] if right and counted else [f"{solver}, {mean:.3g}, {mean / of:.3g} times, reaches {reached}"]
     if not ranked and told[2].partition(" | ")[0] != (why := truth.nobody(problems, target, measure, bound)):

@@ -214,4 +214,4 @@ def test_short_names_leave_out_what_tells_itself():
     assert short("scipy(method=DOP853)") == "scipy(DOP853)"
     assert short("hht(alpha=-0.05), constant step") == "hht(-0.05), constant h"
     assert short("minimal(alpha=-0.05, solver=hht)") == "minimal(-0.05, hht)"
-    assert short("hht(alpha=0)") != short("hht(rho_inf=0)")
+    assert [short(entry) for entry in ("hht(alpha=0)", "hht(rho_inf=0)")] == ["hht(alpha=0)", "hht(rho_inf=0)"]
