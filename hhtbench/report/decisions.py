@@ -17,13 +17,14 @@ ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usu
 
 def reading(campaign: Campaign) -> str:
     """How the table is to be read."""
-    seconds, evaluations = (work(campaign.allowed(measure), measure) for measure in MEASURES)
+    seconds, evaluations = (campaign.allowed(measure) for measure in MEASURES)
     return (
         "The table. Ranked are solvers that were run on all problems of the kind, by the geometric mean of their costs; a "
-        f"problem on which one does not get there counts {seconds}, or {evaluations} evaluations, and how many it reaches "
-        "is told. Second and HHT: how many times dearer; level, by time: by no more than repeats of one solve differ, "
-        f"{times(campaign.level)}. Cheaper on some: who was run on a part of the problems only, and is cheaper there. "
-        f"{AT_MOST}, at most, at least: by runs more accurate than asked. Stiff: as the problem is tagged."
+        f"problem on which one does not get there counts {seconds:g} s, or {evaluations:.0e} evaluations, and how many it "
+        "reaches is told. Second, and HHT's place among all who get there: how many times dearer than the cheapest; level, by "
+        f"time: by no more than repeats of one solve differ, {times(campaign.level)}. Cheaper on some: who was run on a part "
+        f"of the problems only, and is cheaper there. {AT_MOST}, at most, at least: by runs more accurate than asked. Stiff: "
+        "as the problem is tagged."
     )
 
 
