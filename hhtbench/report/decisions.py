@@ -21,10 +21,10 @@ def reading(campaign: Campaign) -> str:
     return (
         "The table. Ranked are solvers that were run on all problems of the kind, by the geometric mean of their costs; a "
         f"problem on which one does not get there counts {seconds:g} s, or {evaluations:.0e} evaluations, and how many it "
-        "reaches is told. Second, and HHT's place among all who get there: how many times dearer than the cheapest; level, by "
-        f"time: by no more than repeats of one solve differ, {times(campaign.level)}. Cheaper on some: who was run on a part "
-        f"of the problems only, and is cheaper there. {AT_MOST}, at most, at least: by runs more accurate than asked. Stiff: "
-        "as the problem is tagged."
+        "reaches is told. Second, and HHT's place among all who get there: how many times dearer than the cheapest; level, "
+        f"by time: by no more than repeats of one solve differ, {times(campaign.level)}. Cheaper on some: who was run on a "
+        f"part of the problems only, and is cheaper there. {AT_MOST}, at most, at least: by runs more accurate than asked. "
+        "Stiff: as the problem is tagged."
     )
 
 

@@ -8,7 +8,7 @@ from collections import defaultdict
 
 from tests.report.independent import Truth, drifts, error, family, work
 
-MARKS = {"time": 60.0, "evaluations": 6e7}  # what counts where an error is not reached and no campaign says how much
+PACE = {"time": 1.0, "evaluations": 1e6}  # what counts for each second that was allowed, where an error is not reached
 UNITS = {"s": 1.0, "ms": 1e-3, "\N{MICRO SIGN}s": 1e-6, "": 1.0}
 CLOSE = 0.01  # three digits are told
 
@@ -51,7 +51,8 @@ class Screen(Truth):
             return cost, True
         if any(error(row) is not None for row in runs) and not any(work(row, measure) for row in runs if error(row)):
             return None  # not reported
-        return MARKS[measure], False
+        seconds = max(((row.request.get("rules") or {}).get("pair_seconds", 0.0) for row in self.rows), default=0.0) or 60.0
+        return seconds * PACE[measure], False
 
     def line(self, problems, target, measure, bound):
         """(solver, geometric mean, problems reached) of who was run on all, the cheapest first."""
