@@ -13,7 +13,7 @@ from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import Campaign, Cell, Pair, plan_pairs
 from hhtbench.campaign.references import references_there
 from hhtbench.campaign.refine import next_cells
-from hhtbench.campaign.summary import ended, failure_lines, failures
+from hhtbench.campaign.summary import ended, failure_facts, failure_lines
 from hhtbench.store import Reading, RunRow, read_store
 
 MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
@@ -98,7 +98,7 @@ class StoreStatus:
             "store": str(self.file),
             "cells": len(self.rows),
             "ended": Counter(row.status for row in self.rows),
-            "failures": [failure.as_dict() for failure in failures(self.rows)],
+            "failures": failure_facts(self.rows),
             "first": self.span[0] if self.span else None,
             "last": self.span[1] if self.span else None,
             "machines": [asdict(machine) for machine in self.machines],
