@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 from hhtbench.errors import BudgetSpent
@@ -14,6 +15,8 @@ from hhtbench.result import Counters
 from hhtbench.terminal import told_when_slow
 
 OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
+SPENT = itemgetter(*OF_OUTPUT)
+NOTHING = vars(Counters())  # counted
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
 
@@ -186,14 +189,14 @@ class Work:
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
-        spent, output = self.tally.copy(), self.output
+        spent, output = dict(self.tally), self.output
         for name, count in output.items():
             spent[name] -= count
         return spent | {"output_evaluations": output["residual_evaluations"]}
 
     def counters(self) -> Counters:
         """The tally, frozen."""
-        return Counters(**self.counted_for_steps())
+        return Counters.of(NOTHING | self.counted_for_steps())
 
     def spend_residual(self) -> None:
         """Count one evaluation of F; raises :class:`BudgetSpent` when a budget is used up."""
@@ -207,13 +210,12 @@ class ForOutput:
     """Between its two ends everything that ``work`` counts is work for output rows."""
 
     def __init__(self, work: Work) -> None:
-        self._work, self._before = work, [work.tally.get(name, 0) for name in OF_OUTPUT]
+        self._work, self._before = work, SPENT(work.tally)
 
     def __enter__(self) -> None:
         pass
 
     def __exit__(self, *_: object) -> None:
-        tally, output = self._work.tally, self._work.output
-        for name, count in zip(OF_OUTPUT, self._before, strict=True):
-            if tally.get(name, 0) > count:
-                output[name] += tally[name] - count
+        for name, before, now in zip(OF_OUTPUT, self._before, SPENT(self._work.tally), strict=True):
+            if now > before:
+                self._work.output[name] += now - before

@@ -51,11 +51,12 @@ def solution_of(
     note: str = "",
     *,
     carried: Mapping[str, Matrix] | None = None,
+    read: Callable[[str], Any] = {}.get,
     **more: Any,
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
 
-    ``note`` ends its message; ``more`` are other fields of it.
+    ``note`` ends its message; ``more`` are other fields of it, and ``read(name)`` gives those that are made when they are read.
     """
     with run.work.for_output():
         found = recover_multipliers(run, rows, own, recover_many)
@@ -67,9 +68,10 @@ def solution_of(
         status, message = found.instead, found.note
     if whole.instead is not None and status in (Status.success, Status.event):
         status, message = whole.instead, whole.note
-    held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
-    of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
-    return Solution(t=t, q=q, v=v, lam=whole.lam, mu=whole.mu, carried=held, **of_run, **more)
+    if carried is not None:
+        more["carried"] = {name: values[: t.size] for name, values in carried.items()}
+    told = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, **told, **more}, read)
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -180,14 +182,16 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
         raise
 
 
-def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
+def unrecovered(
+    run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, read: Callable[[str], Any] = {}.get, **more: Any
+) -> Solution:
     """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
 
-    ``more`` are other fields of it.
+    ``read`` and ``more`` as in :func:`solution_of`.
     """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
-    message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, **more)
+    told = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, **told, **more}, read)
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

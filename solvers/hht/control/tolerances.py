@@ -27,7 +27,7 @@ class Tolerances:
     @cached_property
     def finest(self) -> float:
         """The smallest relative one."""
-        return float(self.rtol.min())
+        return float(np.minimum.reduce(self.rtol))
 
     def size(self, before: State, after: State, error: Vector) -> float:
         """Of the ``error`` (2n,) of q and v of a step over what is allowed, (H26)."""
@@ -73,7 +73,7 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     if atol is None:
         absolute, size_q = relative.copy(), start.size_q or 1.0
         absolute[:n] *= size_q
-        absolute[n:] *= max(start.size_v, math.sqrt(float(np.abs(start.vdot).max()) * size_q)) or 1.0
+        absolute[n:] *= max(start.size_v, math.sqrt(float(np.maximum.reduce(np.abs(start.vdot))) * size_q)) or 1.0
         return Tolerances(relative, absolute)
     given = components("atol", atol, n)
     if start.size_q > 0 and given[:n].min() > start.size_q:

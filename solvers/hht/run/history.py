@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate
 from typing import Any
 
@@ -48,17 +48,16 @@ class History:
         """``start``: its row."""
         self._layout = layout = row_layout(structure)
         self._rows = np.empty((ROOM, layout.columns))
-        self._count = self._changes = self._dropped = 0
+        self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
         self._elapsed, self._begin = 0.0, float(start[0])
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
-        self._sizes = np.zeros(2 * layout.n)  # of the steps that were dropped
+        self._sizes: Any = 0.0  # (2n,) of the steps that were dropped
         self._remarks: list[str] = []
-        self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
-        self.restart(start)
+        self._occurrences: tuple[list[Occurrence], ...] = tuple([[] for _ in range(events)])
 
     def restart(self, row: Vector) -> None:
-        """Append a state that no step has led to: the start, or what an event made of the last."""
+        """Append a state that no step has led to: what an event made of the last."""
         self._changes += 1
         self.room(1)[0] = row
         self.commit(1)
@@ -155,17 +154,23 @@ class History:
     @property
     def steps(self) -> tuple[int, float]:
         """How many were accepted, and the sum of their signed lengths [s]."""
-        h = self._rows[: self._count, 1][self._made()]
-        return self._dropped + h.size, self._elapsed + float(np.add.reduce(h))
+        h = self._rows[1 : self._count, 1]  # zero where a change has ended none
+        count = self._count - 1 if self._changes == 1 else np.count_nonzero(h)
+        return self._dropped + count, self._elapsed + float(np.add.reduce(h))
 
     def _made(self) -> Any:
         """Which rows are ends of steps."""
         return slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
 
-    def kept(self, output: HermiteOutput) -> dict[str, Any]:
-        """What the Solution says of events and, if the steps were kept, of these; ``output``: the dense output."""
-        steps = {} if self._dropped else {"steps_data": self._steps_data(), "interpolant": output}
-        return steps | self._events()
+    def kept(self, project: Callable[[HermiteOutput], Any] | None = None) -> dict[str, Any]:
+        """What the Solution says of events and, if the steps were kept, what it reads of these; ``project`` dense output."""
+        return ({} if self._dropped else {"read": partial(self._read, project)}) | self._events()
+
+    def _read(self, project: Callable[[HermiteOutput], Any] | None, name: str) -> Any:
+        """``steps_data``, ``interpolant`` or ``projection``."""
+        if name == "steps_data":
+            return self._steps_data()
+        return self._dense_output() if name == "interpolant" else project and project(self._dense_output())
 
     def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
@@ -174,7 +179,7 @@ class History:
         stages = {"a": rows[:, a], "lam_start": rows[:, lam_start], "lam_end": rows[:, lam_end], "mu_half": rows[:, mu]}
         return StepsData(t=rows[:, 0], h=rows[:, 1], **stages)
 
-    def dense_output(self) -> HermiteOutput:
+    def _dense_output(self) -> HermiteOutput:
         """Interpolant through all rows; parts of them."""
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)

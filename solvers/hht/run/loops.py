@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -149,7 +150,8 @@ class Loops:
         """The state that the loops left in their memory."""
         kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
         t, h, size_q, size_v, _, _ = self._number.tolist()
-        self.held = State.read_later(kept.read, t=t, h=h or None, size_q=size_q, size_v=size_v, controlled=controlled)
+        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled}
+        self.held = State.of(known, kept.read)
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
@@ -184,10 +186,9 @@ class Loops:
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""
-        tally = self.work.tally
-        for name, count in zip(mem.COUNTS, self._counts.tolist(), strict=True):
-            if count:
-                tally[name] += count
+        tally, counts = self.work.tally, self._counts.tolist()
+        for name, count in compress(zip(mem.COUNTS, counts, strict=True), counts):
+            tally[name] += count
         self._counts.fill(0)
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:

@@ -81,14 +81,12 @@ class Integration:
         if self.stepper is None:
             return self._nothing(end)
         rows, _ = self.history.output_rows(lambda: False)
-        more = self.history.kept(self.history.dense_output())
-        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
+        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **self.history.kept())
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
-        output = self.history.dense_output()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
         unmet = self._put_on_constraints(engine, rows)
         own, carried = own_multipliers(rows), None
@@ -99,10 +97,8 @@ class Integration:
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
-        more = self.history.kept(output) | {"carried": carried}
-        if "interpolant" in more:
-            more["projection"] = projection_of(engine, output)
-        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, **more)
+        more = self.history.kept(projection_of(engine))
+        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, carried=carried, **more)
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +36,7 @@ from solvers.hht.step.state import State
 NOTHING = np.zeros(0)
 
 
-@dataclass(frozen=True)
-class Started:
+class Started(NamedTuple):
     """The engine with its first state; ``note`` says what was done to the start."""
 
     purpose: Hashable  #: what the engine was made for
