@@ -42,9 +42,9 @@ class Request:
 
     def __post_init__(self) -> None:
         given = self.__dict__
-        for name, check in CHECKS.items():
-            if given[name] is not None:
-                given[name] = check(name, given[name])
+        for name, value in given.items():
+            if value is not None and name in CHECKS:
+                given[name] = CHECKS[name](name, value)
         if self.rtol is not None and self.atol is not None and has_zero(self.rtol) and has_zero(self.atol):
             raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
         by_error = self.rtol is not None or self.atol is not None

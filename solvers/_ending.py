@@ -59,19 +59,23 @@ def solution_of(
     ``note`` ends its message; ``more`` are other fields of it, and ``read(name)`` gives those that are made when they are read.
     """
     with run.work.for_output():
-        found = recover_multipliers(run, rows, own, recover_many)
-        t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
-        whole = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
-    t, q, v = t[: len(whole.lam)], q[: len(whole.lam)], v[: len(whole.lam)]
-    status, message = end.status, f"{end.message} {found.note}".strip()
+        found = whole = recover_multipliers(run, rows, own, recover_many)
+        if unreduced(run.dynamics) is not run.dynamics:
+            whole = _of_all_constraints(run, _first(rows, len(found.lam)), (found.lam, found.mu))
+    t, q, v = _first(rows, len(whole.lam))
+    status, message = end.status, f"{end.message} {found.note}"
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    if whole.instead is not None and status in (Status.success, Status.event):
+    if whole is not found and whole.instead is not None and status in (Status.success, Status.event):
         status, message = whole.instead, whole.note
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
-    told = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
+    told = {"status": status, "message": f"{message.strip()} {note}".strip(), "counters": run.work.counters()}
     return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, **told, **more}, read)
+
+
+def _first(rows: Rows, count: int) -> Rows:
+    return rows if len(rows[0]) == count else (rows[0][:count], rows[1][:count], rows[2][:count])
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -139,10 +143,7 @@ def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> R
     Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time where a
     constraint that was left out is violated: a step has led to another branch of the others, or the rank is another one.
     """
-    whole = unreduced(run.dynamics)
-    if whole is run.dynamics:
-        return Recovered(*multipliers)
-    lam, mu = padded(run.dynamics, *multipliers)
+    whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, *multipliers)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
     sizes = size_of(rows[1]), size_of(rows[2])
     for i, (t, q, v) in enumerate(zip(*rows, strict=True)):

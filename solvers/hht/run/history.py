@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -28,13 +28,14 @@ PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nea
 class OutputRows:
     """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
 
-    def __init__(self, rows: Matrix, between: Any, n: int, m: int) -> None:
-        """Of ``rows`` (k, 1 + 2n + m + p), of which the attributes but :attr:`t` are parts."""
+    def __init__(self, rows: Matrix, between: Any, parts: Sequence[Any]) -> None:
+        """Of ``rows`` (k, 1 + 2n + m + p), of which the attributes but :attr:`t` are ``parts``."""
         self.rows = rows
         self.between = between  #: (k,) whether it lies between the ends of steps; None: they are those ends
+        of_q, of_v, of_lam, of_mu = parts
         self.t = rows[:, 0].copy()  #: (k,)
-        self.q, self.v = rows[:, 1 : 1 + n], rows[:, 1 + n : 1 + 2 * n]  #: (k, n) each
-        self.lam, self.mu = rows[:, 1 + 2 * n : 1 + 2 * n + m], rows[:, 1 + 2 * n + m :]  #: (k, m), (k, p)
+        self.q, self.v = rows[of_q], rows[of_v]  #: (k, n) each
+        self.lam, self.mu = rows[of_lam], rows[of_mu]  #: (k, m), (k, p)
 
 
 class History:
@@ -118,18 +119,18 @@ class History:
 
     def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
-        n, m = self._layout.n, self._layout.m
-        if self._ahead is None:
-            return OutputRows(self._rows[: self._count].take(self._layout.own, axis=1), None, n, m), self._count
-        times, low, high = self._ahead, *sorted((float(self._rows[0, 0]), float(self._rows[self._count - 1, 0])))
-        if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
+        layout, times = self._layout, self._ahead
+        if times is None:
+            return OutputRows(self._rows[: self._count].take(layout.own, axis=1), None, layout.output), self._count
+        low, high = sorted(self.span)
+        if times.size and not (low <= times.item(0) <= high and low <= times.item(-1) <= high):  # sorted: else all were reached
             times = times[(times >= low) & (times <= high)]
         rows, between = self._interpolated(times, enough)
         asked = times.size
         if self._output:
             asked += sum(len(part) for part, _ in self._output)
             rows, between = (np.concatenate(parts) for parts in zip(*self._output, (rows, between), strict=True))
-        return OutputRows(rows, between, n, m), asked
+        return OutputRows(rows, between, layout.output), asked
 
     def _interpolated(self, times: Vector, enough: Callable[[], bool]) -> tuple[Matrix, Any]:
         """Rows [t, q, v, lam, mu] at ``times`` (k,), and which are between steps; fewer where there is ``enough()``."""
@@ -206,10 +207,12 @@ class RowLayout:
     def __init__(self, structure: Structure) -> None:
         n, m = structure.n, structure.m
         ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
-        self.n, self.m, self.columns = n, m, ends[-1]
+        self.n, self.columns = n, ends[-1]
         self.parts = tuple(map(slice, (0, *ends), ends))  #: t, h, q, v, a, lam at both ends and mu
         every = np.arange(self.columns)
         self.own = np.concatenate([every[self.parts[i]] for i in (0, 2, 3, 6, 7)])  #: t, q, v, lam at the end and mu
+        cuts = tuple(accumulate((1, n, n, m, structure.p)))
+        self.output = [(slice(None), slice(*cut)) for cut in pairwise(cuts)]  #: q, v, lam, mu of such a row
         self.interpolate = interpolate.following(n, m)  #: threads share it: it keeps nothing
 
 

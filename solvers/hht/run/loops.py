@@ -16,7 +16,7 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import CONSISTENT
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
-from solvers._start import Guesses
+from solvers._start import Guesses, Place
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import HIGHEST
@@ -76,7 +76,8 @@ class Loops:
         self.has_level = bool(z.i[mem.C_KKT])  #: the acceleration level, of full matrices
         looks_closer = engine.structure.constrained and not self.has_level  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
-        self._place, self._multipliers = self.section(mem.PLACE), [self.section(name) for name in (mem.LAM, mem.MU)]
+        self._place = np.split(self.section(mem.PLACE), [1, 1 + engine.structure.n])
+        self._multipliers = [self.section(name) for name in (mem.LAM, mem.MU)]
         self._counts = integer_view(z, mem.COUNTED)
 
     def again(self, work: Work) -> None:
@@ -132,13 +133,13 @@ class Loops:
         if self.events.events:
             integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
 
-    def start(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
-        """The state before the first step at (t, q, v) with multipliers near ``guesses``; None: not plainly a good start."""
-        self.held, place, n = None, self._place, q.size
-        place[0], place[1 : 1 + n], place[1 + n :] = t, q, v
+    def start(self, place: Place, guesses: Guesses) -> State | None:
+        """The state before the first step at ``place`` with multipliers near ``guesses``; None: not plainly a good start."""
+        self.held, (t, q, v) = None, self._place
+        t[:], q[:], v[:] = place.t, place.q, place.v
         for section, guess in zip(self._multipliers, guesses, strict=True):
             section[:] = 0.0 if guess is None else guess
-        return self.store(controlled=False) if self._entry(start)() else None
+        return self.store(controlled=False) if (self._entries.get(start) or self._entry(start))() else None
 
     def row(self, state: State) -> Vector:
         """[t, 0, q, v, a, lam, lam, mu] of a state that no step has led to, as the loops write it of one."""
@@ -165,11 +166,12 @@ class Loops:
         limit, spent = self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
+        call = self._entries.get(entry) or self._entry(entry)
         if entry is march or self.call_python:
             with self.callbacks:
-                result = self._entry(entry)(*arguments)
+                result = call(*arguments)
         else:
-            result = self._entry(entry)(*arguments)
+            result = call(*arguments)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
@@ -179,10 +181,9 @@ class Loops:
 
     def _entry(self, entry: Any) -> Callable[..., Any]:
         """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
-        if entry not in self._entries:
-            first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
-            self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
-        return self._entries[entry]
+        first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
+        made = self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
+        return made
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""

@@ -35,6 +35,7 @@ from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
+ARRIVED = Failure(Status.success, Status.success.text)
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
@@ -131,7 +132,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
     Returns how it ended.
     """
-    watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
+    watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
     first = pace = pace_of(stepper.engine, taken, state.t)
     look = LOOK
@@ -163,7 +164,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             by_error, paces = stepper.plan.by_error, (first, before, pace)
             if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances.finest)):
                 return ended
-    return Failure(Status.success, Status.success.text)
+    return ARRIVED
 
 
 def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, history: History) -> State | Failure:
