@@ -30,7 +30,7 @@ from numba.core import cgutils
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
+from numba.np import arrayobj
 
 from hhtbench.lowering.compile.loops import (
     BITCODE,
@@ -72,7 +72,7 @@ def bitcode(entry: Entry) -> bytes:
         return called(*taken(words))
 
     made = numba.njit(**WITHOUT_PYTHON)(flat)
-    with _not_loaded():
+    with _not_loaded(), _indices_as_they_are():
         made.compile((types.intp,))
     (result,) = made.overloads.values()
     if result.signature.return_type not in (types.int64, types.none):
@@ -120,6 +120,17 @@ def _not_loaded() -> Iterator[None]:
             yield
         finally:
             del codegen._add_module, codegen.set_env
+
+
+@contextlib.contextmanager
+def _indices_as_they_are() -> Iterator[None]:
+    """No loop counts from the end of an array: to look at every index for that takes as long as what it is for."""
+    kept = arrayobj.fix_integer_index
+    arrayobj.fix_integer_index = lambda context, builder, kind, index, size: context.cast(builder, index, kind, types.intp)
+    try:
+        yield
+    finally:
+        arrayobj.fix_integer_index = kept
 
 
 def arguments_of(entry: Entry) -> tuple[Any, ...]:
@@ -173,7 +184,7 @@ def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:
 
 
 def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
-    array = make_array(kind)(context, builder)
+    array = arrayobj.make_array(kind)(context, builder)
     size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     data = builder.inttoptr(next(words), context.get_data_type(kind.dtype).as_pointer())
     shape = [next(words) for _ in range(kind.ndim)]
@@ -181,7 +192,7 @@ def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     packed = {"shape": cgutils.pack_array(builder, shape), "strides": cgutils.pack_array(builder, strides)}
-    populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
+    arrayobj.populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
     return array._getvalue()
 
 

@@ -45,10 +45,8 @@ def guess(z: Any, h: Any) -> None:
         weights = WEIGHTS_OF[degree]
         for i in range(size):
             x[i] = weights[0] * last[i]
-        for k in range(HIGHEST - 1):
-            if weights[1 + k] != 0.0:
-                for i in range(size):
-                    x[i] += weights[1 + k] * earlier[k * size + i]
+            for k in range(degree):
+                x[i] += weights[1 + k] * earlier[k * size + i]
 
 
 @compiled
