@@ -150,11 +150,11 @@ class Engine:
 
     def started(self, place: Place, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
-        work, count, s = self.work, self.points * (1 + self.structure.constrained), self.structure
+        work, count, s, (lam, mu) = self.work, self.points * (1 + self.structure.constrained), self.structure, guesses
         work.check_time()
         if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
             return None
-        if any([guess is not None and guess.size != size for guess, size in zip(guesses, (s.m, s.p), strict=True)]):
+        if (lam is not None and lam.size != s.m) or (mu is not None and mu.size != s.p):
             return None
         state = self.loops.start(place, guesses)
         if state is not None:

@@ -42,11 +42,9 @@ def guess(z: Any, h: Any) -> None:
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
     if degree > 0:
-        weights = WEIGHTS_OF[degree]
+        a, b, c, d, e = WEIGHTS_OF[degree]  # zeros behind those of the degree
         for i in range(size):
-            x[i] = weights[0] * last[i]
-            for k in range(degree):
-                x[i] += weights[1 + k] * earlier[k * size + i]
+            x[i] = a * last[i] + b * earlier[i] + c * earlier[size + i] + d * earlier[2 * size + i] + e * earlier[3 * size + i]
 
 
 @compiled
