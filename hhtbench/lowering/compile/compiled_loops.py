@@ -72,7 +72,7 @@ def bitcode(entry: Entry) -> bytes:
         return called(*taken(words))
 
     made = numba.njit(**WITHOUT_PYTHON)(flat)
-    with _not_loaded(), _indices_as_they_are():
+    with _lean():
         made.compile((types.intp,))
     (result,) = made.overloads.values()
     if result.signature.return_type not in (types.int64, types.none):
@@ -110,27 +110,21 @@ def write_all(found: list[Entry]) -> None:
 
 
 @contextlib.contextmanager
-def _not_loaded() -> Iterator[None]:
-    """Numba makes no machine code of its own of every single function: half of the time, for what is never called."""
-    codegen = cpu_target.target_context.codegen()
+def _lean() -> Iterator[None]:
+    """Numba makes no machine code of its own of every single function: half of the time, for what is never called.
+
+    Nor code that looks whether an index is negative, as long as what it is for: no loop counts from the end of an array.
+    """
+    codegen, looking = cpu_target.target_context.codegen(), arrayobj.fix_integer_index
     with global_compiler_lock:
         codegen._add_module = lambda module: None
         codegen.set_env = lambda name, env: None  # there is no global variable to set
+        arrayobj.fix_integer_index = lambda context, builder, kind, index, _: context.cast(builder, index, kind, types.intp)
         try:
             yield
         finally:
             del codegen._add_module, codegen.set_env
-
-
-@contextlib.contextmanager
-def _indices_as_they_are() -> Iterator[None]:
-    """No loop counts from the end of an array: to look at every index for that takes as long as what it is for."""
-    kept = arrayobj.fix_integer_index
-    arrayobj.fix_integer_index = lambda context, builder, kind, index, size: context.cast(builder, index, kind, types.intp)
-    try:
-        yield
-    finally:
-        arrayobj.fix_integer_index = kept
+            arrayobj.fix_integer_index = looking
 
 
 def arguments_of(entry: Entry) -> tuple[Any, ...]:

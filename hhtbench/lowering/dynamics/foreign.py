@@ -100,9 +100,7 @@ class Callbacks:
 
     def take_nonfinite(self) -> list[NonFiniteValue]:
         """The values that were not finite since the last call, where callbacks told of them."""
-        found = self.nonfinite
-        if found:
-            self.nonfinite = []
+        found, self.nonfinite = self.nonfinite, []
         return found
 
     def row(self, function: Callable[..., Any], shape: Shape, shapes: tuple[Shape, ...]) -> int:

@@ -112,9 +112,7 @@ def make_events(given: Any) -> tuple[Event, ...]:
     ProblemError, TypeError
         One is neither callable nor an Event, or its attributes are out of range.
     """
-    if given is None:
-        return ()
-    listed = list(given) if isinstance(given, (list, tuple)) else [given]
+    listed = [] if given is None else list(given) if isinstance(given, (list, tuple)) else [given]
     return tuple(_event(f"events[{i}]", one) for i, one in enumerate(listed))
 
 

@@ -123,7 +123,7 @@ class History:
         if times is None:
             return OutputRows(self._rows[: self._count].take(layout.own, axis=1), None, layout.output), self._count
         low, high = sorted(self.span)
-        if times.size and not (low <= times.item(0) <= high and low <= times.item(-1) <= high):  # sorted: else all were reached
+        if times.size and not (low <= times.item(0) <= high and low <= times.item(-1) <= high):  # else all were reached
             times = times[(times >= low) & (times <= high)]
         rows, between = self._interpolated(times, enough)
         asked = times.size
@@ -156,8 +156,7 @@ class History:
     def steps(self) -> tuple[int, float]:
         """How many were accepted, and the sum of their signed lengths [s]."""
         h = self._rows[1 : self._count, 1]  # zero where a change has ended none
-        count = self._count - 1 if self._changes == 1 else np.count_nonzero(h)
-        return self._dropped + count, self._elapsed + float(np.add.reduce(h))
+        return self._dropped + int(np.count_nonzero(h)), self._elapsed + float(np.add.reduce(h))
 
     def _made(self) -> Any:
         """Which rows are ends of steps."""
@@ -165,7 +164,7 @@ class History:
 
     def kept(self, project: Callable[[HermiteOutput], Any] | None = None) -> dict[str, Any]:
         """What the Solution says of events and, if the steps were kept, what it reads of these; ``project`` dense output."""
-        return ({} if self._dropped else {"read": partial(self._read, project)}) | self._events()
+        return ({} if self._dropped else {"_read": partial(self._read, project)}) | self._events()
 
     def _read(self, project: Callable[[HermiteOutput], Any] | None, name: str) -> Any:
         """``steps_data``, ``interpolant`` or ``projection``."""

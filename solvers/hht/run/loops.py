@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -72,7 +72,7 @@ class Loops:
         kept, self._parts = state_sections(z)
         self._state, self._number, self._variable = z.w[kept], self.section(mem.NUMBER), bool(z.i[mem.VARIABLE])
         self._row = row_places(z)
-        self._entries: dict[Any, Callable[..., Any]] = {}
+        self._entry = lru_cache(self._made)
         self.has_level = bool(z.i[mem.C_KKT])  #: the acceleration level, of full matrices
         looks_closer = engine.structure.constrained and not self.has_level  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
@@ -139,7 +139,7 @@ class Loops:
         t[:], q[:], v[:] = place.t, place.q, place.v
         for section, guess in zip(self._multipliers, guesses, strict=True):
             section[:] = 0.0 if guess is None else guess
-        return self.store(controlled=False) if (self._entries.get(start) or self._entry(start))() else None
+        return self.store(controlled=False) if self._entry(start)() else None
 
     def row(self, state: State) -> Vector:
         """[t, 0, q, v, a, lam, lam, mu] of a state that no step has led to, as the loops write it of one."""
@@ -151,8 +151,8 @@ class Loops:
         """The state that the loops left in their memory."""
         kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
         t, h, size_q, size_v, _, _ = self._number.tolist()
-        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled}
-        self.held = State.of(known, kept.read)
+        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled, "_read": kept.read}
+        self.held = State.of(known)
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
@@ -166,12 +166,11 @@ class Loops:
         limit, spent = self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
-        call = self._entries.get(entry) or self._entry(entry)
         if entry is march or self.call_python:
             with self.callbacks:
-                result = call(*arguments)
+                result = self._entry(entry)(*arguments)
         else:
-            result = call(*arguments)
+            result = self._entry(entry)(*arguments)
         nonfinite = self.callbacks.take_nonfinite()
         self.nonfinite = nonfinite[-1] if nonfinite else None
         if not self._points:
@@ -179,11 +178,10 @@ class Loops:
         self.count()
         return result or 0
 
-    def _entry(self, entry: Any) -> Callable[..., Any]:
+    def _made(self, entry: Any) -> Callable[..., Any]:
         """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
         first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
-        made = self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
-        return made
+        return partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""

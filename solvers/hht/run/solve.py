@@ -99,7 +99,8 @@ class Integration:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
         more = self.history.kept(projection_of(engine))
-        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, carried=carried, **more)
+        many = lambda: recovered(engine, rows.rows)  # noqa: E731
+        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, many, note, carried=carried, **more)
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""

@@ -31,7 +31,7 @@ def start_weights(z: Any, h: Any) -> Any:
 @compiled
 def guess(z: Any, h: Any) -> None:
     """Unknowns to begin with: extrapolated from steps of this length, else those of the last, (H46)."""
-    x, last, earlier, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
+    x, last, before, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
     size, count, degree = x.size, int(number[mem.KNOWN]) - 1, 0
     if count < 0:
         plain_guess(z, z.i[2 * mem.LAM])
@@ -44,7 +44,7 @@ def guess(z: Any, h: Any) -> None:
     if degree > 0:
         a, b, c, d, e = WEIGHTS_OF[degree]  # zeros behind those of the degree
         for i in range(size):
-            x[i] = a * last[i] + b * earlier[i] + c * earlier[size + i] + d * earlier[2 * size + i] + e * earlier[3 * size + i]
+            x[i] = a * last[i] + b * before[i] + c * before[size + i] + d * before[2 * size + i] + e * before[3 * size + i]
 
 
 @compiled
