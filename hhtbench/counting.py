@@ -7,7 +7,6 @@ from collections import defaultdict
 from collections.abc import Callable
 from contextvars import ContextVar, Token
 from dataclasses import dataclass, field
-from operator import itemgetter
 from typing import Any
 
 from hhtbench.errors import BudgetSpent
@@ -15,7 +14,6 @@ from hhtbench.result import Counters
 from hhtbench.terminal import told_when_slow
 
 OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
-SPENT = itemgetter(*OF_OUTPUT)
 NOTHING = vars(Counters())  # counted
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
@@ -189,7 +187,7 @@ class Work:
 
     def counted_for_steps(self) -> dict[str, Any]:
         """The tally without what output rows have cost, which is ``output_evaluations``."""
-        spent, output = dict(self.tally), self.output
+        spent, output = self.tally.copy(), self.output
         for name, count in output.items():
             spent[name] -= count
         return spent | {"output_evaluations": output["residual_evaluations"]}
@@ -210,12 +208,13 @@ class ForOutput:
     """Between its two ends everything that ``work`` counts is work for output rows."""
 
     def __init__(self, work: Work) -> None:
-        self._work, self._before = work, SPENT(work.tally)
+        self._work, self._before = work, [work.tally.get(name, 0) for name in OF_OUTPUT]
 
     def __enter__(self) -> None:
         pass
 
     def __exit__(self, *_: object) -> None:
-        for name, before, now in zip(OF_OUTPUT, self._before, SPENT(self._work.tally), strict=True):
-            if now > before:
-                self._work.output[name] += now - before
+        tally, output = self._work.tally, self._work.output
+        for name, count in zip(OF_OUTPUT, self._before, strict=True):
+            if tally.get(name, 0) > count:
+                output[name] += tally[name] - count
