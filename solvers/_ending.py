@@ -68,9 +68,8 @@ def solution_of(
         status, message = whole.instead, whole.note
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
-    read = more.pop("_read", {}.get)
     told = {"status": status, "message": f"{message.strip()} {note}".strip(), "counters": run.work.counters()}
-    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, **told, **more}, read)
+    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -185,9 +184,8 @@ def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **m
     ``more`` as in :func:`solution_of`.
     """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
-    read = more.pop("_read", {}.get)
     told = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
-    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, **told, **more}, read)
+    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, "_read": {}.get, **told, **more})
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

@@ -29,13 +29,10 @@ class OutputRows:
     """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
 
     def __init__(self, rows: Matrix, between: Any, parts: Sequence[Any]) -> None:
-        """Of ``rows`` (k, 1 + 2n + m + p), of which the attributes but :attr:`t` are ``parts``."""
-        self.rows = rows
+        """Of ``rows`` (k, 1 + 2n + m + p), of which q, v (k, n), lam (k, m) and mu (k, p) are ``parts``."""
+        self.rows, self.t = rows, rows[:, 0].copy()
         self.between = between  #: (k,) whether it lies between the ends of steps; None: they are those ends
-        of_q, of_v, of_lam, of_mu = parts
-        self.t = rows[:, 0].copy()  #: (k,)
-        self.q, self.v = rows[of_q], rows[of_v]  #: (k, n) each
-        self.lam, self.mu = rows[of_lam], rows[of_mu]  #: (k, m), (k, p)
+        self.q, self.v, self.lam, self.mu = [rows[part] for part in parts]
 
 
 class History:
@@ -210,8 +207,8 @@ class RowLayout:
         self.parts = tuple(map(slice, (0, *ends), ends))  #: t, h, q, v, a, lam at both ends and mu
         every = np.arange(self.columns)
         self.own = np.concatenate([every[self.parts[i]] for i in (0, 2, 3, 6, 7)])  #: t, q, v, lam at the end and mu
-        cuts = tuple(accumulate((1, n, n, m, structure.p)))
-        self.output = [(slice(None), slice(*cut)) for cut in pairwise(cuts)]  #: q, v, lam, mu of such a row
+        cuts = pairwise(accumulate((1, n, n, m, structure.p)))
+        self.output = [(slice(None), slice(*cut)) for cut in cuts]  #: q, v, lam, mu of such rows
         self.interpolate = interpolate.following(n, m)  #: threads share it: it keeps nothing
 
 

@@ -151,8 +151,8 @@ class Loops:
         """The state that the loops left in their memory."""
         kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
         t, h, size_q, size_v, _, _ = self._number.tolist()
-        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled}
-        self.held = State.of(known, kept.read)
+        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled, "_read": kept.read}
+        self.held = State.of(known)
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
