@@ -18,7 +18,6 @@ from solvers._start import Failure, Solving, of_dynamics, points_of
 MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
 LEFT = "a step has led to another branch of the rows that are held, or the rank has changed; take smaller steps."
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
-Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
 
 
@@ -55,21 +54,22 @@ def solution_of(
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
 
-    ``note`` ends its message; ``more`` are other fields of it.
+    ``note`` ends its message; ``more`` are other fields of it, and ``_read(name)`` gives those that are made when read.
     """
     with run.work.for_output():
-        found = recover_multipliers(run, rows, own, recover_many)
-        t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
-        whole = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
-    t, q, v = t[: len(whole.lam)], q[: len(whole.lam)], v[: len(whole.lam)]
-    status, message = end.status, f"{end.message} {found.note}".strip()
+        found = whole = recover_multipliers(run, rows, own, recover_many)
+        if unreduced(run.dynamics) is not run.dynamics:
+            whole = _of_all_constraints(run, rows, found)
+    t, q, v = [array[: len(whole.lam)] for array in rows]
+    status, message = end.status, f"{end.message} {found.note}"
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    if whole.instead is not None and status in (Status.success, Status.event):
+    if whole is not found and whole.instead is not None and status in (Status.success, Status.event):
         status, message = whole.instead, whole.note
-    held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
-    of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
-    return Solution(t=t, q=q, v=v, lam=whole.lam, mu=whole.mu, carried=held, **of_run, **more)
+    if carried is not None:
+        more["carried"] = {name: values[: t.size] for name, values in carried.items()}
+    told = {"status": status, "message": f"{message.strip()} {note}".strip(), "counters": run.work.counters()}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -131,19 +131,17 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
     return found
 
 
-def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Recovered:
-    """Multipliers of all constraints, of least norm where the solver works without the redundant ones.
+def _of_all_constraints(run: Solving, rows: Rows, found: Recovered) -> Recovered:
+    """Multipliers of all constraints as far as some were ``found``, of least norm where redundant ones are left out.
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time where a
     constraint that was left out is violated: a step has led to another branch of the others, or the rank is another one.
     """
-    whole = unreduced(run.dynamics)
-    if whole is run.dynamics:
-        return Recovered(*multipliers)
-    lam, mu = padded(run.dynamics, *multipliers)
+    whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
-    sizes = size_of(rows[1]), size_of(rows[2])
-    for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
+    reached = [array[: len(lam)] for array in rows]
+    sizes = size_of(reached[1]), size_of(reached[2])
+    for i, (t, q, v) in enumerate(zip(*reached, strict=True)):
         try:
             run.work.check_time()
             at = levels.at(float(t), q, v)
@@ -183,11 +181,11 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
 def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
     """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
 
-    ``more`` are other fields of it.
+    ``more`` as in :func:`solution_of`.
     """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
-    message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, **more)
+    told = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, "_read": {}.get, **told, **more})
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:
