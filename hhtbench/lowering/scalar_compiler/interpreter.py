@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
-from hhtbench.lowering.scalar_compiler.graph import FALSE, ONE, TRUE, ZERO, Graph, Ids, NotNative, TooLarge
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE
+from hhtbench.lowering.scalar_compiler.store import FALSE, ONE, TRUE, ZERO, Ids, NotNative, TooLarge
 
 EXACT = 2.0**53  # integers up to it are float64 numbers
 
