@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.operations import COMMUTATIVE, FOLDS, LOGIC
-from hhtbench.lowering.scalar_compiler.store import BOOLEAN, CODES, FALSE, FEW, ONE, TRUE, ZERO, Ids
+from hhtbench.lowering.scalar_compiler.store import BOOLEAN, CODES, FALSE, FEW, TRUE, ZERO, Ids
 
 AT_ONCE = 2**18  # entries of an array that are worked on together: what lies between takes a hundred bytes each
 

@@ -14,9 +14,9 @@ FEW = 2  # turns that are written out
 
 
 def emit_loops(graph: Graph, outputs: Ids, arguments: int, counts: Ids, limit: int) -> Emitted:
-    """The function of :func:`~.emit.emit` in loops; ``counts``: how often each node is :func:`~.dependencies.needed`; ``limit``: operations.
+    """The function of :func:`~.emit.emit` in loops of at most ``limit`` operations.
 
-    The numbers kept are on the heap while it runs.
+    ``counts``: how often each node is :func:`~.dependencies.needed`.  The numbers kept are on the heap while it runs.
     """
     rerolled = Rerolled(graph, outputs, counts, limit)
     writer = _LoopWriter(rerolled)

@@ -11,7 +11,6 @@ import math
 import struct
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 

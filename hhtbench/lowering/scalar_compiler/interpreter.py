@@ -102,9 +102,14 @@ class Interpreter:
                 return np.asarray(atom.val, dtype=np.dtype(atom.aval.dtype))  # type: ignore[attr-defined]
             return environment[atom]
 
-        for equation in jaxpr.eqns:
+        needed = {id(atom) for atom in jaxpr.outvars}
+        last = {id(atom): i for i, equation in enumerate(jaxpr.eqns) for atom in equation.invars}
+        for i, equation in enumerate(jaxpr.eqns):
             results = self._evaluated(equation, [read(atom) for atom in equation.invars])
             environment.update(zip(equation.outvars, results, strict=True))
+            for atom in (*equation.invars, *equation.outvars):  # those of a large system hold millions of nodes
+                if last.get(id(atom), i) == i and id(atom) not in needed:
+                    environment.pop(atom, None) if not isinstance(atom, Literal) else None
         return [read(atom) for atom in jaxpr.outvars]
 
     def lift(self, value: Value) -> Nodes:

@@ -83,6 +83,7 @@ def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: 
         if isinstance(value, Unknown):
             raise NotNative(value.reason)
         outputs = interpreter.as_numbers(interpreter.lift(value)).ravel()
+        graph.close()
     return Lowered(graph, outputs, tuple(leaves[0].shape), len(shapes))
 
 

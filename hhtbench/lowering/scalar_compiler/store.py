@@ -76,6 +76,10 @@ class Store:
         own: array[Any] = getattr(self, name)
         return np.frombuffer(own, dtype=own.typecode)
 
+    def close(self) -> None:
+        """No more nodes will be made: forget what finds them."""
+        self._known, self._table, self.limit = {}, np.zeros(0, dtype=np.int32), 0
+
     def changed(self, nodes: Ids, operation: str, x: int, y: Ids) -> Self:
         """A copy in which ``nodes`` are leaves."""
         other = copy.copy(self)
@@ -157,9 +161,9 @@ class Store:
         return found
 
     def _enter(self, first: int, last: int) -> tuple[Ids, Ids]:
-        """The node that is equal to each of those from ``first`` to before ``last``, which come into the table, and its place."""
+        """The equals of the nodes from ``first`` to before ``last``, which come into the table, and their places there."""
         if 2 * last > self._table.size:
-            self._table = np.full(1 << (4 * last).bit_length(), -1, dtype=np.int32)
+            self._table = np.full(1 << (2 * last).bit_length(), -1, dtype=np.int32)
             self._enter(0, first)
         code, x, y, z = (self.column(name) for name in ("code", "x", "y", "z"))
         nodes, last_place = np.arange(first, last), self._table.size - 1
