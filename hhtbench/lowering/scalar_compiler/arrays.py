@@ -29,7 +29,7 @@ def entrywise(graph: Graph, name: str, *operands: Ids) -> Ids:
 def alone(graph: Graph, name: str, *operands: Ids) -> Ids:
     """The same, one after the other."""
     apply = partial(graph.apply, name)
-    return np.fromiter(map(apply, *(x.tolist() for x in operands)), dtype=np.int64, count=operands[0].size)
+    return np.fromiter(map(apply, *(x.tolist() for x in operands)), dtype=np.int32, count=operands[0].size)
 
 
 def _folded(graph: Graph, name: str, *operands: Ids) -> Ids:
@@ -48,7 +48,7 @@ class _Seen(NamedTuple):
 
 
 def _seen(graph: Graph, x: Ids) -> _Seen:
-    code, inner = graph.column("code")[x], graph.column("x")[x].astype(np.int64)
+    code, inner = graph.column("code")[x], graph.column("x")[x]
     known, value = code == CODES["constant"], np.full(x.size, np.nan)
     value[known] = graph.column("values")[inner[known]]
     return _Seen(known, value, code == CODES["neg"], inner)
@@ -56,7 +56,7 @@ def _seen(graph: Graph, x: Ids) -> _Seen:
 
 def _by_cases(count: int, *cases: Case) -> Ids:
     """(count,) nodes; of each entry the first case that holds says which, given the places of such entries."""
-    result, left = np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)
+    result, left = np.empty(count, dtype=np.int32), np.ones(count, dtype=bool)
     for holds, give in cases:
         places = np.flatnonzero(left & holds)
         if places.size:

@@ -48,8 +48,8 @@ def generations(graph: Store, nodes: Ids) -> list[Ids]:
 def needed(graph: Store, outputs: Ids) -> Ids:
     """For every node how many others, or places of the result, need its value."""
     varying = outputs[graph.column("code")[outputs] != CODES["constant"]]
-    counts = np.bincount(varying, minlength=len(graph.code))
-    for nodes in reversed(generations(graph, np.arange(varying.max(initial=-1) + 1))):
+    counts = np.bincount(varying, minlength=len(graph.code)).astype(np.int32)
+    for nodes in reversed(generations(graph, np.arange(varying.max(initial=-1) + 1, dtype=np.int32))):
         live = nodes[counts[nodes] > 0]
         if live.size:
             np.add.at(counts, operands(graph, live)[0], 1)

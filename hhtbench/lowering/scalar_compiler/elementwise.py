@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache, partial, reduce
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jax import lax
@@ -60,7 +60,7 @@ def _select(ctx: Interpreter, equation: Any, which: Value, *cases: Value) -> lis
     shape = equation.outvars[0].aval.shape
     which = ctx.folded(which)
     if isinstance(which, np.ndarray) and all(isinstance(case, np.ndarray) for case in cases):
-        return [np.choose(np.broadcast_to(which, shape).astype(np.int64), cases)]
+        return [np.choose(np.broadcast_to(which, shape).astype(np.int64), cast("Any", cases))]
     ids = [np.broadcast_to(ctx.lift(case).ids, shape) for case in cases]
     if isinstance(which, np.ndarray):
         return made(equation, np.choose(np.broadcast_to(which, shape).astype(np.int64), ids))

@@ -48,9 +48,9 @@ class Graph(Store):
         """Nodes of an array of numbers or booleans."""
         array = np.asarray(values)
         if array.dtype == bool:
-            return np.where(array, TRUE, FALSE).astype(np.int64)
+            return np.where(array, TRUE, FALSE).astype(np.int32)
         bits, places = np.unique(array.astype(np.float64).view(np.int64), return_inverse=True)
-        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int64)
+        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int32)
         return nodes[places].reshape(array.shape)
 
     def neg(self, x: int) -> int:
@@ -207,7 +207,7 @@ class Graph(Store):
 def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
     """Products and sums where most entries are structural zeros, as in derivatives."""
     if name == "mul":
-        result = np.full(x.shape, ZERO, dtype=np.int64)
+        result = np.full(x.shape, ZERO, dtype=np.int32)
         left = (x != ZERO) & (y != ZERO)
     else:
         result = np.where(y == ZERO, x, y) if name == "add" else x.copy()

@@ -183,8 +183,6 @@ def _scatter(ctx: Interpreter, equation: Any, x: Value, indices: Value, updates:
     places, inside = _windows(where, numbers.scatter_dims_to_operand_dims, batched, sizes, ids.shape)
     used = inside | (mode == GatherScatterMode.CLIP)
     result, at, piece = ids.flatten(), places[used].ravel(), pieces.reshape(places.shape)[used].ravel()
-    if combine is None:
-        result[at] = piece
-    for turn in _turns(at) if combine is not None else ():
-        result[at[turn]] = ctx.graph.elementwise(combine, result[at[turn]], piece[turn])
+    for turn in _turns(at):
+        result[at[turn]] = piece[turn] if combine is None else ctx.graph.elementwise(combine, result[at[turn]], piece[turn])
     return made(equation, result.reshape(ids.shape))

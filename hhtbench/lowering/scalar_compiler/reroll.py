@@ -104,7 +104,9 @@ class Rerolled:
         sizes = (graph.x[node], graph.y[node]) if name in CALLS else ()
         return (name, sizes, *(int(self._form[operand]) for operand in needs(graph, node)))
 
-    def _grouped(self, level: Ids, form: Ids, nodes: Ids, targets: Ids, *, last: bool) -> dict[Any, tuple[Ids, Ids]]:
+    def _grouped(
+        self, level: Ids, form: Ids, nodes: Ids, targets: Ids, *, last: bool
+    ) -> dict[tuple[int, bool, int], tuple[Ids, Ids]]:
         """``nodes`` and ``targets`` by (level, last, form)."""
         order = np.lexsort((form, level))
         ends = np.flatnonzero(np.diff(level[order]) | np.diff(form[order])) + 1

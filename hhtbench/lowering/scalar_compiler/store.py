@@ -14,7 +14,7 @@ import numpy as np
 
 from hhtbench.lowering.scalar_compiler.operations import COMPARISONS, FUNCTIONS, INSTRUCTIONS, LOGIC
 
-Ids = np.ndarray  #: int64 array of nodes
+Ids = np.ndarray  #: whole numbers: nodes
 
 ZERO, ONE, MINUS_ONE, FALSE, TRUE = range(5)  # the first nodes of every graph
 
@@ -100,6 +100,7 @@ class Store:
 
     def call(self, operation: str, sizes: tuple[int, int], operands: Ids) -> int:
         """The node of an operation with many results."""
+        operands = operands.astype(np.int64)
         key = (operation, sizes, operands.tobytes())
         found = self._known.get(key)
         if found is None:
@@ -114,7 +115,7 @@ class Store:
         if flat[0].size > FEW:
             return self._nodes(operation, *flat).reshape(shape)
         entries = zip(*(x.tolist() for x in flat), strict=True)
-        return np.array([self.node(operation, *entry) for entry in entries], dtype=np.int64).reshape(shape)
+        return np.array([self.node(operation, *entry) for entry in entries], dtype=np.int32).reshape(shape)
 
     def entries(self, call: int, places: Ids) -> Ids:
         """Those of a call's result at ``places``."""
@@ -158,7 +159,7 @@ class Store:
         depth = np.max(before, axis=0) + 1 if before else np.zeros(made.size)
         self.depth.frombytes(depth.astype(np.int32).tobytes())
         self._entered = last
-        return found
+        return found.astype(np.int32)  # half the memory of what lives during a lowering
 
     def _enter(self, first: int, last: int) -> tuple[Ids, Ids]:
         """The equals of the nodes from ``first`` to before ``last``, which come into the table, and their places there."""
