@@ -278,7 +278,7 @@ class PythonFunctions(Functions):
         static = replace(method, start="f0"), layout
         try:
             coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
-        except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
+        except NotImplementedError as error:  # neither the graph nor asdex knows a primitive
             return f"the pattern of its derivatives cannot be read: {error}"
         analysis = of_pattern(coloured.pattern, layout.size, linsolver)
         return analysis.reason if analysis.kind == "dense" else (products, layout, coloured)
