@@ -37,7 +37,7 @@ class Beside:
         ``done`` (k,) tells which rows have their multipliers from the acceleration level; those put back have.
         """
         s, rows = self.dynamics.structure, self.rows
-        if not s.constrained or s.n > LARGEST:
+        if not s.constrained or s.n > LARGEST or not np.count_nonzero(rows.between):
             return ""
         between, times = np.flatnonzero(rows.between), list[float]()
         with suppress(NonFiniteValue, ValueError, linalg.LinAlgError):  # no rank where something is not finite

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +21,13 @@ LOOK = 500  # accepted steps before the first look: about those of a first call
 SETTLED = 1_000  # accepted steps after which step control has long found its length
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 STANDSTILL = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
+COUNTED = itemgetter("steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations")
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
 MANY = 200_000  # steps through a noisy force, unless max_num_steps allows others: half an hour of calls in Python
 NOISY = 0.01  # of what a step's error may be: noise that lengths of steps are found by; two calls may differ by little
 
 
-@dataclass(frozen=True)
-class Pace:
+class Pace(NamedTuple):
     """How far a run under error control has come."""
 
     taken: int  #: accepted steps
@@ -39,9 +40,7 @@ class Pace:
 
 def pace_of(engine: Engine, taken: int, t: float) -> Pace:
     """After ``taken`` steps, at ``t`` [s]."""
-    tally = engine.work.tally
-    names = "steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations"
-    return Pace(taken, t, *(tally[name] for name in names))
+    return Pace(taken, t, *COUNTED(engine.work.tally))
 
 
 def hopeless(

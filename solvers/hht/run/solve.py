@@ -36,6 +36,7 @@ from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
+ARRIVED = Failure(Status.success, Status.success.text)
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
 CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
 FEW = 20  # the same with a time budget
@@ -83,21 +84,19 @@ class Integration:
         if self.stepper is None:
             return self._nothing(end)
         rows, _ = self.history.output_rows(lambda: False)
-        more = self.history.kept(self.history.dense_output())
-        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
+        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **self.history.kept())
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
-        output = self.history.dense_output()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        before = (rows.q[:0], rows.v[:0]) if rows.between is None else (rows.q[rows.between], rows.v[rows.between])
+        before = None if rows.between is None else (rows.q[rows.between], rows.v[rows.between])
         unmet, remarks = self._put_on_constraints(engine, rows), list[str]()
 
         def recover() -> Any:
             done = recovered(engine, rows.rows)
-            if len(before[0]) and engine.method.coefficients.both_levels:
+            if before is not None and engine.method.coefficients.both_levels:
                 remarks.append(Beside(engine.dynamics, rows, *before).keep(done))
             return done
 
@@ -109,11 +108,9 @@ class Integration:
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
-        more = self.history.kept(output) | {"carried": carried}
-        if "interpolant" in more:
-            more["projection"] = projection_of(engine, output)
-        found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, **more)
-        return replace(found, message=" ".join(filter(None, (found.message, *remarks))))
+        more = self.history.kept(projection_of(engine))
+        found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, carried=carried, **more)
+        return found.but(message=f"{found.message} {remarks[0]}") if any(remarks) else found
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -146,7 +143,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
     Returns how it ended.
     """
-    watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
+    watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
     first = pace = pace_of(stepper.engine, taken, state.t)
     look, crossed = LOOK, 0
@@ -177,7 +174,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             by_error, paces = stepper.plan.by_error, (first, before, pace)
             if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances, max_num_steps)):
                 return ended
-    return Failure(Status.success, Status.success.text)
+    return ARRIVED
 
 
 def go_beyond(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +41,7 @@ class EventState:
     changed: tuple[int, ...] = ()  #: events that made the state it begins from
 
 
-@dataclass(frozen=True)
-class Accepted:
+class Accepted(NamedTuple):
     """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
 
     state: State  #: after them
@@ -56,7 +55,7 @@ class Accepted:
 Cut = tuple[Attempt, int]  # a step made shorter to end at an event, and the number of that
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class Stepper:
     """How an integration goes on from a state."""
 
@@ -122,13 +121,13 @@ class Stepper:
         if changing:
             changed = self._changed(state, changing)
             if isinstance(changed, Failure):
-                return replace(accepted, ended=changed)
+                return accepted._replace(ended=changed)
             state, watch = changed, replace(watch, values=None, changed=accepted.stopping)
         named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(watch.counts[i])]
         if named:
             text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
             ended = Failure(Status.event, text)
-        return replace(accepted, state=state, watch=watch, ended=ended)
+        return accepted._replace(state=state, watch=watch, ended=ended)
 
     def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
         """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
