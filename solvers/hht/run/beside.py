@@ -86,4 +86,4 @@ class Beside:
             root = linalg.cholesky(mass, lower=True).T
         moved = np.abs(right[weak] @ root @ (after[1] - before[1]))
         sigma = sizes[weak] / self._elsewhere
-        return bool(np.any(np.maximum(moved / linalg.norm(root @ before[1]), EPS / sigma) > sigma**2))
+        return bool(np.any((moved > sigma**2 * linalg.norm(root @ before[1])) | (sigma**3 < EPS)))  # (H51)
