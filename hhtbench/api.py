@@ -90,7 +90,7 @@ def solve(
     if found.status is Status.declined:
         return found
     message = f"{found.message.rstrip('.')}. {note}" if note else found.message
-    return replace(found, message=message, drift_of=partial(measure_drift, loaded))
+    return found.but(message=message, drift_of=partial(measure_drift, loaded))
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

@@ -14,6 +14,7 @@ from hhtbench.result import Counters
 from hhtbench.terminal import told_when_slow
 
 OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
+NOTHING = vars(Counters())  # counted
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
 
@@ -193,7 +194,7 @@ class Work:
 
     def counters(self) -> Counters:
         """The tally, frozen."""
-        return Counters(**self.counted_for_steps())
+        return Counters.of(NOTHING | self.counted_for_steps())
 
     def spend_residual(self) -> None:
         """Count one evaluation of F; raises :class:`BudgetSpent` when a budget is used up."""

@@ -267,7 +267,7 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
         kind = "the inverse or band LU where HHT's steps are machine code, else dense LU (LAPACK)"
     if matrix_free(dynamics) is not None and s.n + 2 * s.m + (s.n + s.p if s.p else 0) >= SMALL:
         kind = "band LU after reverse Cuthill-McKee, or SuperLU where the band is wide,"
-        reason += f"; {SMALL} unknowns or more: entries by coloured derivatives, their places by asdex"
+        reason += f"; {SMALL} unknowns or more: entries by coloured derivatives, their places read off the computation"
     rows.append(Statement("linear algebra", "HHT step", f"{kind} of the step matrix, {_step_size(s)}", reason))
     return rows
 

@@ -14,7 +14,8 @@ from hhtbench.filespec import load_attribute
 from hhtbench.protocol import Problem, Solver
 from hhtbench.specs import Spec, parse_spec
 
-Verification = Callable[[Callable[[str], None] | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
+Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
+Verification = Callable[[Counted | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
 
 
 def list_problems() -> list[str]:

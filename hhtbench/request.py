@@ -41,9 +41,10 @@ class Request:
     options: Mapping[str, Any] = field(default_factory=dict)  #: options of one solver
 
     def __post_init__(self) -> None:
-        for name, value in self.__dict__.items():
+        own = self.__dict__
+        for name, value in own.items():
             if value is not None and name in CHECKS:
-                object.__setattr__(self, name, CHECKS[name](name, value))
+                own[name] = CHECKS[name](name, value)
         if self.rtol is not None and self.atol is not None and has_zero(self.rtol) and has_zero(self.atol):
             raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
         by_error = self.rtol is not None or self.atol is not None

@@ -13,6 +13,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
+from hhtbench.filled import Filled
 from hhtbench.plotting import plot_solution
 from hhtbench.saved import read_arrays, write_arrays
 
@@ -85,7 +86,7 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Counters:
+class Counters(Filled):
     """Work done; None means not reported, never zero instead.
 
     One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.  Those that
@@ -149,7 +150,7 @@ class ErrorEstimate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solution:
+class Solution(Filled):
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
 
     Of a solver that says nothing about its work no counter is reported.
@@ -167,13 +168,15 @@ class Solution:
     status: Status
     message: str  #: what happened, where, and what to do
     counters: Counters = field(default_factory=lambda: NOT_REPORTED)
-    steps_data: StepsData | None = None  #: HHT only
+    steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
     t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
     q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
-    interpolant: Callable[[Any], DenseOutput] | None = None  #: dense output over the accepted steps
-    projection: Callable[[Any, DenseOutput], DenseOutput] | None = None  #: what puts it onto the constraints; not pickled
+    #: dense output over the accepted steps
+    interpolant: Callable[[Any], DenseOutput] | None = field(default_factory=lambda: None)
+    #: what puts it onto the constraints; not pickled
+    projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
     drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
@@ -244,7 +247,7 @@ class Solution:
         return cls(**found)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "drift_of": None}
+        return super().__getstate__() | {"drift_of": None}
 
     def _repr_html_(self) -> str:
         rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]

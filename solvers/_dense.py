@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,6 +35,39 @@ class Steps(Protocol):
 
     def __call__(self, t: Any) -> DenseOutput:
         """The interpolated states at times (k,)."""
+
+
+@dataclass(frozen=True)
+class Until:
+    """Dense output as far as the rows go."""
+
+    output: Steps
+    last: float  #: [s]
+    ahead: float  #: its sign is the direction of time
+
+    def __call__(self, t: Any) -> DenseOutput:
+        """The same at ``t``, scalar or (k,); later times are refused."""
+        if not self._within(np.asarray(t, dtype=np.float64)).all():
+            raise ProblemError(f"the solution ends at t = {self.last:.17g}; it is not extrapolated.")
+        return self.output(t)
+
+    @property
+    def t(self) -> Vector:
+        """Ends of the steps [s], (k,), the start first."""
+        return self.output.t[self._within(self.output.t)]
+
+    @property
+    def q(self) -> Matrix:
+        """There, (k, n)."""
+        return self.output.q[self._within(self.output.t)]
+
+    @property
+    def v(self) -> Matrix:
+        """There, (k, n)."""
+        return self.output.v[self._within(self.output.t)]
+
+    def _within(self, t: Any) -> Any:
+        return (t - self.last) * self.ahead <= 0.0
 
 
 class OnConstraints:

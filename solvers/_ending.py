@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,13 +13,16 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
+from solvers._dense import Until
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
 MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
-LEFT = "a step has led to another branch of the rows that are held, or the rank has changed; take smaller steps."
+ADVICE = (
+    "the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
+    "the system where they always follow from the others; else start where the rank is that of the motion."
+)
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
-Multipliers = tuple[Matrix, Matrix]  # lam (k, m) and mu (k, p)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
 
 
@@ -55,21 +59,24 @@ def solution_of(
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
 
-    ``note`` ends its message; ``more`` are other fields of it.
+    ``note`` ends its message; ``more`` are other fields of it, and ``_read(name)`` gives those that are made when read.
     """
     with run.work.for_output():
-        found = recover_multipliers(run, rows, own, recover_many)
-        t, q, v = rows if len(found.lam) == len(rows[0]) else [array[: len(found.lam)] for array in rows]
-        whole = _of_all_constraints(run, (t, q, v), (found.lam, found.mu))
-    t, q, v = t[: len(whole.lam)], q[: len(whole.lam)], v[: len(whole.lam)]
-    status, message = end.status, f"{end.message} {found.note}".strip()
+        found = whole = recover_multipliers(run, rows, own, recover_many)
+        if unreduced(run.dynamics) is not run.dynamics:
+            whole = _of_all_constraints(run, rows, found)
+    t, q, v = [array[: len(whole.lam)] for array in rows]
+    status, message = end.status, f"{end.message} {found.note}"
     if found.instead is not None and status is Status.success:
         status, message = found.instead, found.note
-    if whole.instead is not None and status in (Status.success, Status.event):
-        status, message = whole.instead, whole.note
-    held = None if carried is None else {name: values[: t.size] for name, values in carried.items()}
-    of_run: dict[str, Any] = {"status": status, "message": f"{message} {note}".strip(), "counters": run.work.counters()}
-    return Solution(t=t, q=q, v=v, lam=whole.lam, mu=whole.mu, carried=held, **of_run, **more)
+    if whole is not found and whole.instead is not None:
+        if status in (Status.success, Status.event):
+            status, message = whole.instead, whole.note
+        more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
+    if carried is not None:
+        more["carried"] = {name: values[: t.size] for name, values in carried.items()}
+    told = {"status": status, "message": f"{message.strip()} {note}".strip(), "counters": run.work.counters()}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -131,29 +138,43 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
     return found
 
 
-def _of_all_constraints(run: Solving, rows: Rows, multipliers: Multipliers) -> Recovered:
-    """Multipliers of all constraints, of least norm where the solver works without the redundant ones.
+def _of_all_constraints(run: Solving, rows: Rows, found: Recovered) -> Recovered:
+    """Multipliers of all constraints as far as some were ``found``, of least norm where redundant ones are left out.
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time where a
     constraint that was left out is violated: a step has led to another branch of the others, or the rank is another one.
     """
-    whole = unreduced(run.dynamics)
-    if whole is run.dynamics:
-        return Recovered(*multipliers)
-    lam, mu = padded(run.dynamics, *multipliers)
+    whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
-    sizes = size_of(rows[1]), size_of(rows[2])
-    for i, (t, q, v) in enumerate(zip(*rows, strict=True)):
+    reached = [array[: len(lam)] for array in rows]
+    sizes = size_of(reached[1]), size_of(reached[2])
+    for i, (t, q, v) in enumerate(zip(*reached, strict=True)):
         try:
             run.work.check_time()
             at = levels.at(float(t), q, v)
         except BudgetSpent:
             break
         if lost := _lost(at, redundant, sizes):
-            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {LEFT}"
+            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:i], mu[:i], note, Status.redundant_constraints)
         lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
     return Recovered(lam, mu)
+
+
+def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a Solution, steps, events and dense output, cut to what is not after ``last`` [s]; None: nothing stays."""
+    read, found = more.get("_read", {}.get), dict(more)
+    early = lambda t: np.zeros(t.size, dtype=bool) if last is None else (t - last) * ahead <= 0.0  # noqa: E731
+    steps, output = (more.get(name) or read(name) for name in ("steps_data", "interpolant"))
+    if steps is not None:
+        arrays = {field.name: getattr(steps, field.name)[early(steps.t)] for field in fields(steps)}
+        found["steps_data"] = replace(steps, **arrays)
+    if times := more.get("t_events"):
+        for name in ("t_events", "q_events", "v_events"):
+            found[name] = tuple(x[early(t)] for x, t in zip(more[name], times, strict=True))
+    if output is not None:
+        found["interpolant"] = None if last is None else Until(output, last, ahead)
+    return found
 
 
 def _lost(at: Levels, redundant: tuple[int, ...], sizes: tuple[float, float]) -> str:
@@ -183,11 +204,11 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
 def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
     """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
 
-    ``more`` are other fields of it.
+    ``more`` as in :func:`solution_of`.
     """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
-    message = f"{end.message} The multipliers are {own.every}."
-    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=end.status, message=message, counters=counters, **more)
+    told = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, "_read": {}.get, **told, **more})
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

@@ -16,6 +16,7 @@ from hhtbench.advice.standing import SEVERAL, Standing
 from hhtbench.advice.wish import Wish
 from hhtbench.analysis.cells import entry_of
 from hhtbench.campaign import run_campaign
+from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool
 from hhtbench.store import RunRow, Store
 
@@ -41,6 +42,7 @@ class Rounds:
     references: Mapping[str, Path]
     ends: float  #: of the monotonic clock [s]: nobody is begun later
     tell: Callable[[str], None]
+    pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
     left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was given up
 
@@ -85,7 +87,13 @@ class Rounds:
             counting=False,
         )
         done = run_campaign(
-            campaign, self.store, limits=self.pool.limits, executor=self.pool, references=self.references, timing=timing
+            campaign,
+            self.store,
+            limits=self.pool.limits,
+            executor=self.pool,
+            references=self.references,
+            timing=timing,
+            progress=self.pace,
         )
         self.rows |= {row.key: row for row in done.rows}
 

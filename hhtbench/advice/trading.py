@@ -23,6 +23,7 @@ from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.asked import refuse_misspelt
+from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool, machine_limits
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
@@ -123,6 +124,7 @@ def trade(
     store: str | Path | None = None,
     jobs: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    progress: Progress = lambda part, done, total: None,
 ) -> Trade:
     """Measure on one problem who reaches given errors most cheaply.
 
@@ -146,6 +148,8 @@ def trade(
         Worker processes; None: one a core.
     tell
         Is told what goes on, in lines.
+    progress
+        Is told how many of the seconds have passed, as ``("seconds", 12, 60)``.
 
     Returns
     -------
@@ -160,7 +164,7 @@ def trade(
     wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
     if not isinstance(problem, str):
         raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
-    return _traded(problem, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell)
+    return _traded(problem, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
 
 
 def _traded(
@@ -172,6 +176,7 @@ def _traded(
     store: str | Path | None,
     jobs: int | None,
     tell: Callable[[str], None],
+    progress: Progress,
 ) -> Trade:
     """A reference, the rounds, and the times of who may win."""
     began = time.monotonic()
@@ -180,12 +185,16 @@ def _traded(
     loaded, spec = load_problem(problem), canonical(problem)
     candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
+
+    def pace(*_: object) -> None:
+        progress("seconds", round(time.monotonic() - began), round(seconds))
+
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
         plan = campaign_for([spec], candidates, accuracies=wish.accuracies, reference="auto")
         with Store(file) as rows, WorkerPool(limits) as pool:
             truth = truth_of(loaded, plan, file, limits.jobs, REFERENCE_SHARE * seconds, tell)
-            rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell)
+            rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell, pace)
             rounds.run(candidates)  # without a truth too: what each says tells what is wrong
             rounds.time_again(candidates)
     return Trade(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhtbench.advice.wish import Wish
+from hhtbench.analysis.decision import places
 from hhtbench.analysis.fronts import Cost, Front
 from hhtbench.report.words import seconds, shown
 
@@ -57,15 +58,13 @@ def _as_run(front: Front) -> tuple[Cost, ...]:
 
 
 def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
-    """Entries that reach all errors that anybody reaches, with their mean cost over the cheapest (geometric), best first.
+    """Entries that reach all errors that anybody reaches, with their mean cost over the first's (geometric), best first.
 
     These are all that reach the tightest: the run that does reaches the others too.
     """
     reached = [front for front in fronts if front.costs]
-    tables = [{cost.entry: cost.value / front.costs[0].value for cost in front.costs} for front in reached]
-    common = tables[-1] if tables else ()
-    means = {entry: math.exp(sum(math.log(table[entry]) for table in tables) / len(tables)) for entry in common}
-    return tuple(sorted(means.items(), key=lambda item: item[1]))
+    ranked = [place for place in places(reached, math.inf) if len(place.costs) == len(reached)]
+    return tuple((place.entry, place.mean / ranked[0].mean) for place in ranked)
 
 
 def sentence(fronts: Sequence[Front], wish: Wish) -> str:
@@ -73,11 +72,11 @@ def sentence(fronts: Sequence[Front], wish: Wish) -> str:
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
         return ""
-    (taken, least), last = ranked[0], reached[-1]
+    (taken, _), last = ranked[0], reached[-1]
     text = f"Take {taken}: {_expected(next(cost for cost in last.costs if cost.entry == taken), last.target)}"
     if len(ranked) > 1:
         other, mean = ranked[1]
-        text += f"; the second choice, {other}, costs {mean / least:.2g} times as much"
+        text += f"; the second choice, {other}, costs {mean:.2g} times as much"
         text += " in the mean of the errors" if len(reached) > 1 else ""
     else:
         text += "; nobody else got there"

@@ -44,7 +44,7 @@ from hhtbench.analysis.kinds import Kind, kinds
 from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
 from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, Missing
 from hhtbench.analysis.newest import Newest, newest
-from hhtbench.analysis.outcomes import FailureRow, counters, failures, machines, silent, statuses
+from hhtbench.analysis.outcomes import Failure, counters, failures, machines, silent, statuses
 from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
 from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
 
@@ -67,7 +67,7 @@ __all__ = [
     "Cost",
     "DriftCost",
     "End",
-    "FailureRow",
+    "Failure",
     "Kind",
     "Missing",
     "Newest",

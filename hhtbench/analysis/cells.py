@@ -55,6 +55,7 @@ class Point:
     time: float | None  #: processor time of one solve [s]
     repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
+    allowed: float | None  #: what the solve was allowed [s]
     rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
     held_out: bool  #: of a problem that was not looked at while defaults were tuned
     alone: bool  #: the time was taken alone on a core, not beside other work
@@ -158,6 +159,7 @@ def _reduced(row: RunRow) -> Point:
         time=_beside(row) if alone is None else alone,
         repeats=_repeats(row),
         spent=_spent(row),
+        allowed=number(row.request, "max_seconds"),
         rules=rules_of(row),
         held_out=row.request.get("held_out") is True,
         alone=alone is not None,

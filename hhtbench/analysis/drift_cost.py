@@ -21,13 +21,15 @@ class DriftCost:
 
 
 def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
-    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``, at costs that are no bounds."""
     found: dict[str, list[DriftCost]] = {}
     for front in fronts(rows, measure, (target,)):
-        own = next((cost.value for cost in front.costs if family(cost.entry) == SUBJECT), None)
-        for cost in front.costs if own else ():
+        own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        if own is None or own.bound:
+            continue
+        for cost in front.costs:
             levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
-            if own and levels:
-                line = DriftCost(problem=front.problem, cost=cost, ratio=cost.value / own, drift=max(levels))
+            if levels and not cost.bound:
+                line = DriftCost(problem=front.problem, cost=cost, ratio=cost.value / own.value, drift=max(levels))
                 found.setdefault(cost.entry, []).append(line)
     return {entry: tuple(lines) for entry, lines in found.items()}

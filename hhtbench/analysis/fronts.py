@@ -15,6 +15,8 @@ TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, 
 BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
 SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
+SECONDS = 60.0  # that count where an error is not reached and the rows name no other limit [s]
+PACE = 1e6  # evaluations a second, more than solvers make: what counts by evaluations
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 
@@ -202,12 +204,18 @@ class Campaign:
 
     level: float  #: :func:`level_of` their times
     targets: tuple[float, ...]  #: :func:`targets_of` them
+    seconds: float = SECONDS  #: that one solver was allowed on one problem [s]
+
+    def allowed(self, measure: str) -> float:
+        """What counts where an error is not reached: the time allowed [s], or as many evaluations as fit into it."""
+        return self.seconds if measure == "time" else self.seconds * PACE
 
 
 def campaign_of(rows: Iterable[RunRow]) -> Campaign:
     """Of all rows of a report."""
     found = points(rows)
-    return Campaign(level=level_of(found), targets=targets_of(found))
+    allowed = max((run.rules.pair_seconds for run in found if run.rules is not None), default=SECONDS)
+    return Campaign(level=level_of(found), targets=targets_of(found), seconds=allowed)
 
 
 def compare(

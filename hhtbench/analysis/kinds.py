@@ -1,32 +1,30 @@
-"""Kinds of problems, as far as rows tell: which constraints there are, and whether explicit methods lag behind."""
+"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and whether it is declared stiff."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from hhtbench.analysis.cells import entry_of, number, points, problems, state_error
-from hhtbench.analysis.fronts import constrained_levels
+from hhtbench.analysis.cells import problems
 from hhtbench.store.rows import RunRow
 
-STIFF_AT = 1e-2  # achieved scaled error at which steps are compared: there accuracy does not yet dictate them
-EXPLICIT = re.compile(r"method=(DOP853|Dopri8|Tsit5|RK45|RK23)\b")
-IMPLICIT = re.compile(r"^(ida|hht)\b|method=(Radau|BDF|bdf|Kvaerno5)\b")
-LEVELS = {
-    (): "no constraints",
-    ("velocity",): "velocity constraints",
-    ("position", "velocity"): "position constraints",
-    ("position",): "position constraints",
+CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in the order of the table
+    (True, False): "position constraints",
+    (True, True): "position and velocity constraints",
+    (False, True): "velocity constraints",
+    (False, False): "no constraints",
 }
+UNTOLD = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
+STIFFNESS = {False: "not stiff", True: "stiff", None: "stiffness not declared"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """What problems that are compared together have in common."""
 
-    constraints: str  #: one of ``LEVELS``
-    stiff: bool | None  #: None where no explicit, or no implicit, method has reached the error ``STIFF_AT``
+    constraints: str  #: one of ``CONSTRAINTS``, or ``UNTOLD``
+    stiff: bool | None  #: whether the problem has this tag; None where it has no tags at all
 
     @property
     def text(self) -> str:
@@ -34,30 +32,18 @@ class Kind:
         return f"{self.constraints}, {STIFFNESS[self.stiff]}"
 
 
-STIFFNESS = {True: "stiff", False: "not stiff", None: "stiffness unknown"}
-
-
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
     """Kind -> its problems; position constraints first, what is not stiff first."""
+    told = {row.problem: row.metrics["system"] for row in rows if row.metrics.get("system")}
     found: dict[Kind, list[str]] = {}
     for problem in problems(rows):
-        own = [row for row in rows if row.problem == problem]
-        levels = constrained_levels(points(own))
-        found.setdefault(Kind(constraints=LEVELS[levels], stiff=_stiff(own)), []).append(problem)
-    order = ["position constraints", "velocity constraints", "no constraints"]
-    ordered = sorted(found, key=lambda kind: (order.index(kind.constraints), STIFFNESS[kind.stiff]))
+        found.setdefault(_kind(told.get(problem, {})), []).append(problem)
+    order = [*CONSTRAINTS.values(), UNTOLD]
+    ordered = sorted(found, key=lambda kind: (order.index(kind.constraints), list(STIFFNESS).index(kind.stiff)))
     return {kind: tuple(found[kind]) for kind in ordered}
 
 
-def _stiff(rows: Sequence[RunRow]) -> bool | None:
-    """Curtiss and Hirschfelder's definition: where implicit methods do clearly better than explicit ones, in steps."""
-    controlled = [row for row in rows if row.request.get("rtol") is not None]
-    explicit = _fewest_steps(row for row in controlled if EXPLICIT.search(entry_of(row)))
-    implicit = _fewest_steps(row for row in controlled if IMPLICIT.search(entry_of(row)))
-    return None if explicit is None or implicit is None else explicit > implicit
-
-
-def _fewest_steps(rows: Iterable[RunRow]) -> float | None:
-    """Of the runs that reach ``STIFF_AT``."""
-    reached = [row for row in rows if row.success and (error := state_error(row)) is not None and error <= STIFF_AT]
-    return min((steps for row in reached if (steps := number(row.counters, "steps_accepted"))), default=None)
+def _kind(system: Mapping[str, Any]) -> Kind:
+    m, p, tags = (system.get(name) for name in ("m", "p", "tags"))
+    constraints = UNTOLD if m is None or p is None else CONSTRAINTS[m > 0, p > 0]
+    return Kind(constraints=constraints, stiff="stiff" in tags if tags else None)

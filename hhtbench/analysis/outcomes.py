@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ COUNTED = (
 )
 
 
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])")  # one that stands alone: no part of RK45
+
+
 @dataclass(frozen=True, kw_only=True)
 class CounterRow:
     """Work of one run; a counter that was not reported is None, never zero."""
@@ -33,16 +37,18 @@ class CounterRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FailureRow:
-    """Runs of one solver on one problem that ended in the same way."""
+class Failure:
+    """Runs that failed or are not believed for one reason: of one status, and messages that differ by numbers at most."""
 
-    problem: str
-    entry: str
     status: str
-    message: str
-    settings: tuple[str, ...]  #: of the runs, loosest first as they came
-    keys: tuple[str, ...]
-    reached: float | None  #: largest fraction of the interval; None for runs that are not believed
+    message: str  #: of the first
+    rows: tuple[RunRow, ...]
+
+    @property
+    def reached(self) -> float | None:
+        """Largest fraction of the interval; None for runs that are not believed."""
+        known = [] if self.status == DOUBTED else [number(row.metrics, "reached") for row in self.rows]
+        return max((value for value in known if value is not None), default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,26 +77,14 @@ def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
     return tuple(entry for entry, runs in groups.items() if all(run.evaluations is None for run in runs))
 
 
-def failures(rows: Iterable[RunRow]) -> tuple[FailureRow, ...]:
-    """Every run that failed or is not believed, runs with the same outcome in one line."""
-    groups: dict[tuple[str, str, str, str], list[tuple[Point, float | None]]] = {}
+def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:
+    """Every run that failed or is not believed, by reason; what was declined comes last."""
+    groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         if not row.success:
-            run = point(row)
-            own = groups.setdefault((run.problem, run.entry, run.status, run.message), [])
-            own.append((run, None if row.status == DOUBTED else number(row.metrics, "reached")))
-    return tuple(
-        FailureRow(
-            problem=problem,
-            entry=entry,
-            status=status,
-            message=message,
-            settings=tuple(run.setting.text for run, _ in runs),
-            keys=tuple(run.key for run, _ in runs),
-            reached=max((reached for _, reached in runs if reached is not None), default=None),
-        )
-        for (problem, entry, status, message), runs in groups.items()
-    )
+            groups.setdefault((row.status, NUMBER.sub("#", row.message)), []).append(row)
+    found = [Failure(status=status, message=own[0].message, rows=tuple(own)) for (status, _), own in groups.items()]
+    return tuple(sorted(found, key=lambda failure: failure.status == "declined"))
 
 
 def statuses(rows: Iterable[RunRow]) -> dict[str, int]:

@@ -24,7 +24,7 @@ class Reach:
     entry: str
     weight: float  #: of the pair among all: the problem's equal share, divided by its errors
     cost: float | None  #: of the first run, loosest setting first, that reaches the error; None: none does
-    search: float | None  #: of this and all runs before it, failed ones included; None too where one of them is not known
+    search: float | None  #: of this and all runs before it, failed ones included; None too where that of one is not known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,10 +77,10 @@ def _reaches(run: Point, measure: str, target: float) -> bool:
 
 
 def _spent(run: Point, measure: str) -> float | None:
-    """What a run has cost, whatever came of it."""
+    """What a run has cost, whatever came of it; where its time is not known, all that it was allowed."""
     if run.status == "declined":
         return 0.0
-    return run.work(measure) or (run.spent if measure == "time" else None)
+    return run.work(measure) or (run.spent or run.allowed if measure == "time" else None)
 
 
 def profiles(found: Iterable[Reach], cost: str = "cost") -> tuple[Profile, ...]:

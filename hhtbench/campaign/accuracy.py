@@ -16,7 +16,8 @@ from hhtbench.result import Solution
 COMPONENTS = ("q", "v", "lam", "mu")
 SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
 SPACINGS = 4  # of floating-point times, which may be further apart than that
-MOST_EXACT = 2000  # rows at which an exact solution is computed, evenly spread, the first and the last among them
+MOST_EXACT = 2000  # rows at which an exact solution is computed, evenly spread
+FIRST = 10  # of the first rows, which are always among them: multipliers of the start are seen in these only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +133,8 @@ def _scale(problem: Problem, name: str, values: Matrix) -> Vector:
 def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], str, int | None]:
     """Those of ``times`` at which something is known, the values there, their kind and digits."""
     if problem.exact is not None:
-        some = np.unique(np.linspace(0, times.size - 1, min(times.size, MOST_EXACT)).astype(int))
+        spread = np.linspace(0, times.size - 1, min(times.size, MOST_EXACT)).astype(int)
+        some = np.union1d(spread, np.arange(min(times.size, FIRST)))
         motions = [problem.exact(float(t)) for t in times[some]]
         truth = {
             name: np.array([np.asarray(getattr(motion, name), dtype=np.float64) for motion in motions])

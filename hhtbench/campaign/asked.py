@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from hhtbench import plugins
 from hhtbench.campaign.files import named_campaign
@@ -22,8 +22,9 @@ def asked_campaign(
     step: tuple[str, ...],
     steps: tuple[str, ...],
     max_seconds: float | None,
+    reference: Literal["none", "auto"] | None,
 ) -> Campaign:
-    """The campaign of the options of ``hhtbench run``."""
+    """The campaign of the options of ``hhtbench run`` and ``status``."""
     some = tuple(split_specs(problems)), tuple(split_specs(solvers))
     if name is None:
         grid = Grid(
@@ -38,7 +39,8 @@ def asked_campaign(
         raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")
     else:
         campaign = restrict(named_campaign(name), *some)
-    return campaign if max_seconds is None else replace(campaign, max_seconds=max_seconds)
+    changes: dict[str, Any] = {"max_seconds": max_seconds, "reference": reference}
+    return replace(campaign, **{name: value for name, value in changes.items() if value is not None})
 
 
 def refuse_misspelt(solvers: tuple[str, ...]) -> None:

@@ -212,16 +212,16 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
         if row.timing.get("repeats") is not None
     )
     readings: dict[str, list[dict[str, Any]]] = {key: [] for key in pending}
+    machine = clock_of(machine_facts())
     for count in range(repeats):
         tell("timing", count * len(pending), repeats * len(pending))
         short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
         for key, reading in _one_a_core(short, pool):
             readings[key].append(reading)
-    machine = clock_of(machine_facts())
-    store.write(
-        Entry(row=_with_timing(row, {**timing_of(readings[key]), "machine": machine}), identity=cell.identity, replaces=True)
-        for key, (cell, row) in pending.items()
-    )
+            if count == repeats - 1 or enough(readings[key]):
+                cell, row = pending[key]
+                timed = _with_timing(row, {**timing_of(readings[key]), "machine": machine})
+                store.write([Entry(row=timed, identity=cell.identity, replaces=True)])
     tell("timing", repeats * len(pending), repeats * len(pending))
     return len(pending)
 

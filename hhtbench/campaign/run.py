@@ -21,6 +21,7 @@ from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.drift import keeps_steps
 from hhtbench.errors import ProblemError
+from hhtbench.lowering import derive
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Solution, Status
@@ -120,6 +121,7 @@ def run_cell(
     phase("the solve")
     outcome = attempt(problem, solver, request)
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
+    row["metrics"] = {"system": system_of(problem)}
     if outcome.solution is None:
         return row
     work = _work(problem, solver, request, outcome, phase)
@@ -134,11 +136,20 @@ def run_cell(
         **row,
         **judgement.row,
         "message": " ".join(filter(None, (judgement.row.get("message", row["message"]), judgement.note, measured.note))),
-        "metrics": {**measured.metrics, "trust": judgement.metrics},
+        "metrics": {**row["metrics"], **measured.metrics, "trust": judgement.metrics},
         "series": measured.series,
         "counters": counters_of(counters),
         "timing": {"compile_s": warm["s"], "solve_s": work.seconds, "solve_cpu_s": work.cpu, **dict.fromkeys(TIMED)},
     }
+
+
+def system_of(problem: Problem) -> dict[str, Any]:
+    """``metrics["system"]`` of a row: sizes, null where the functions cannot be called at the start, and tags."""
+    sizes: dict[str, int | None] = {"n": problem.q0.size, "m": None, "p": None}
+    with suppress(*of_plugins()):  # the solve has told it
+        found = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
+        sizes |= {"m": found.m, "p": found.p}
+    return {**sizes, "tags": list(problem.tags)}
 
 
 def succeeded(outcome: Outcome) -> bool:

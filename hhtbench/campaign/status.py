@@ -13,7 +13,7 @@ from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import Campaign, Cell, Pair, plan_pairs
 from hhtbench.campaign.references import references_there
 from hhtbench.campaign.refine import next_cells
-from hhtbench.campaign.summary import ended, failure_lines, failures
+from hhtbench.campaign.summary import ended, failure_facts, failure_lines
 from hhtbench.store import Reading, RunRow, read_store
 
 MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
@@ -33,14 +33,14 @@ class Left:
     done: int  #: cells that the store holds
     next: int  #: cells that would be run at once
     untimed: int  #: successes that are there and have no times of this machine
-    other: int  #: rows of the store that the campaign has no use for: of others, or of files that have changed since
+    other: int  #: rows of the store that the campaign does not ask for: of others, or of files that have changed since
 
     def __str__(self) -> str:
-        lines = [f"campaign {self.campaign}: {self.done} cells done, {self.finished} of {self.pairs} pairs finished"]
+        lines = [f"campaign {self.campaign}: cells done {self.done}, pairs finished {self.finished} of {self.pairs}"]
         if self.finished < self.pairs:
-            lines.append(f"  left: {self.next} cells to run now, and those that their pairs ask for after them")
-        lines += [f"  left: {self.untimed} successes to time on this machine"] if self.untimed else []
-        lines += [f"  {self.other} rows are not of this campaign, or of files that have changed since"] if self.other else []
+            lines.append(f"  left: cells to run now {self.next}, and those that their pairs ask for after them")
+        lines += [f"  left: successes to time on this machine {self.untimed}"] if self.untimed else []
+        lines += [f"  rows not of this campaign, or of files that have changed since: {self.other}"] if self.other else []
         return "\n".join(lines)
 
 
@@ -54,7 +54,7 @@ class Machine:
     def __str__(self) -> str:
         facts = self.facts
         what = f"{facts['processor']}, {facts['cores']} cores, {facts['memory_GiB']} GiB, {facts['system']}"
-        return f"{self.rows} rows by {what}, Python {facts['python']}, hhtbench {facts['hhtbench']} ({facts['commit']})"
+        return f"rows: {self.rows}, by {what}; Python {facts['python']}, hhtbench {facts['hhtbench']} ({facts['commit']})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ class StoreStatus:
             "store": str(self.file),
             "cells": len(self.rows),
             "ended": Counter(row.status for row in self.rows),
-            "failures": [failure.as_dict() for failure in failures(self.rows)],
+            "failures": failure_facts(self.rows),
             "first": self.span[0] if self.span else None,
             "last": self.span[1] if self.span else None,
             "machines": [asdict(machine) for machine in self.machines],
@@ -134,7 +134,7 @@ def _left(name: str, pairs: tuple[Pair, ...], rows: Mapping[str, RunRow]) -> Lef
         done=len(done),
         next=sum(len(missing) for _, missing in looked),
         untimed=sum(untimed(rows[key]) for key in done),
-        other=len(rows.keys() - done),
+        other=len(rows.keys() - {cell.key for cells in looked for some in cells for cell in some}),
     )
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hhtbench.analysis.outcomes import Failure, failures
 from hhtbench.campaign.campaign import Done
 from hhtbench.campaign.public import Runs
 from hhtbench.result import Status
@@ -17,40 +17,29 @@ MOST_SHOWN = 12  # kinds of failures on the terminal; the store holds all
 ANY = "any"  # status that is neither success, event nor declined
 
 
-@dataclass(frozen=True, kw_only=True)
-class Failure:
-    """Cells that ended alike, not well."""
-
-    status: str
-    message: str
-    rows: tuple[RunRow, ...]
-
-    def __str__(self) -> str:
-        problems = _one_of(list(dict.fromkeys(row.problem for row in self.rows)))
-        solvers = _one_of(list(dict.fromkeys(row.solver for row in self.rows)))
-        cells = _asked(self.rows[0].request) if len(self.rows) == 1 else f"{len(self.rows)} cells"
-        return f"{self.status:>14}  {problems}  {solvers}  {cells}: {self.message}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        cells = [{"problem": row.problem, "solver": row.solver, **row.request} for row in self.rows]
-        return {"status": self.status, "message": self.message, "cells": cells}
-
-
-def failures(rows: Iterable[RunRow]) -> list[Failure]:
-    """Of each status and message one; what was declined comes last."""
-    alike: dict[tuple[str, str], list[RunRow]] = {}
-    for row in rows:
-        if not row.success:
-            alike.setdefault((row.status, row.message), []).append(row)
-    found = [Failure(status=status, message=message, rows=tuple(some)) for (status, message), some in alike.items()]
-    return sorted(found, key=lambda failure: failure.status == Status.declined.label)
-
-
 def failure_lines(rows: Iterable[RunRow]) -> list[str]:
-    """The first ``MOST_SHOWN`` as text, and how many more there are."""
-    lines = [str(failure) for failure in failures(rows)]
+    """The first ``MOST_SHOWN`` reasons as text, and how many more there are."""
+    lines = list(map(_line, failures(rows)))
     return lines[:MOST_SHOWN] + ([f"... and {len(lines) - MOST_SHOWN} more lines"] if len(lines) > MOST_SHOWN else [])
+
+
+def _line(failure: Failure) -> str:
+    problems = _one_of(list(dict.fromkeys(row.problem for row in failure.rows)))
+    solvers = _one_of(list(dict.fromkeys(row.solver for row in failure.rows)))
+    cells = _asked(failure.rows[0].request) if len(failure.rows) == 1 else f"{len(failure.rows)} cells"
+    return f"{failure.status:>14}  {problems}  {solvers}  {cells}: {failure.message}"
+
+
+def failure_facts(rows: Iterable[RunRow]) -> list[dict[str, Any]]:
+    """The same of all reasons as plain values, for JSON."""
+    return [
+        {"status": one.status, "message": one.message, "cells": [_cell(row) | {"message": row.message} for row in one.rows]}
+        for one in failures(rows)
+    ]
+
+
+def _cell(row: RunRow) -> dict[str, Any]:
+    return {"problem": row.problem, "solver": row.solver, **row.request}
 
 
 def ended(rows: Iterable[RunRow]) -> str:
@@ -83,7 +72,7 @@ def facts_of(done: Done, file: Path, repairs: Sequence[str]) -> dict[str, Any]:
         "run": done.ran,
         "timed": done.timed,
         "ended": Counter(row.status for row in done.rows),
-        "contradictions": [{"problem": row.problem, "solver": row.solver, **row.request} for row in done.contradictions],
+        "contradictions": [_cell(row) for row in done.contradictions],
         "rows": Runs(done.rows).table(),
     }
 

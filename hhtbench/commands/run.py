@@ -5,13 +5,13 @@ from __future__ import annotations
 import shlex
 import sys
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from hhtbench.commands.chosen import campaign_options
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
 from hhtbench.output import json_option, require_folder, write_json
@@ -39,22 +39,11 @@ class Status(click.ParamType):
 
 
 @click.command("run")
-@click.option("--problems", multiple=True, help='Specs, "andrews, knife_edge(Om=3)"; may be given several times.')
-@click.option("--solvers", multiple=True, help='Specs, "hht(alpha=-0.1), ida(form=ggl)".')
-@click.option("--rtol", multiple=True, help='Relative tolerances, "1e-4, 1e-6".')
-@click.option("--step", multiple=True, help="Constant steps [s].")
-@click.option("--steps", multiple=True, help="Numbers of equal steps.")
-@click.option("--campaign", "name", help="quick, full or FILE.toml; --problems and --solvers then choose a part of it.")
+@campaign_options
 @click.option(
     "--store", "file", type=click.Path(dir_okay=False, path_type=Path), required=True, help="SQLite file; resumed."
 )
 @click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
-@click.option("--max-seconds", type=float, help="Most wall-clock time of one solve [s].")
-@click.option(
-    "--reference",
-    type=click.Choice(["none", "auto"]),
-    help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
-)
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
 @click.option(
     "--retry", multiple=True, type=Status(), metavar="STATUS", help="Run cells again that ended so, crashed for instance."
@@ -79,7 +68,6 @@ def run_command(
     retry: tuple[str, ...],
     fail_on: tuple[str, ...],
     executor: str,
-    reference: Literal["none", "auto"] | None,
     scheduler: str | None,
     **chosen: Any,
 ) -> None:
@@ -103,8 +91,6 @@ def run_command(
         campaign = asked_campaign(**chosen)
         if chosen["name"] is None:
             refuse_misspelt(chosen["solvers"])
-        if reference is not None:
-            campaign = replace(campaign, reference=reference)
         store = Store(file)
     for repair in store.repairs:
         click.echo(f"{file}: {repair}", err=True)

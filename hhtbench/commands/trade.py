@@ -57,6 +57,7 @@ def trade_command(
             store=store,
             jobs=jobs,
             tell=told.say,
+            progress=told.advance,
         )
     click.echo(found)
     write_json(found.as_dict(), json_file)

@@ -29,7 +29,7 @@ def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs:
 
     require_folder(json_file)
     with progress() as told:
-        evidence = load_verification(name)(told.say, jobs)
+        evidence = load_verification(name)(told.advance, jobs)
     if folder is not None:
         write_report(evidence, folder, f"hhtbench verify {name} --report {shown(folder)}")
     conclude(evidence, json_file)

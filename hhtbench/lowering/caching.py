@@ -10,6 +10,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Hashable
+from functools import partial
 from pathlib import Path
 from types import MethodType
 from typing import Any
@@ -19,12 +20,15 @@ import jax
 CHECKSUM = hashlib.sha256().digest_size
 
 
+same = partial(MethodType, id)  #: :func:`by_id` of what is not None
+
+
 def by_id(value: Any) -> Hashable:
     """``value`` as part of a key, compared by identity; the key keeps it, so that its id stays its own.
 
     A bound method: Python hashes and compares those by the identity of their object, and calls no function for it.
     """
-    return None if value is None else MethodType(id, value)
+    return None if value is None else same(value)
 
 
 class Cache:

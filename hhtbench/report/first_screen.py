@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import Kind
+from hhtbench.analysis import SUBJECT, Kind, family
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
 from hhtbench.report.decisions import evidence_anchor, told
@@ -48,8 +48,7 @@ def overview(content: Content, styles: Mapping[str, SolverStyle], drawings: Draw
     front = {
         place.entry
         for choice in analysis.decide(content.rows, content.kinds, "time", content.targets)
-        for place in (*choice.places[:2], choice.subject)
-        if place is not None
+        for place in (*choice.places[:2], *[place for place in choice.places if family(place.entry) == SUBJECT][:1])
     }
     found = {
         "Drift against cost at equal accuracy": drift_views(content.rows, styles),

@@ -46,8 +46,9 @@ def _told(found: Mapping[str, Sequence[DriftCost]]) -> str:
     count = len({line.problem for lines in found.values() for line in lines})
     return (
         f"Left and low is better. On each of {plural(count, 'problem')} with constraints the cost at an error of "
-        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest, and the largest drift of that run; large marks are medians. "
-        f"Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
+        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest; the cost lies between two runs, the largest drift is that of the "
+        "more accurate of them. Left out: problems where either's loosest run is more accurate than that already. Large "
+        f"marks are medians. Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
     )
 
 
@@ -130,7 +131,7 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
         if any(reach.cost is not None for reach in found):
             pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
             figure = _profile_figure(pairs, label, styles, shown_first)
-            views.append(View(name=name, caption=_pairs(found) + SEARCHED + COUNTED[name], figure=figure))
+            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + COUNTED[name], figure=figure))
     if any(reach.cost is not None for reach in by_time):
         figure = _profile_figure(
             [(analysis.relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
@@ -142,7 +143,7 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
 SEARCH = 0.35  # opacity of the curves that count the search
 SEARCHED = (
     " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
-    "failed ones included. What is not reached, or was not run, is in no curve."
+    "failed ones included, a crashed one by the time it was allowed. What is not reached, or was not run, is in no curve."
 )
 COUNTED = {
     "time": "",
@@ -155,6 +156,12 @@ def _pairs(found: Sequence[Reach]) -> str:
     targets = sorted({reach.target for reach in found}, reverse=True)
     problems = plural(len({reach.problem for reach in found}), "problem")
     return f"Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} to {targets[-1]:.0e}."
+
+
+def _lost(found: Sequence[Reach]) -> str:
+    """How many steps of the strong curves the pale ones lack."""
+    count = sum(reach.cost is not None and reach.search is None for reach in found)
+    return f" {plural(count, 'reached pair')} in no pale curve: a run before reported no cost." if count else ""
 
 
 def _profile_figure(

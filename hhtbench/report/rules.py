@@ -29,14 +29,16 @@ def campaign_told(rows: Sequence[RunRow]) -> str:
     """What was asked of whom, in a line."""
     runs = analysis.points(rows)
     found = list(dict.fromkeys(run.rules for run in runs if run.rules is not None))
-    asked = ", ".join(f"{target:.0e}" for target in analysis.targets_of(runs))
     limits = "; ".join(
         f"at most {plural(one.refinements, 'run')}, {one.max_seconds:g} s each, {one.pair_seconds:g} s in all"
         for one in found
     )
-    problems, solvers = len(analysis.problems(rows)), len(analysis.entries(rows))
-    head = f"Campaign: {plural(problems, 'problem')}, {plural(solvers, 'solver')}, errors {asked}"
-    return f"{head}; of one solver on one problem {limits}." if limits else f"{head}, settings given."
+    head = f"Campaign: {plural(len(analysis.problems(rows)), 'problem')}, {plural(len(analysis.entries(rows)), 'solver')}"
+    if not limits:
+        given = sorted({(run.setting.kind, -run.setting.value, run.setting.text) for run in runs})
+        return f"{head}, settings given: {', '.join(text for *_, text in given)}."
+    asked = ", ".join(f"{target:.0e}" for target in analysis.targets_of(runs))
+    return f"{head}, errors {asked}; of one solver on one problem {limits}."
 
 
 def _ladder(runs: Sequence[Point]) -> list[str]:
@@ -62,8 +64,10 @@ def _budget(one: Rules) -> str:
 
 def _targets(runs: Sequence[Point]) -> str:
     targets = listed([f"{target:.0e}" for target in analysis.targets_of(runs)])
+    asked = any(run.rules is not None for run in runs)
+    head = "Errors to reach" if asked else "Nobody was asked for an error; costs are compared at"
     return (
-        f"Errors to reach: {targets}. They are achieved errors, the largest of q and v over the compared times, scaled by "
+        f"{head}: {targets}. They are achieved errors, the largest of q and v over the compared times, scaled by "
         "the problem's own sizes; tolerances play no part in any ranking."
     )
 

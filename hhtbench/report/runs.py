@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, FailureRow, Point
+from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, Point
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
@@ -131,43 +130,32 @@ def typical_runs(rows: Iterable[RunRow]) -> dict[str, Point]:
 
 def failure_table(rows: Sequence[RunRow]) -> Table:
     """How many runs ended with each status, of which solvers and on which problems."""
-    found: dict[str, list[FailureRow]] = {}
-    for line in analysis.failures(rows):
-        found.setdefault(line.status, []).append(line)
+    found: dict[str, list[RunRow]] = {}
+    for failure in analysis.failures(rows):
+        found.setdefault(failure.status, []).extend(failure.rows)
     body: list[list[str | Cell]] = []
-    for status, lines in sorted(found.items(), key=lambda pair: -_count(pair[1])):
-        where = dict.fromkeys(line.problem for line in lines)
-        body.append([Cell(status, "bad"), str(_count(lines)), _counted(lines), ", ".join(where)])
+    for status, own in sorted(found.items(), key=lambda pair: -len(pair[1])):
+        body.append([Cell(status, "bad"), str(len(own)), _counted(own), ", ".join(analysis.problems(own))])
     return make_table(["status", "runs", "solvers", "problems"], body)
 
 
 def failures_by_reason(rows: Sequence[RunRow], problem: str) -> Table:
     """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
-    found: dict[tuple[str, str], list[FailureRow]] = {}
-    for line in analysis.failures(row for row in rows if row.problem == problem):
-        found.setdefault((line.status, NUMBER.sub("", line.message)), []).append(line)
     body: list[list[str | Cell]] = []
-    for (status, _), lines in sorted(found.items(), key=lambda pair: -_count(pair[1])):
-        reached = max((line.reached for line in lines if line.reached is not None), default=None)
-        message = doubt(lines[0].message) if status == DOUBTED else lines[0].message
-        far = NOTHING if reached is None else f"{100 * reached:.3g} %"
-        body.append([Cell(status, "bad"), str(_count(lines)), _counted(lines), far, message])
+    found = analysis.failures(row for row in rows if row.problem == problem)
+    for one in sorted(found, key=lambda failure: -len(failure.rows)):
+        message = doubt(one.message) if one.status == DOUBTED else one.message
+        far = NOTHING if one.reached is None else f"{100 * one.reached:.3g} %"
+        body.append([Cell(one.status, "bad"), str(len(one.rows)), _counted(one.rows), far, message])
     note = "Reached: the largest share of the interval. Of messages that differ by their numbers the first."
     return make_table(["status", "runs", "solvers", "reached", "message"], body, note)
 
 
-NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
-
-
-def _count(lines: Sequence[FailureRow]) -> int:
-    return sum(len(line.keys) for line in lines)
-
-
-def _counted(lines: Sequence[FailureRow]) -> str:
-    """Solvers with their settings, or how many there are."""
+def _counted(rows: Sequence[RunRow]) -> str:
+    """Solvers with their settings, or how many runs there are."""
     settings: dict[str, list[str]] = {}
-    for line in lines:
-        settings.setdefault(line.entry, []).extend(line.settings)
+    for run in analysis.points(rows):
+        settings.setdefault(run.entry, []).append(run.setting.text)
     parts = {entry: own[0] if len(own) == 1 else f"{len(own)} runs" for entry, own in settings.items()}
     return "; ".join(f"{entry}, {parts[entry]}" for entry in solver_order(parts))
 

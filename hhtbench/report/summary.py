@@ -20,7 +20,7 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     if not any(family(run.entry) == SUBJECT for run in analysis.points(rows)):
         parts.append("No HHT run is among the rows, so HHT is not compared.")
     else:
-        compared = {bound: analysis.compare(rows, held=bound) for bound in (BOUNDS[0], BOUNDS[-1])}
+        compared = {bound: analysis.compare(rows, held=bound) for bound in BOUNDS}
         parts += [_balance(compared, measure) for measure in MEASURES]
         parts.append(_held_out(rows))
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
@@ -56,7 +56,7 @@ def _reached(rows: Sequence[RunRow]) -> str:
 
 
 def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str) -> str:
-    """How often HHT wins and loses by one measure, whatever the drift and with the least, and the extremes of the former."""
+    """How often HHT wins and loses by one measure, at every bound of the drift, and the extremes without one."""
     parts = []
     for bound, lines in compared.items():
         own = [line for line in lines if line.measure == measure]

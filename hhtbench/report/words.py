@@ -28,8 +28,8 @@ UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled
 
 
 def short(entry: str) -> str:
-    """A solver's spec without the names of what tells itself."""
-    return re.sub(r"\b(method|form|solver|alpha|rho_inf)=", "", entry).replace("constant step", "constant h")
+    """A solver's spec without the names of what tells itself: of methods, forms, and alpha, which alone is below zero."""
+    return re.sub(r"\b(?:method|form|solver)=|\balpha=(?=-)", "", entry).replace("constant step", "constant h")
 
 
 def shown(value: float | None) -> str:
@@ -88,10 +88,14 @@ def factor(line: Comparison) -> str:
     if line.subject is None or line.rival is None:
         return NOTHING
     winner, loser = (line.subject, line.rival) if (line.factor or 0) > 1 else (line.rival, line.subject)
-    sign = {(True, False): "at least ", (False, True): "at most ", (True, True): "about "}.get(
-        (winner.bound, loser.bound), ""
+    return multiple(dearer(line), loser.bound, winner.bound)
+
+
+def multiple(ratio: float, over: bool, under: bool) -> str:
+    """A cost over another: "at most" where the former is an upper bound, "at least" where the latter is."""
+    return {(True, False): "at most ", (False, True): "at least ", (True, True): "about "}.get((over, under), "") + times(
+        ratio
     )
-    return sign + times(dearer(line))
 
 
 def bounded(bound: float | None) -> str:

@@ -25,7 +25,9 @@ class RunRow:
         certificate that the problem was given, and ``reference_file``, where it lies.
 
     ``metrics``
-        ``t_end``: last time reached [s].  ``reached``: fraction of the interval, 0 to 1.  ``rows``: output rows.
+        ``system``: ``{"n", "m", "p", "tags"}``, the problem's numbers of coordinates, position and velocity constraints
+        (null where its functions raise at the start), and its tags.  ``t_end``: last time reached [s].  ``reached``:
+        fraction of the interval, 0 to 1.  ``rows``: output rows.
 
         ``errors``: absent where the problem has neither exact solution nor reference, or no row meets one.  It holds
         ``against``: "exact" or "reference"; ``digits``: verified digits of the reference or null; ``points``: number

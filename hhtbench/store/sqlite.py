@@ -220,7 +220,8 @@ def _look(path: Path) -> Reading | None:
         return None
     try:
         if path.with_name(f"{path.name}-journal").exists():
-            _connect_existing(path).close()  # undoes what was begun: of a new store the beginning may not be there yet
+            _refuse_another_kind(path, begun=True)
+            _connect_existing(path).close()  # undoes what was begun
         if path.stat().st_size == 0:
             return None
         _refuse_another_kind(path)
@@ -235,10 +236,12 @@ def _look(path: Path) -> Reading | None:
         raise ProblemError(f"the store {path} cannot be opened: {error}.") from error
 
 
-def _refuse_another_kind(path: Path) -> None:
-    """Raise for a file that has hardly anything of a database's header."""
+def _refuse_another_kind(path: Path, *, begun: bool = False) -> None:
+    """Raise for a file that has hardly anything of a database's header; of one just begun it may not be there yet."""
     with path.open("rb") as file:
         start = file.read(len(HEADER))
+    if begun and not any(start):
+        return
     if sum(a == b for a, b in zip(start, HEADER, strict=False)) < len(HEADER) // 2:
         raise ProblemError(f"{path} is no store but another kind of file; name another.")
 

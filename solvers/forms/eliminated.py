@@ -77,7 +77,7 @@ class Differentiated:
     def _derivative(self) -> tuple[OftenCalled, _Places] | None:
         try:
             found = OftenCalled(kkt_along, self._products, example=(np.zeros(2 * self._n + self._size), 0.0))
-        except NotImplementedError:  # a primitive whose sparsity asdex does not know
+        except NotImplementedError:  # a primitive of which neither the graph nor asdex knows the sparsity
             return None
         rows, columns = found.pattern.rows, found.pattern.columns
         order = np.lexsort((rows, columns))  # column by column, those of y first

@@ -108,6 +108,6 @@ def _sparse(
     """``function`` with the entries of its derivative, or None where its pattern is crowded or cannot be read."""
     try:
         found = OftenCalled(function, products, *static, example=example)
-    except NotImplementedError:  # a primitive whose sparsity asdex does not know
+    except NotImplementedError:  # a primitive of which neither the graph nor asdex knows the sparsity
         return None
     return None if found.pattern.rows.size > CROWDED * example[0].size ** 2 else found

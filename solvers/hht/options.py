@@ -32,7 +32,8 @@ class HHTOptions:
         position constraints (a pendulum an eighth, a mechanism whose forces work against its constraints up to three times
         as many); a step costs 1.0 to 1.9 times as much (THEORY.md 11, ``hhtbench verify b``).
     reaction
-        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).
+        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Not the
+        last two for steep friction in long steps: velocities ring there (THEORY.md 13).
     rescale_a
         Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
     start

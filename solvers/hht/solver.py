@@ -105,7 +105,7 @@ class HHT:
         with self._alone(), timed(asked.max_seconds, began) as clock:
             integration = Integration(self, asked, steps, t1, place, guesses, clock)
             found = solved(integration.solution, integration.left_over)
-        return replace(found, message=f"{found.message.rstrip('.')}. {note}") if note else found
+        return found.but(message=f"{found.message.rstrip('.')}. {note}") if note else found
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""

@@ -76,6 +76,11 @@ def test_who_is_taken_is_the_cheapest_by_the_run_that_is_told_not_by_one_between
     assert "110 evaluations; the second choice, ida, costs 1.2 times as much" in text
 
 
+def test_a_candidate_that_was_given_up_before_the_tightest_error_is_not_ranked_however_cheap_it_was():
+    rows = by_rules([*law("ida", 50.0, 4), run("cvode", 1e-2, 1e-2, 3.0)])
+    assert [entry for entry, _ in ranking(Standing.of(rows, WISH).fronts)] == ["ida"]
+
+
 def test_runs_that_drift_further_than_was_asked_do_not_count():
     rows = [*law("ida", 10.0, 4, drift=1e-4), *law("hht", 50.0, 4, drift=1e-13)]
     held = Wish(accuracies=(1e-2,), on="evaluations", drift=1e-10)

@@ -36,6 +36,12 @@ def test_search_over_a_run_of_unknown_cost_is_not_known():
     assert (reach.cost, reach.search) == (900, None)
 
 
+def test_a_run_whose_time_is_not_known_counts_what_it_was_allowed():
+    crashed = failed("hht", 1e-1, status="crashed", request={"rtol": 1e-1, "max_seconds": 5.0})
+    (reach,) = reaches([crashed, run("hht", 1e-3, 1e-3, 900)], "time", (1e-2,))
+    assert reach.search == pytest.approx(900 * EVALUATION + 5.0)
+
+
 def test_unreached_stays_unreached_however_much_is_spent():
     found = profiles(reaches([*law("hht", 1.0, 2), run("ida", 1e-9, 0.5, 1e9)], "time", (1e-2,)))
     assert share(found, "ida", float("inf")) == 0.0

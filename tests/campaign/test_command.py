@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from hhtbench.campaign import Campaign, Grid, plan_cells
 from hhtbench.campaign.asked import split_specs
-from hhtbench.campaign.summary import failures, is_failure
+from hhtbench.campaign.summary import failure_lines, is_failure
 from hhtbench.cli import main
 from hhtbench.store import RunRow, Store, load_rows
 
@@ -109,7 +109,7 @@ def test_equal_failures_are_one_line_with_a_count():
     rows = [row("fall", 10.0**-power, "crashed", "it died") for power in range(1, 10)]
     rows += [row(problem, 1e-3, "declined", "it takes nothing") for problem in ("fall", "rise", "swing")]
     rows += [row("fall", 1e-3, "deadline", "too long")]
-    lines = [" ".join(line.split()) for line in map(str, failures(rows))]
+    lines = [" ".join(line.split()) for line in failure_lines(rows)]
     assert lines == [
         "crashed fall told 9 cells: it died",
         "deadline fall told rtol=0.001: too long",

@@ -118,6 +118,32 @@ def test_the_work_of_a_cell_does_not_depend_on_its_output_rows(spec: str, accura
     assert few["metrics"]["drift"] == many["metrics"]["drift"]
 
 
+@pytest.mark.parametrize("broken", [None, ZeroDivisionError("no"), SystemExit(3)])
+def test_a_row_holds_sizes_and_tags_of_its_problem_as_far_as_they_can_be_told(
+    monkeypatch: pytest.MonkeyPatch, broken: BaseException | None
+):
+    def constraint(t: float, q: Any) -> Any:
+        if broken is not None:
+            raise broken
+        return q[:1]
+
+    def fails(*_: Any) -> Solution:
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(Line, "solve", fails)
+    system = NumpySystem(force=lambda t, q, v: 0 * q, constraint=constraint)
+    problem = Problem(name="held", system=system, t_span=(0.0, 1.0), q0=[0.0, 1.0], v0=[0.0, 1.0], tags=("stiff",))
+    row = run_cell(problem, Line(), ASKED, {}, lambda _: None)
+    sizes = {"m": 1, "p": 0} if broken is None else {"m": None, "p": None}
+    assert row["metrics"] == {"system": {"n": 2, **sizes, "tags": ["stiff"]}}
+    assert "metrics" not in run_cell(problem, Declines(), ASKED, {}, lambda _: None)
+
+
+class Declines(Line):
+    def accepts(self, *_: Any) -> str:
+        return "never"
+
+
 def test_a_solve_that_fails_without_output_is_not_reported_as_a_success(monkeypatch: pytest.MonkeyPatch):
     def fails_alone(self: Any, problem: Any, request: Any) -> Solution:
         if request.t_eval is not None and request.t_eval.size == 1:

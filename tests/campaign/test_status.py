@@ -55,8 +55,8 @@ def test_cells_failures_by_reason_time_span_and_machines_are_told(tmp_path: Path
     assert lines[1] == "crashed fall told 2 cells: the worker died"
     assert lines[2].startswith("declined fall told rtol=0.00025: it takes nothing")
     assert lines[3] == "made from 2026-01-01T00:00:00+00:00 to 2026-01-04T00:00:00+00:00"
-    assert lines[4].startswith(f"3 rows by {HERE['processor']}, {HERE['cores']} cores, ")
-    assert lines[5].startswith("1 rows by another, 99 cores, ")
+    assert lines[4].startswith(f"rows: 3, by {HERE['processor']}, {HERE['cores']} cores, ")
+    assert lines[5].startswith("rows: 1, by another, 99 cores, ")
 
 
 def test_the_same_is_there_as_json(tmp_path: Path):
@@ -86,7 +86,8 @@ def test_damaged_rows_are_named_and_the_exit_code_is_1_or_2_where_none_can_be_re
 
 def test_a_store_is_read_while_a_runner_has_it(tmp_path: Path):
     path = filled(tmp_path / "runs.db")
-    with Store(path):
+    with Store(path) as store, store._connection:
+        store._connection.execute("BEGIN IMMEDIATE")  # it is in the midst of writing
         assert status(path).exit_code == 0
 
 

@@ -325,6 +325,18 @@ def test_what_a_killed_writer_had_begun_is_rolled_back(tmp_path: Path, first: Ca
     assert load_rows(path) == rows
 
 
+def test_a_file_of_another_kind_beside_the_journal_of_a_killed_writer_is_refused_untouched(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    fill(path, 50)
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    journal = path.with_name("runs.db-journal")
+    before = b"a text of somebody's\n" * 3000, journal.read_bytes()
+    path.write_bytes(before[0])
+    with pytest.raises(ProblemError, match="another kind of file"):
+        load_rows(path)
+    assert (path.read_bytes(), journal.read_bytes()) == before
+
+
 def test_a_second_writer_is_refused_and_the_lock_ends_with_the_first(tmp_path: Path):
     path = tmp_path / "runs.db"
     with Store(path), pytest.raises(ProblemError, match="another"):

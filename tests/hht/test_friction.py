@@ -179,3 +179,41 @@ def test_a_reaction_without_v_adds_no_unknown_to_a_step():
     for system in (Pendulum(), without):
         assert list(layout(derive(system, *at).structure, method).unknowns) == ["a", "lam0", "lam1"]
     assert list(layout(derive(BEAD, *at).structure, method).unknowns) == ["a", "R1", "lam0", "lam1"]
+
+
+PULL, WEIGHT = 1.0, 9.81  # [N] on 1 kg
+
+
+class Block(hb.System):
+    """A block that friction MU tanh(v/width) holds against PULL: it creeps at the speed at which both are equal."""
+
+    width: object = hb.parameter(1e-4)
+
+    def force(self, t, q, v):
+        return jnp.array([PULL, -WEIGHT])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1]])
+
+    def reaction(self, t, q, v, lam):
+        return lam[0] * jnp.stack([MU * jnp.tanh(v[0] / self.width), -1.0])
+
+
+def off_creeping(width, reaction, **request):
+    """What the block's speed is off at 3 s, in widths."""
+    found = HHT(Block(width=width), reaction=reaction).solve((0.0, 3.0), [0.0, 0.0], [1.0, 0.0], **request)
+    assert found.success, found.message
+    return abs(found.v[-1, 0] / width - np.arctanh(PULL / (MU * WEIGHT)))
+
+
+@pytest.mark.parametrize(("width", "fixed", "coarse"), [(1e-4, 0.002, 0.1), (1e-6, 0.05, 0.05)])
+def test_a_block_that_sticks_creeps_at_its_speed_with_the_trapezoidal_choices(width, fixed, coarse):
+    assert off_creeping(width, "implicit", steps=300) < fixed
+    assert off_creeping(width, "implicit", rtol=1e-3) < coarse
+    assert off_creeping(width, "implicit", rtol=1e-5) < 1e-3
+
+
+def test_the_midpoint_choice_rings_in_long_steps_as_told_and_not_where_errors_are_controlled():
+    assert off_creeping(1e-6, "midpoint", steps=300) > 1e3
+    assert off_creeping(1e-6, "midpoint", rtol=1e-3) < 2.0
+    assert off_creeping(1e-6, "midpoint", rtol=1e-5) < 1e-3

@@ -86,3 +86,17 @@ def test_a_force_with_noise_far_below_the_tolerance_arrives():
     solution = HHT(noisy(1e-10)).solve((0.0, 1.5), Q0, V0, rtol=1e-5)
     assert solution.status is Status.success
     assert solution.counters.steps_accepted > 500
+
+
+def test_a_force_with_noise_of_twice_the_tolerance_arrives_as_accurately_as_asked():
+    """It enters v with h only: half as many steps again take it in."""
+    solution = HHT(noisy(2e-5)).solve((0.0, 3.0), Q0, V0, rtol=1e-5)
+    exact = HHT(Pendulum()).solve((0.0, 3.0), Q0, V0, rtol=1e-7)
+    assert solution.status is Status.success, solution.message
+    assert np.abs(solution.q[-1] - exact.q[-1]).max() < 10 * 1e-5
+
+
+def test_a_force_whose_noise_takes_too_many_steps_is_told_at_default_budgets():
+    solution = HHT(noisy(1e-5)).solve((0.0, 1.0), Q0, V0, rtol=1e-8)
+    assert solution.status is Status.step_too_small
+    assert "200000 do not lead to the end" in solution.message

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 import hhtbench as hb
 from hhtbench.result import Status
 from solvers._start import Failure
+from solvers.hht.run import solve
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
 
@@ -137,3 +138,43 @@ def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
     """A small part of ``python -m tests.performance.singular``."""
     kinds = singular.counted(1, 4, -0.05) + singular.counted(5, 2, 0.0, (1e-3, 1e-5, 1e-6))
     assert set(kinds) <= {"right", "across", "named"}
+    assert kinds["right"] + kinds["across"] >= 0.9 * kinds.total()
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-7, 1e-8])
+def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(rtol):
+    """There both levels determine v up to roundoff over sigma, and multipliers up to that over its square."""
+    problem = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
+    flat = brentq(lambda t: problem.exact(t).q[2], 0.6, 0.8)
+    beside = flat + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
+    solution = hb.solve(problem, rtol=rtol, t_eval=[0.3, *beside, 0.9])
+    assert solution.success, solution.message
+    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, *[True] * 5, False]
+    assert "At 5 rows, first at t = 0.70844" in solution.message
+    errors = [np.abs(v - problem.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
+    assert max(errors) < 20.0 * rtol
+
+
+def test_rows_of_a_regular_motion_all_have_their_multipliers():
+    problem = hb.load_problem("four_bars(n_windows=1, t_end=0.6)")
+    solution = hb.solve(problem, rtol=1e-3, t_eval=np.linspace(0.0, 0.6, 50))
+    assert np.isfinite(solution.lam).all()
+    assert "interpolated" not in solution.message
+
+
+def test_a_crossing_counts_as_a_step_and_there_are_not_crossings_without_end(failing):
+    few = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
+    assert singular.kind_of(BARS, few) == "across"
+    taken = few.counters.steps_accepted + int(few.message.split("the last ")[1].split(".")[0]) - 1
+    enough, less = (
+        hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3, max_num_steps=taken + more) for more in (1, 0)
+    )
+    assert enough.success
+    assert less.status is Status.max_steps
+
+
+def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failing, monkeypatch):
+    monkeypatch.setattr(solve, "CROSSED", -1_000)
+    solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
+    assert solution.status is Status.singular_iteration_matrix
+    assert "for example rows" in solution.message

@@ -7,7 +7,7 @@ import pytest
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers.hht import HHT
-from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, Calls, circle, pendulum, same_bits
+from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, Calls, Pendulum, circle, pendulum, same_bits
 
 STEPS = {"steps": 20}
 SPAN = (0.0, 0.2)
@@ -222,3 +222,15 @@ class WrongJacobian(System):
 def test_sizes_of_a_jax_system_that_disagree_are_an_error_before_any_compilation(system, name):
     with pytest.raises(ValueError, match=rf"{name} must return shape .*got \("):
         HHT(system).solve(SPAN, Q0, V0, **STEPS)
+
+
+@pytest.mark.parametrize(("off", "moves"), [(0.0, True), (5e-9, False)])
+def test_a_start_that_is_off_by_more_than_the_tolerances_allow_is_named_at_the_first_step(off, moves):
+    """It counts as consistent: coarser tolerances do with it."""
+    fine = HHT(Pendulum()).solve((0.0, 0.01), Q0 * (1.0 + off), V0, rtol=1e-8)
+    assert HHT(Pendulum()).solve((0.0, 0.01), Q0 * (1.0 + off), V0, rtol=1e-5).success
+    assert (fine.status is Status.success) is moves, fine.message
+    if not moves:
+        assert fine.status is Status.inconsistent_initial
+        assert "g[0] = 5e-09" in fine.message
+        assert "Loosen" not in fine.message

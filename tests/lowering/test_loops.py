@@ -1,5 +1,6 @@
 """Compiled loops: what goes over to them, that what is shipped is what the sources make, and that none of it needs Numba."""
 
+import ast
 import json
 import subprocess
 import sys
@@ -166,6 +167,24 @@ def test_what_is_shipped_is_made_from_the_sources(march):
         "x86_64-linux",
         "aarch64-linux",
     }
+
+
+@pytest.mark.parametrize("march", [hht_march.march, explicit_march.march], ids=["hht", "explicit"])
+def test_no_loop_counts_from_the_end_of_an_array(march):
+    """Compiled loops read outside of an array there: nothing looks whether an index is negative."""
+    files = [path for source in march.sources for path in (source.glob("*.py") if source.is_dir() else [source])]
+    loops = [loop for path in files for loop in ast.walk(ast.parse(path.read_text())) if _is_loop(loop)]
+    assert len(loops) > 10
+    for loop in loops:
+        for part in ast.walk(loop):
+            counted = isinstance(part, ast.Subscript) and any(isinstance(x, ast.USub) for x in ast.walk(part.slice))
+            assert not counted, f"{loop.name}: {ast.unparse(part)}"
+
+
+def _is_loop(node):
+    return isinstance(node, ast.FunctionDef) and any(
+        isinstance(x, ast.Name) and x.id in ("compiled", "inlined", "called", "entry") for x in node.decorator_list
+    )
 
 
 FIRST_SOLVE = """

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from hhtbench.api import solve
+from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.result import Status
+from solvers.hht import HHT, Event
 
 Q0, V0 = np.array([1.0, 0.0]), np.array([0.0, 2.0])
 SOLVERS = [
@@ -152,3 +154,19 @@ def test_rows_end_before_a_row_that_was_left_out_is_violated(solver, status):
         solution = solve(problem, solver, **how)
     assert solution.status is status, solution.message
     assert np.abs(solution.q[:, 0] ** 2).max() < 1e-3
+
+
+def test_steps_events_and_dense_output_end_with_the_rows():
+    hht = HHT(Tangent(), events=[Event(lambda t, q, v: t - 0.5), Event(lambda t, q, v: t - 0.05)])
+    with pytest.warns(UserWarning, match="redundant"):
+        solution = hht.solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], steps=1000, t_eval=[0.0, 1e-5, 0.9])
+    assert solution.status is Status.redundant_constraints, solution.message
+    assert "smaller steps" not in solution.message
+    last = solution.t[-1]
+    assert last < 0.9
+    assert [t.size for t in solution.t_events] == [0, 0]
+    assert solution.steps_data.t.size == solution.steps_data.a.shape[0] == np.count_nonzero(solution.steps_data.t <= last)
+    assert solution(last).q.shape == (2,)
+    assert solution.interpolant.t[-1] <= last
+    with pytest.raises(ProblemError, match="not extrapolated"):
+        solution(0.9)

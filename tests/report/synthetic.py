@@ -93,8 +93,10 @@ def row(problem, solver, rtol, noise=lambda: 1.0, **changes):
 
 def _metrics(error, drift, t_end, reached, kind):
     position, velocity, known = kind
+    tags = ["damped"] if position or velocity else ["unconstrained", "stiff"]
     entry = {"end": error, "end_scaled": error, "max": error, "max_scaled": error}
-    metrics = {"t_end": t_end, "reached": reached, "rows": 51}
+    sizes = {"n": 3, "m": int(position), "p": int(velocity)}
+    metrics = {"t_end": t_end, "reached": reached, "rows": 51, "system": {**sizes, "tags": tags}}
     metrics["drift"] = {
         "position": drift if position else None,
         "position_absolute": 2 * drift if position else None,

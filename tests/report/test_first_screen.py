@@ -13,8 +13,9 @@ from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import solver_styles
 from hhtbench.report.decisions import decisions
 from hhtbench.report.overview import drift_views, profile_views
+from hhtbench.report.rules import campaign_told
 from hhtbench.report.runs import failure_table, failures_by_reason
-from hhtbench.report.words import NOTHING, short, times
+from hhtbench.report.words import AT_MOST, NOTHING, short, times
 from tests.analysis.laws import failed, law, run
 from tests.report.conftest import COMMAND
 
@@ -41,16 +42,63 @@ def test_times_that_differ_by_less_than_repeats_of_one_solve_are_called_level_an
     assert told(rows, "evaluations")[0][3] == f"hht | {times(1.4)}"
 
 
-def test_who_does_not_get_there_everywhere_is_told_with_the_number_of_problems():
-    rows = [*law("hht", 400.0, 2), *law("ida", 100.0, 2), *law("hht", 400.0, 2, problem="andrews")]
-    assert told(rows, problems=("pendulum", "andrews"))[0][2:4] == ["hht | 40 ms", f"ida | {times(0.25)}, 1 of 2"]
+BOTH = ("pendulum", "andrews")
 
 
-def test_where_hht_or_nobody_gets_there_the_table_says_so():
+def two_problems(solver, first, second):
+    return [*law(solver, first, 2), *law(solver, second, 2, problem="andrews")]
+
+
+def test_who_misses_a_problem_counts_what_was_allowed_there_and_stands_behind():
+    rows = [*two_problems("hht", 400.0, 400.0), *law("ida", 100.0, 2), failed("ida", 1e-4, problem="andrews")]
+    line = told(rows, problems=BOTH)[0]
+    assert line[2:4] == ["hht | 40 ms", f"ida | {times((0.25 * 60 / 0.04) ** 0.5)}, reaches 1 of 2"]
+
+
+def test_no_second_and_no_rank_is_cheaper_than_the_cheapest(rows):
+    kinds = analysis.kinds(rows)
+    for choice in (c for bound in analysis.BOUNDS for c in analysis.decide(rows, kinds, "time", (1e-2, 1e-4), bound)):
+        means = [place.ratio(choice.places[0]) for place in choice.places]
+        assert means == sorted(means)
+        assert all(ratio >= 1 for ratio in means)
+
+
+def test_who_was_run_on_a_part_of_the_problems_is_not_ranked_but_told_where_he_is_cheaper():
+    rows = [*two_problems("hht", 400.0, 400.0), *law("ida", 100.0, 2), *law("scipy", 900.0, 2, problem="andrews")]
+    line = told(rows, problems=BOTH)[0]
+    assert line[2:] == ["hht | 40 ms", NOTHING, "1 of 1 | hht", f"ida | {times(0.25)}, run on 1 of 2"]
+
+
+def test_hht_that_was_not_run_or_whose_evaluations_are_not_known_is_not_said_to_fail():
+    assert [line[4] for line in told(law("ida", 100.0, 2))] == ["not run", "not run"]
+    silent = [run("hht", setting, setting, None) for setting in (1e-2, 1e-4)]
+    assert told([*law("ida", 100.0, 2), *silent], "evaluations")[0][4] == "unknown"
+    part = [*two_problems("ida", 100.0, 100.0), *law("hht", 50.0, 2)]
+    assert told(part, problems=BOTH)[0][4] == "run on 1 of 2"
+
+
+def test_where_hht_or_nobody_gets_there_the_table_says_so_and_not_where_it_is_not_known():
     rows = [run("hht", 1e-1, 0.5, 10), *law("ida", 100.0, 2, settings=(1e-1, 1e-2))]
     coarse, fine = told(rows)
     assert coarse[4] == "does not get there"
     assert fine[2] == "nobody gets there"
+    silent = [run("diffrax", setting, setting, None) for setting in (1e-2, 1e-4)]
+    assert [line[2] for line in told(silent, "evaluations")] == ["unknown", "unknown"]
+
+
+def test_where_nobody_was_run_on_all_problems_nobody_is_said_to_fail():
+    rows = [*law("ida", 100.0, 2), *law("hht", 50.0, 2, problem="andrews")]
+    assert told(rows, problems=BOTH)[0][2] == "nobody run on all"
+    rows += [failed("cvode", 1e-4), failed("cvode", 1e-4, problem="andrews")]
+    assert told(rows, problems=BOTH)[0][2] == "nobody who was run on all gets there"
+
+
+def test_a_cost_of_a_run_more_accurate_than_asked_is_marked_as_a_bound():
+    rows = [run("ida", 1e-3, 1e-5, 100), *law("hht", 40.0, 2)]
+    coarse = told(rows)[0]
+    assert coarse[2:4] == [f"ida | {AT_MOST} 1 ms", f"hht | at least {times(4)}"]
+    rows = [run("hht", 1e-3, 1e-5, 1000), *law("ida", 40.0, 2)]
+    assert told(rows)[0][2:4] == ["ida | 4 ms", f"hht | at most {times(2.5)}"]
 
 
 def test_every_kind_leads_to_its_evidence_which_names_its_problems(page, rows):
@@ -80,6 +128,22 @@ def test_drift_figure_has_a_point_for_each_problem_and_the_median_large():
     assert sorted(single["x"]) == pytest.approx([0.5, 2.0, 3.0])
     assert (middle["x"], middle["y"]) == ([2.0], [1e-8])
     assert drift_views([row for row in rows if row.solver == "ida"], solver_styles(["ida"])) == []
+
+
+def test_drift_figure_leaves_out_costs_that_are_only_bounds_and_names_them():
+    rows = [*law("hht", 100.0, 2, drift=1e-15), run("ida", 1e-3, 1e-6, 100)]
+    rows[-1].metrics["drift"] = {"position": 1e-9, "velocity": 1e-9}
+    (view, _) = drift_views(rows, solver_styles(["hht", "ida"]))
+    assert _traces(view, "ida") == []
+    assert "Left out: problems where either's loosest run is more accurate" in view.caption
+
+
+def test_profile_tells_how_many_pairs_the_pale_curves_lack():
+    rows = [failed("ida", 1e-1), run("ida", 1e-3, 1e-3, 900), *law("hht", 100.0, 2)]
+    count = sum(reach.cost is not None and reach.search is None for reach in analysis.reaches(rows, "evaluations"))
+    assert count > 1
+    views = {view.name: view.caption for view in profile_views(rows, solver_styles(["hht", "ida"]), [])}
+    assert f"{count} reached pairs in no pale curve" in views["evaluations"]
 
 
 def test_profile_has_a_strong_curve_and_a_pale_one_with_the_search_which_costs_more(rows):
@@ -133,6 +197,11 @@ def test_foot_names_commit_campaign_command_and_machine(rows, tmp_path):
     assert "cores 2" in foot
 
 
+def test_foot_names_the_settings_where_these_were_given_and_no_errors():
+    text = campaign_told([*law("ida", 50.0, 4, settings=(1e-2, 1e-4)), run("hht", 1e-4, 1e-3, 10)])
+    assert text == "Campaign: 1 problem, 2 solvers, settings given: rtol 1e-02, rtol 1e-04."
+
+
 def test_a_mark_at_the_edge_has_no_value_there_for_the_data_to_tell():
     rows = [*law("ida", 50.0, 4), run("ida", 1e-7, None, 300, status="deadline", message="the budget is used up")]
     (chart,) = [chart for chart in problem_charts(rows, "pendulum") if chart.id == "work-evaluations"]
@@ -145,3 +214,4 @@ def test_short_names_leave_out_what_tells_itself():
     assert short("scipy(method=DOP853)") == "scipy(DOP853)"
     assert short("hht(alpha=-0.05), constant step") == "hht(-0.05), constant h"
     assert short("minimal(alpha=-0.05, solver=hht)") == "minimal(-0.05, hht)"
+    assert [short(entry) for entry in ("hht(alpha=0)", "hht(rho_inf=0)")] == ["hht(alpha=0)", "hht(rho_inf=0)"]

@@ -1,4 +1,4 @@
-"""Every sentence of the summary is true of the rows, and stays so when solvers are added or removed."""
+"""Every sentence of the summary, the decision table and its figures are true of the rows, whoever takes part."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from dataclasses import replace
 
 import pytest
 
+from hhtbench import analysis
+from hhtbench.report.colours import solver_styles
+from hhtbench.report.decisions import decisions
+from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.summary import summary
 from tests.report.independent import error, false_sentences
+from tests.report.independent_screen import false_drifts, false_lines, false_profiles
 from tests.report.synthetic import rows as campaign
 
 
@@ -45,8 +50,8 @@ def _changed(row, own, better, faster, steadier):
     return replace(row, solver=own, key=f"{row.key} {own}", metrics=metrics, timing=timing)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_sentences_are_true_whoever_takes_part(seed):
+def drawn(seed):
+    """Rows of a campaign with solvers that left or are new, with problems on which they were not run."""
     source = random.Random(seed)
     rows = with_rounds(campaign(seed), source)
     solvers = sorted({row.solver for row in rows})
@@ -56,7 +61,25 @@ def test_sentences_are_true_whoever_takes_part(seed):
         chosen += newcomer(chosen, source)
     if seed % 5 == 0:
         chosen = [replace(row, request={**row.request, "held_out": row.problem == "andrews"}) for row in chosen]
-    assert false_sentences(" ".join(summary(chosen)), chosen) == []
+    silent = {1: source.choice(["diffrax", "hht"]), 4: ""}.get(seed % 6)  # "": all, and HHT is not among them
+    if silent is not None:
+        chosen = [replace(row, counters={}) if silent in row.solver else row for row in chosen]
+        chosen = [row for row in chosen if silent or "hht" not in row.solver]
+    lost = {(row.solver, row.problem) for row in chosen if source.random() < 0.03} if seed % 4 == 3 else set()
+    nothing = {"status": "crashed", "metrics": {}, "timing": {}, "counters": {}}
+    chosen = [replace(row, **nothing) if seed % 2 and source.random() < 0.03 else row for row in chosen]
+    return [row for row in chosen if (row.solver, row.problem) not in lost]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_what_is_said_and_shown_is_true_whoever_takes_part(seed):
+    rows = drawn(seed)
+    assert false_sentences(" ".join(summary(rows)), rows) == []
+    assert false_lines(decisions(rows, analysis.kinds(rows), analysis.campaign_of(rows)), rows) == []
+    styles = solver_styles(analysis.entries(rows))
+    assert [w for view in drift_views(rows, styles) for w in false_drifts(view, rows, view.name)] == []
+    curves = [view for view in profile_views(rows, styles, []) if view.name in ("time", "evaluations")]
+    assert [w for view in curves for w in false_profiles(view, rows, view.name)] == []
 
 
 def test_a_false_number_is_found():

@@ -186,10 +186,10 @@ def test_an_exception_is_a_crash():
 
 
 def test_a_solver_that_hangs_or_dies_costs_one_cell(monkeypatch):
-    monkeypatch.setattr(workers, "OVERDUE", 4.0)
     worker = Worker()
     try:
-        for name, words in (("Sleeping", "killed"), ("Dying", "ended with 7")):
+        for name, words, overdue in (("Sleeping", "killed", 4.0), ("Dying", "ended with 7", 100.0)):
+            monkeypatch.setattr(workers, "OVERDUE", overdue)
             found = worker.measure(Batch(f"{LIARS}:{name}", "stiffness", 0, (0,)), 0, 0.0)
             assert found.kind is Kind.crashed and words in found.message
     finally:

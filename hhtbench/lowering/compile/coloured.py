@@ -1,8 +1,8 @@
 """Sparse derivatives of a large system's functions: one compiled call gives the values and the entries of the derivative.
 
-``asdex`` reads the dependencies off the computation itself (its jaxpr), for all arguments at once, and finds columns that
-share an evaluation; nothing is probed, so no entry is missed because it happens to vanish at the start, and no dense matrix
-is made.
+The dependencies are read off the scalar graph of the computation, or where a primitive has no rule there by ``asdex`` off
+its jaxpr, for all arguments at once; nothing is probed, so no entry is missed because it happens to vanish at the start, and
+no dense matrix is made.  ``asdex`` finds columns that share an evaluation.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.compiling import Compilable, compile_function
 from hhtbench.lowering.flattening import Flat, flat_function
-from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
+from hhtbench.lowering.scalar_compiler import NotNative, native, native_call, pattern_along
 
 Indices = npt.NDArray[np.integer[Any]]
 
-MOST_COMPUTED = 300_000  # products of a derivative by one unknown that are written out: a thousand links take ten seconds
+MOST_COMPUTED = 3_000_000  # products of a derivative by one unknown that become code: ten thousand links take ten seconds
 
 _patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
 
@@ -69,7 +69,11 @@ def _detected(flat: Flat, example: tuple[Any, ...]) -> Pattern:
 
     with preparing(f"finding the sparsity of {flat.name}"), warnings.catch_warnings():
         warnings.simplefilter("ignore", asdex.DenseColoringWarning)  # who asks decides by ``colours``
-        found = asdex.jacobian_sparsity(of_unknowns, x, flat.parameters, *rest, argnums=0)
+        try:
+            shape, rows, columns = pattern_along(flat, tuple(map(np.shape, example)))
+            found = asdex.SparsityPattern.from_coo(rows, columns, shape)
+        except NotNative:
+            found = asdex.jacobian_sparsity(of_unknowns, x, flat.parameters, *rest, argnums=0)
         coloured = asdex.jacobian_coloring_from_sparsity(found, mode="fwd")
     order = np.lexsort((found.cols, found.rows))
     rows, columns = np.asarray(found.rows)[order], np.asarray(found.cols)[order]
@@ -85,7 +89,7 @@ def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: An
     Raises
     ------
     NotImplementedError
-        A primitive whose sparsity asdex does not know.
+        A primitive without a rule of the scalar graph, whose sparsity asdex does not know either.
     """
     flat = flat_function(function, dynamics.dependencies, *static)
     found: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))

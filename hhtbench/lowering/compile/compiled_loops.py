@@ -30,7 +30,7 @@ from numba.core import cgutils
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
+from numba.np import arrayobj
 
 from hhtbench.lowering.compile.loops import (
     BITCODE,
@@ -72,7 +72,7 @@ def bitcode(entry: Entry) -> bytes:
         return called(*taken(words))
 
     made = numba.njit(**WITHOUT_PYTHON)(flat)
-    with _not_loaded():
+    with _lean():
         made.compile((types.intp,))
     (result,) = made.overloads.values()
     if result.signature.return_type not in (types.int64, types.none):
@@ -110,16 +110,21 @@ def write_all(found: list[Entry]) -> None:
 
 
 @contextlib.contextmanager
-def _not_loaded() -> Iterator[None]:
-    """Numba makes no machine code of its own of every single function: half of the time, for what is never called."""
-    codegen = cpu_target.target_context.codegen()
+def _lean() -> Iterator[None]:
+    """Numba makes no machine code of its own of every single function: half of the time, for what is never called.
+
+    Nor code that looks whether an index is negative, as long as what it is for: no loop counts from the end of an array.
+    """
+    codegen, looking = cpu_target.target_context.codegen(), arrayobj.fix_integer_index
     with global_compiler_lock:
         codegen._add_module = lambda module: None
         codegen.set_env = lambda name, env: None  # there is no global variable to set
+        arrayobj.fix_integer_index = lambda context, builder, kind, index, _: context.cast(builder, index, kind, types.intp)
         try:
             yield
         finally:
             del codegen._add_module, codegen.set_env
+            arrayobj.fix_integer_index = looking
 
 
 def arguments_of(entry: Entry) -> tuple[Any, ...]:
@@ -173,7 +178,7 @@ def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:
 
 
 def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
-    array = make_array(kind)(context, builder)
+    array = arrayobj.make_array(kind)(context, builder)
     size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     data = builder.inttoptr(next(words), context.get_data_type(kind.dtype).as_pointer())
     shape = [next(words) for _ in range(kind.ndim)]
@@ -181,7 +186,7 @@ def _array(context: Any, builder: Any, kind: Any, words: Any) -> Any:
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     packed = {"shape": cgutils.pack_array(builder, shape), "strides": cgutils.pack_array(builder, strides)}
-    populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
+    arrayobj.populate_array(array, data=data, itemsize=size, meminfo=None, **packed)
     return array._getvalue()
 
 

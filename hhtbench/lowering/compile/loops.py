@@ -166,13 +166,12 @@ def in_words(values: tuple[Any, ...], words: list[Any]) -> str:
     for value in values:
         if isinstance(value, np.ndarray):
             try:  # a buffer, in a fifth of the time that NumPy's word takes
-                words.append(_address(_buffer(value)))
+                words += _address(_buffer(value)), *value.shape
             except (TypeError, ValueError):  # of no array that is read-only, empty or strided
                 if not value.flags.c_contiguous:
                     text = "compiled loops take arrays whose entries follow one another in memory; got a strided one."
                     raise TypeError(text) from None
-                words.append(value.ctypes.data)
-            words += value.shape
+                words += value.ctypes.data, *value.shape
             layout += array_layout(value.dtype, value.ndim)
         elif (letter := NUMBERS.get(type(value))) is not None:
             words.append(value)

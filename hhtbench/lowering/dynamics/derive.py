@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.arguments import Vector, real_values, traced
 from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
-from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.caching import Cache, by_id, same
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
@@ -79,7 +79,7 @@ def parameters_of(value: Any) -> Hashable:
 def _found_way(value: Any) -> Hashable:
     """:func:`parameters_of` of the first value of its kind: to ask for kinds takes longer than all else here."""
     kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
-    way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id)
+    way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id if value is None else same)
     return way(value)
 
 

@@ -13,12 +13,13 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache, kept_on_disk
-from hhtbench.lowering.flattening import Tree, flat_function, jitted
-from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit, needed
+from hhtbench.lowering.flattening import Flat, Tree, flat_function, jitted
+from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
+from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
 from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
-from hhtbench.lowering.scalar_compiler.graph import ZERO, NotNative, TooLarge
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
+from hhtbench.lowering.scalar_compiler.store import CODES, ZERO, Ids, NotNative, TooLarge
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
 MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
@@ -80,13 +81,13 @@ def native(
     if parameters.dtype != np.float64:
         raise NotNative(f"parameters of type {parameters.dtype}")
     shapes = tuple(tuple(int(size) for size in shape) for shape in shapes)
-    pattern = pattern_of(parameters)
-    key = flat.key, pattern.tobytes(), shapes
+    folded = pattern_of(parameters)
+    key = flat.key, folded.tobytes(), shapes
 
     def make() -> Native | NotNative:
         try:  # the graph of the last function is remembered, for its other stage
             with _uncollected():
-                whole = _last.find(key, lambda: lower(flat.name, jitted(flat), pattern, shapes, MOST_OPERATIONS))
+                whole = _last.find(key, lambda: lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS))
                 return _compiled(flat.name, staged(whole, stage, rows), compact)
         except NotNative as error:
             return error
@@ -108,7 +109,22 @@ def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Sha
     flat = flat_function(function, tree, *static)
     with _uncollected():
         lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
-    return np.flatnonzero(np.array(lowered.outputs) != ZERO)
+    return np.flatnonzero(lowered.outputs != ZERO)
+
+
+def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids]:
+    """The derivative of a flat function by its first array, a vector: shape, rows and columns of what can differ from zero.
+
+    Row by row, and whatever the parameters are.
+
+    Raises
+    ------
+    NotNative
+        The same.
+    """
+    with _uncollected():
+        lowered = lower(flat.name, jitted(flat), np.zeros(flat.parameters.size, dtype=np.int8), shapes, MOST_OPERATIONS)
+    return (lowered.outputs.size, shapes[0][0]), *pattern(lowered.graph, lowered.outputs, 0)
 
 
 @contextmanager
@@ -125,13 +141,14 @@ def _uncollected() -> Iterator[None]:
 
 def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     """Machine code, without the values of its parameters."""
-    number = lowered.graph.number
-    varying = np.flatnonzero([node not in number for node in lowered.outputs])
-    constants = np.array([number.get(node, 0.0) for node in lowered.outputs], dtype=np.float64)
-    outputs = [lowered.outputs[i] for i in varying.tolist()] if compact else lowered.outputs
-    what = lowered.graph, outputs, lowered.arguments
-    counts = needed(lowered.graph, outputs)
-    emitted = emit(*what) if sum(map(bool, counts)) <= IN_LOOPS else emit_loops(*what, counts)
+    graph = lowered.graph
+    known, constants = graph.column("code")[lowered.outputs] == CODES["constant"], np.zeros(lowered.outputs.size)
+    constants[known] = graph.column("values")[graph.column("x")[lowered.outputs[known]]]
+    varying = np.flatnonzero(~known)
+    outputs = lowered.outputs[varying] if compact else lowered.outputs
+    what = graph, outputs, lowered.arguments
+    counts = needed(graph, outputs)
+    emitted = emit(*what) if np.count_nonzero(counts) <= IN_LOOPS else emit_loops(*what, counts, MOST_OPERATIONS)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))

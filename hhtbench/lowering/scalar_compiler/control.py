@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
-from hhtbench.lowering.scalar_compiler.graph import NotNative
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value, nodes, rule
+from hhtbench.lowering.scalar_compiler.store import NotNative
 
 LONGEST = 2000  # turns of a scan that are written out; the number of operations usually ends it before
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from functools import cache, partial, reduce
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jax import lax
 
-from hhtbench.lowering.scalar_compiler.graph import ZERO, Graph, Ids, NotNative
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Value, made, rule, rule_of_nodes
 from hhtbench.lowering.scalar_compiler.operations import ARITHMETIC, COMPARISONS, ELEMENTWISE, INTRINSICS, LIBM, LOGIC
+from hhtbench.lowering.scalar_compiler.store import ZERO, Ids, NotNative
 
 OTHERS = "add_any", "atan2", "clamp", "erf", "erfc", "logistic", "max", "min", "neg", "pow", "rsqrt", "sign", "square"
 NUMERIC = *LIBM, *ARITHMETIC, *INTRINSICS, *OTHERS, *COMPARISONS, "is_finite", "lt_to", "le_to"
@@ -45,7 +46,7 @@ def _elementwise(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]
 
 @rule_of_nodes("integer_pow")
 def _integer_pow(graph: Graph, equation: Any, x: Ids) -> Ids:
-    return graph.each(lambda node: graph.power(node, int(equation.params["y"])), x)
+    return graph.power(x, int(equation.params["y"]))
 
 
 @rule_of_nodes("round", numbers=True)
@@ -57,8 +58,10 @@ def _round(graph: Graph, equation: Any, x: Ids) -> Ids:
 @rule("select_n")
 def _select(ctx: Interpreter, equation: Any, which: Value, *cases: Value) -> list[Value]:
     shape = equation.outvars[0].aval.shape
-    ids = [np.broadcast_to(ctx.lift(case).ids, shape) for case in cases]
     which = ctx.folded(which)
+    if isinstance(which, np.ndarray) and all(isinstance(case, np.ndarray) for case in cases):
+        return [np.choose(np.broadcast_to(which, shape).astype(np.int64), cast("Any", cases))]
+    ids = [np.broadcast_to(ctx.lift(case).ids, shape) for case in cases]
     if isinstance(which, np.ndarray):
         return made(equation, np.choose(np.broadcast_to(which, shape).astype(np.int64), ids))
     return made(equation, choose(ctx.graph, ctx.lift(which), ids))
@@ -78,6 +81,8 @@ def choose(graph: Graph, which: Nodes, cases: list[Ids]) -> Ids:
 @rule("convert_element_type")
 def _convert(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     graph, wanted = ctx.graph, np.dtype(equation.outvars[0].aval.dtype)
+    if isinstance(x, np.ndarray) and x.dtype.kind in "biu":
+        return [x.astype(wanted)]
     x = ctx.lift(x)
     if wanted.kind == "b":
         return [x if x.kind == "bool" else Nodes(graph.elementwise("ne", x.ids, np.int64(ZERO)), "bool")]
@@ -115,6 +120,8 @@ def _reduce(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
         raise NotNative(f"{equation.primitive.name} on bits of integers")
     moved = np.moveaxis(nodes.ids, axes, range(-len(axes), 0))
     rows = moved.reshape(math.prod(shape), math.prod(moved.shape[len(shape) :]))
+    if 0 < rows.shape[1] < rows.shape[0]:
+        return made(equation, reduce(partial(ctx.graph.elementwise, name), rows.T).reshape(shape))
     fold = cache(partial(_fold, ctx.graph, name))  # most rows of derivatives are zero
     return made(equation, np.array([fold(tuple(row)) for row in rows.tolist()], dtype=np.int64).reshape(shape))
 

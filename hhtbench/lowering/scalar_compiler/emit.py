@@ -5,18 +5,20 @@ No fast-math: the values are those of the operations in the order given, as JAX'
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from hhtbench.lowering.scalar_compiler.graph import FALSE, TRUE, Graph
+from hhtbench.lowering.scalar_compiler.dependencies import needs
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.lu import HELPERS, helper
 from hhtbench.lowering.scalar_compiler.operations import FUNCTIONS, INSTRUCTIONS
+from hhtbench.lowering.scalar_compiler.store import FALSE, TRUE, Ids
 
 ENTRY, CALL = "hhtbench_f", "hhtbench_call"
 READ = "ptr noalias readonly captures(none)"
 WRITTEN = "ptr noalias writeonly captures(none)"
 MEMORY = {"parameter": "%p", "argument": "%a{}", "entry": "%x{}"}  # where numbers are read from
-CALLS = "solve", "banded", "foreign"  # operations with many results
 
 
 class Emitted(NamedTuple):
@@ -25,6 +27,11 @@ class Emitted(NamedTuple):
     text: str
     helpers: str  #: functions with loops that it calls, or nothing
     operations: int  #: arithmetic and calls, without loads and stores
+
+
+def bits(value: float) -> int:
+    """Those of a number, as a whole number."""
+    return int.from_bytes(struct.pack(">d", value))
 
 
 def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
@@ -45,37 +52,14 @@ def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
                 stack.extend((operand, False) for operand in reversed(needs(graph, node)) if operand not in seen)
 
 
-EVERY = slice(None)
-NODES = dict.fromkeys(("constant", "parameter", "argument"), slice(0)) | {"entry": slice(1)}  # of others: every operand
-NODES |= dict.fromkeys(CALLS, slice(2, None))
-
-
-def needed(graph: Graph, outputs: list[int]) -> list[int]:
-    """For every node how many others, or places of the result, need its value; operands are older than who needs them."""
-    counts, operation, operands = [0] * len(graph.operation), graph.operation, graph.operands
-    for node in outputs:
-        if node not in graph.number:
-            counts[node] += 1
-    for node in range(len(counts) - 1, -1, -1):
-        if counts[node]:
-            for operand in operands[node][NODES.get(operation[node], EVERY)]:
-                counts[operand] += 1
-    return counts
-
-
-def needs(graph: Graph, node: int) -> tuple[int, ...]:
-    """The operands that are nodes."""
-    return graph.operands[node][NODES.get(graph.operation[node], EVERY)]
-
-
-def emit(graph: Graph, outputs: list[int], arguments: int) -> Emitted:
+def emit(graph: Graph, outputs: Ids, arguments: int) -> Emitted:
     """A function ``void f(out, parameters, a0, ...)`` that stores ``outputs`` in order, and one of all pointers in a row."""
     writer = Writer(graph)
     places: dict[int, list[int]] = {}
-    for place, node in enumerate(outputs):
+    for place, node in enumerate(outputs.tolist()):
         if node not in graph.number:
             places.setdefault(node, []).append(place)
-    if len(outputs) > sum(map(len, places.values())):
+    if outputs.size > sum(map(len, places.values())):
         writer.constants(outputs)
     for node in ordered(graph, list(places)):
         writer.node(node)
@@ -117,34 +101,37 @@ class Writer:
 
     def name(self, node: int) -> str:
         """How a node is written as an operand."""
-        if self.graph.operation[node] == "constant":
-            return f"0x{self.graph.operands[node][0] & 0xFFFFFFFFFFFFFFFF:016X}"
+        if node in self.graph.number:
+            return f"0x{bits(self.graph.number[node]):016X}"
         return {TRUE: "true", FALSE: "false"}.get(node, f"%v{node}")
 
     def node(self, node: int) -> None:
         """The lines of one node."""
-        operation, operands = self.graph.operation[node], self.graph.operands[node]
+        graph, operation = self.graph, self.graph.operation(node)
+        x, y = graph.x[node], graph.y[node]
         if operation in MEMORY:
-            *which, place = operands
-            self.lines.append(f"  %g{node} = getelementptr double, ptr {MEMORY[operation].format(*which)}, i64 {place}")
+            base, place = MEMORY[operation].format(x), x if operation == "parameter" else y
+            self.lines.append(f"  %g{node} = getelementptr double, ptr {base}, i64 {place}")
             self.lines.append(f"  %v{node} = load double, ptr %g{node}, align 8")
         elif operation in HELPERS:
-            self.solve(node, operation, (operands[0], operands[1]), operands[2:])
+            self.solve(node, operation, (x, y), needs(graph, node))
         elif operation == "foreign":
-            self.foreign(node, operands[0], operands[1], operands[2:])
+            self.foreign(node, x, y, needs(graph, node))
         elif operation not in ("constant", "true", "false"):
             self.operations += 1
-            self.lines.append(f"  %v{node} = {self.expression(operation, [self.name(x) for x in operands])}")
+            self.lines.append(
+                f"  %v{node} = {self.expression(operation, [self.name(operand) for operand in needs(graph, node)])}"
+            )
 
-    def constants(self, outputs: list[int]) -> None:
+    def constants(self, outputs: Ids) -> None:
         """Entries that are known, in one copy from a table; the others are overwritten.
 
         Stores of ten thousand zeros one by one took LLVM minutes.
         """
-        values = ", ".join(f"double {self.name(node) if node in self.graph.number else '0.0'}" for node in outputs)
-        self.table = f"@constants = private unnamed_addr constant [{len(outputs)} x double] [{values}], align 64"
+        values = ", ".join(f"double {self.name(node) if node in self.graph.number else '0.0'}" for node in outputs.tolist())
+        self.table = f"@constants = private unnamed_addr constant [{outputs.size} x double] [{values}], align 64"
         self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
-        self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * len(outputs)}, i1 false)")
+        self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * outputs.size}, i1 false)")
 
     def store(self, base: str, place: int, node: int) -> None:
         """One number to memory."""
@@ -160,14 +147,14 @@ class Writer:
         self.declarations.add(f"declare double @{function}({', '.join(['double'] * len(x))}){attributes}")
         return f"call double @{function}({', '.join(f'double {value}' for value in x)})"
 
-    def room(self, base: str, size: int, entries: tuple[int, ...] = ()) -> None:
+    def room(self, base: str, size: int, entries: Sequence[int] = ()) -> None:
         """Room for ``size`` numbers on the stack, which begins with ``entries``."""
         self.operations += len(entries)
         self.scratch.append(f"  {base} = alloca [{size} x double], align 64")
         for place, entry in enumerate(entries):
             self.store(base, place, entry)
 
-    def foreign(self, node: int, parameter: int, size: int, entries: tuple[int, ...]) -> None:
+    def foreign(self, node: int, parameter: int, size: int, entries: Sequence[int]) -> None:
         """Arguments to the stack, then the call."""
         self.operations += 2 * size
         self.room(f"%m{node}", len(entries), entries)
@@ -185,7 +172,7 @@ class Writer:
             f"  call void %c{self.calls}(ptr {arguments}, ptr {result})",
         ]
 
-    def solve(self, node: int, operation: str, sizes: tuple[int, int], entries: tuple[int, ...]) -> None:
+    def solve(self, node: int, operation: str, sizes: tuple[int, int], entries: Sequence[int]) -> None:
         """Matrix and right-hand sides to the stack, then the call."""
         self.room(f"%x{node}", len(entries), entries)
         self.solver(f"%x{node}", operation, sizes)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY, Emitted, Writer, head, wrapper
-from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
+from hhtbench.lowering.scalar_compiler.emit import MEMORY, Emitted, Writer, head, wrapper
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.lu import HELPERS
 from hhtbench.lowering.scalar_compiler.reroll import CONSTANT, KEPT, TRUTH, Form, Loop, Rerolled
+from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, Ids
 
 FEW = 2  # turns that are written out
 
 
-def emit_loops(graph: Graph, outputs: list[int], arguments: int, counts: list[int]) -> Emitted:
-    """The function of :func:`~.emit.emit` in loops; ``counts``: how often each node is :func:`~.emit.needed`.
+def emit_loops(graph: Graph, outputs: Ids, arguments: int, counts: Ids, limit: int) -> Emitted:
+    """The function of :func:`~.emit.emit` in loops of at most ``limit`` operations.
 
-    The numbers kept are on the heap while it runs.
+    ``counts``: how often each node is :func:`~.dependencies.needed`.  The numbers kept are on the heap while it runs.
     """
-    rerolled = Rerolled(graph, outputs, counts)
+    rerolled = Rerolled(graph, outputs, counts, limit)
     writer = _LoopWriter(rerolled)
-    if any(node in graph.number for node in outputs):
+    if np.any(graph.column("code")[outputs] == CODES["constant"]):
         writer.constants(outputs)
     for loop in rerolled.loops:
         writer.loop(loop)

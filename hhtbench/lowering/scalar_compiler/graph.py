@@ -11,79 +11,54 @@ import math
 import struct
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from hhtbench.lowering.scalar_compiler.arrays import entrywise
 from hhtbench.lowering.scalar_compiler.operations import COMMUTATIVE, COMPARISONS, FOLDS, LOGIC
+from hhtbench.lowering.scalar_compiler.store import BOOLEAN, CODES, FALSE, MINUS_ONE, ONE, TRUE, ZERO, Ids, Store
 
-Ids = np.ndarray  #: int64 array of nodes
-
-ZERO, ONE, MINUS_ONE, FALSE, TRUE = range(5)
-
-
-class NotNative(Exception):
-    """The native route does not know how, or it would not pay; XLA does it instead."""
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason  #: in words, with the user's source line where it is known
-        super().__init__(reason)
+NEG, NOT, ABS = map(CODES.get, ("neg", "not", "abs"))
 
 
-class TooLarge(NotNative):
-    """More scalar operations than pay."""
-
-
-class Graph:
-    """Nodes as parallel lists: ``operation[i]`` on the nodes ``operands[i]``."""
+class Graph(Store):
+    """The nodes, and the rules by which operations on them become others."""
 
     def __init__(self, limit: int) -> None:
-        self.limit = limit  #: nodes that may be made, live or not
-        self.operation: list[str] = []
-        self.operands: list[tuple[int, ...]] = []
+        super().__init__(limit)
         self.number: dict[int, float] = {}  #: node -> value, of constants
-        self._known: dict[tuple[Any, ...], int] = {}
+        self._of_bits: dict[bytes, int] = {}  #: the nodes of constants
         for value in (0.0, 1.0, -1.0):
             self.constant(value)
         self.node("false")
         self.node("true")
 
-    def node(self, operation: str, *operands: int) -> int:
-        """The node of this operation on these operands, as they are."""
-        key = (operation, *operands)
-        found = self._known.get(key)
-        if found is not None:
-            return found
-        made = len(self.operation)
-        if made >= self.limit:
-            raise TooLarge(f"more than {self.limit} scalar operations")
-        self.operation.append(operation)
-        self.operands.append(operands)
-        self._known[key] = made
-        return made
-
     def constant(self, value: float) -> int:
         """The node of a number; -0.0 and 0.0 are two, every NaN is one."""
-        bits = struct.unpack("<q", struct.pack("<d", value))[0] if value == value else 0x7FF8000000000000
-        made = self.node("constant", bits)
-        self.number[made] = float(value)
+        value = float(value) if value == value else math.nan
+        bits = struct.pack("<d", value)
+        made = self._of_bits.get(bits)
+        if made is None:
+            made = self._of_bits[bits] = self.node("constant", len(self.values))
+            self.values.append(value)
+            self.number[made] = value
         return made
 
     def constants(self, values: np.ndarray) -> Ids:
         """Nodes of an array of numbers or booleans."""
         array = np.asarray(values)
         if array.dtype == bool:
-            return np.where(array, TRUE, FALSE).astype(np.int64)
+            return np.where(array, TRUE, FALSE).astype(np.int32)
         bits, places = np.unique(array.astype(np.float64).view(np.int64), return_inverse=True)
-        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int64)
+        nodes = np.array([self.constant(value) for value in bits.view(np.float64).tolist()], dtype=np.int32)
         return nodes[places].reshape(array.shape)
 
     def neg(self, x: int) -> int:
         """-x."""
         if x in self.number:
             return self.constant(-self.number[x]) if self.number[x] else ZERO
-        if self.operation[x] == "neg":
-            return self.operands[x][0]
+        if self.code[x] == NEG:
+            return self.x[x]
         return self.node("neg", x)
 
     def add(self, x: int, y: int) -> int:
@@ -95,10 +70,10 @@ class Graph:
             return x
         if x in number and y in number:
             return self.constant(number[x] + number[y])
-        if self.operation[y] == "neg":
-            return self.sub(x, self.operands[y][0])
-        if self.operation[x] == "neg":
-            return self.sub(y, self.operands[x][0])
+        if self.code[y] == NEG:
+            return self.sub(x, self.x[y])
+        if self.code[x] == NEG:
+            return self.sub(y, self.x[x])
         return self.node("add", x, y) if x < y else self.node("add", y, x)
 
     def sub(self, x: int, y: int) -> int:
@@ -110,8 +85,8 @@ class Graph:
             return self.neg(y)
         if number.get(y) == 0.0:
             return x
-        if self.operation[y] == "neg":
-            return self.add(x, self.operands[y][0])
+        if self.code[y] == NEG:
+            return self.add(x, self.x[y])
         return self.node("sub", x, y)
 
     def mul(self, x: int, y: int) -> int:
@@ -130,10 +105,10 @@ class Graph:
             if value == -1.0:
                 return self.neg(other)
         negative = False
-        if self.operation[x] == "neg":
-            x, negative = self.operands[x][0], True
-        if self.operation[y] == "neg":
-            y, negative = self.operands[y][0], not negative
+        if self.code[x] == NEG:
+            x, negative = self.x[x], True
+        if self.code[y] == NEG:
+            y, negative = self.x[y], not negative
         if negative:
             return self.neg(self.mul(x, y))
         return self.node("mul", x, y)
@@ -149,23 +124,23 @@ class Graph:
                 return self.mul(x, self.constant(1.0 / number[y]))
         if number.get(x) == 0.0:
             return ZERO
-        if self.operation[x] == "neg":
-            return self.neg(self.div(self.operands[x][0], y))
-        if self.operation[y] == "neg":
-            return self.neg(self.div(x, self.operands[y][0]))
+        if self.code[x] == NEG:
+            return self.neg(self.div(self.x[x], y))
+        if self.code[y] == NEG:
+            return self.neg(self.div(x, self.x[y]))
         return self.node("div", x, y)
 
-    def power(self, x: int, exponent: int) -> int:
-        """x to an integer power by squaring, in XLA's order."""
+    def power(self, x: Ids, exponent: int) -> Ids:
+        """x to an integer power by squaring, in XLA's order, entry by entry."""
         if exponent < 0:
-            return self.div(ONE, self.power(x, -exponent))
-        result = ONE
+            return self.elementwise("div", np.int64(ONE), self.power(x, -exponent))
+        result = np.full(x.shape, ONE, dtype=np.int64)
         while exponent:
             if exponent & 1:
-                result = self.mul(result, x)
+                result = self.elementwise("mul", result, x)
             exponent >>= 1
             if exponent:
-                x = self.mul(x, x)
+                x = self.elementwise("mul", x, x)
         return result
 
     def select(self, predicate: int, yes: int, no: int) -> int:
@@ -174,8 +149,8 @@ class Graph:
             return yes
         if predicate == FALSE:
             return no
-        if self.operation[predicate] == "not":
-            return self.select(self.operands[predicate][0], no, yes)
+        if self.code[predicate] == NOT:
+            return self.select(self.x[predicate], no, yes)
         if (yes, no) == (TRUE, FALSE):
             return predicate
         if (yes, no) == (FALSE, TRUE):
@@ -190,7 +165,7 @@ class Graph:
             x = truths[0]
             if x in (TRUE, FALSE):
                 return TRUE + FALSE - x
-            return self.operands[x][0] if self.operation[x] == "not" else self.node("not", x)
+            return self.x[x] if self.code[x] == NOT else self.node("not", x)
         x, y = sorted(truths)
         if x in (TRUE, FALSE):
             if name == "xor":
@@ -218,31 +193,26 @@ class Graph:
 
     def is_bool(self, node: int) -> bool:
         """Whether the node is a boolean and not a number."""
-        operation = self.operation[node]
-        return operation in COMPARISONS or operation in LOGIC or operation in ("true", "false", "select_bool")
+        return bool(BOOLEAN[self.code[node]])
 
     def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
         """``apply`` entry by entry."""
+        arrays = np.broadcast_arrays(*operands)
         if name in ("mul", "add", "sub"):
-            return _quick(self, name, *np.broadcast_arrays(*operands))
-        return self.each(partial(self.apply, name), *operands)
-
-    @staticmethod
-    def each(function: Callable[..., int], *operands: Ids | np.int64) -> Ids:
-        """``function`` of nodes entry by entry."""
+            return _quick(self, name, *arrays)
         with np.errstate(all="ignore"):  # it tells of what is folded inside
-            return np.vectorize(function, otypes=[np.int64])(*operands)
+            return entrywise(self, name, *map(np.ravel, arrays)).reshape(arrays[0].shape)
 
 
 def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
     """Products and sums where most entries are structural zeros, as in derivatives."""
     if name == "mul":
-        result = np.full(x.shape, ZERO, dtype=np.int64)
+        result = np.full(x.shape, ZERO, dtype=np.int32)
         left = (x != ZERO) & (y != ZERO)
     else:
         result = np.where(y == ZERO, x, y) if name == "add" else x.copy()
         left = (y != ZERO) & ((x != ZERO) | (name == "sub"))
-    result[left] = list(map(getattr(graph, name), x[left].tolist(), y[left].tolist()))
+    result[left] = entrywise(graph, name, x[left], y[left])
     return result
 
 
@@ -261,7 +231,7 @@ def _pow(graph: Graph, x: int, y: int) -> int:
 
 
 def _abs(graph: Graph, x: int) -> int:
-    return graph.plain("abs", graph.operands[x][0] if graph.operation[x] in ("neg", "abs") else x)
+    return graph.plain("abs", graph.x[x] if graph.code[x] in (NEG, ABS) else x)
 
 
 def _sign(graph: Graph, x: int) -> int:

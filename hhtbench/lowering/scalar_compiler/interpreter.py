@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering.jax_internals import ClosedJaxpr, Literal, line_of
-from hhtbench.lowering.scalar_compiler.graph import FALSE, ONE, TRUE, ZERO, Graph, Ids, NotNative, TooLarge
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.operations import ELEMENTWISE
+from hhtbench.lowering.scalar_compiler.store import FALSE, ONE, TRUE, ZERO, Ids, NotNative, TooLarge
 
 EXACT = 2.0**53  # integers up to it are float64 numbers
 
@@ -101,9 +102,14 @@ class Interpreter:
                 return np.asarray(atom.val, dtype=np.dtype(atom.aval.dtype))  # type: ignore[attr-defined]
             return environment[atom]
 
-        for equation in jaxpr.eqns:
+        needed = {id(atom) for atom in jaxpr.outvars}
+        last = {id(atom): i for i, equation in enumerate(jaxpr.eqns) for atom in equation.invars}
+        for i, equation in enumerate(jaxpr.eqns):
             results = self._evaluated(equation, [read(atom) for atom in equation.invars])
             environment.update(zip(equation.outvars, results, strict=True))
+            for atom in (*equation.invars, *equation.outvars):  # those of a large system hold millions of nodes
+                if last.get(id(atom), i) == i and id(atom) not in needed:
+                    environment.pop(atom, None) if not isinstance(atom, Literal) else None
         return [read(atom) for atom in jaxpr.outvars]
 
     def lift(self, value: Value) -> Nodes:

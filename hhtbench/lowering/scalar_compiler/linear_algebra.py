@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from hhtbench.lowering.scalar_compiler.graph import ONE, ZERO, Graph, Ids, NotNative
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Value, made, rule, rule_of_nodes
+from hhtbench.lowering.scalar_compiler.store import ONE, ZERO, Ids, NotNative
 
 
 @rule("dot_general")
@@ -65,8 +66,8 @@ def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:
     n, k = right.shape
     if np.all(matrix[~np.eye(n, dtype=bool)] == ZERO):  # diagonal
         return graph.elementwise("div", right, np.diagonal(matrix)[:, None])
-    call = graph.node("solve", n, k, *np.hstack([matrix, right]).ravel().tolist())
-    return graph.each(partial(graph.node, "entry", call), np.arange(n * (n + k)).reshape(n, n + k)[:, n:])
+    call = graph.call("solve", (n, k), np.hstack([matrix, right]).ravel())
+    return graph.entries(call, np.arange(n * (n + k)).reshape(n, n + k)[:, n:])
 
 
 @rule("custom_linear_solve")
@@ -106,17 +107,17 @@ def _blocks(matrix: Ids) -> list[np.ndarray]:
 def _foreign(ctx: Interpreter, equation: Any, address: Value, *inputs: Value) -> list[Value]:
     graph, shape = ctx.graph, equation.params["shape"]
     (parameter,) = ctx.numbers(address).ravel().tolist()
-    entries = [entry for value in inputs for entry in ctx.numbers(value).ravel().tolist()]
+    entries = np.concatenate([np.zeros(0, dtype=np.int64), *(ctx.numbers(value).ravel() for value in inputs)])
     size = int(np.prod(shape))
-    call = graph.node("foreign", graph.operands[parameter][0], size, *entries)
-    return made(equation, graph.each(partial(graph.node, "entry", call), np.arange(size).reshape(shape)))
+    call = graph.call("foreign", (graph.x[parameter], size), entries)
+    return made(equation, graph.entries(call, np.arange(size).reshape(shape)))
 
 
 @rule_of_nodes("hhtbench_banded", numbers=True)
 def _banded(graph: Graph, equation: Any, factors: Ids, right: Ids) -> Ids:
     n, width = factors.shape
-    call = graph.node("banded", n, width - 1, *factors.ravel().tolist(), *right.tolist())
-    return graph.each(partial(graph.node, "entry", call), factors.size + np.arange(n))
+    call = graph.call("banded", (n, width - 1), np.concatenate([factors.ravel(), right]))
+    return graph.entries(call, factors.size + np.arange(n))
 
 
 @rule_of_nodes("hhtbench_factor", numbers=True)

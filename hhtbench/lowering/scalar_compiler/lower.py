@@ -7,10 +7,9 @@ and divisions among them, belong to those.
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -18,9 +17,10 @@ import numpy as np
 
 from hhtbench.counting import preparing
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
-from hhtbench.lowering.scalar_compiler.emit import CALLS, needed, needs
-from hhtbench.lowering.scalar_compiler.graph import Graph, NotNative
+from hhtbench.lowering.scalar_compiler.dependencies import depending, needed, operands
+from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
+from hhtbench.lowering.scalar_compiler.store import BOOLEAN, CALLS, CODES, NAMES, Ids, NotNative
 
 RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed
@@ -35,27 +35,21 @@ class Lowered:
     """The scalar graph of one function."""
 
     graph: Graph
-    outputs: list[int]  #: one node for every entry of the result, row by row
+    outputs: Ids  #: one node for every entry of the result, row by row
     shape: tuple[int, ...]  #: of the result
     arguments: int  #: how many arrays it takes
 
     @cached_property
-    def kept(self) -> list[int]:
+    def kept(self) -> Ids:
         """Numbers that the late stage needs of the early one."""
-        graph, last = self.graph, self.arguments - 1
-        late, wanted = bytearray(len(graph.operation)), dict[int, None]()
-        for node in np.flatnonzero(needed(graph, self.outputs)).tolist():
-            operands = needs(graph, node)
-            for operand in operands:
-                if late[operand]:
-                    late[node] = 1
-                    wanted.update(dict.fromkeys(operands))
-                    break
-            else:
-                late[node] = graph.operation[node] == "argument" and graph.operands[node][0] != last
-        wanted.update(dict.fromkeys(self.outputs))
-        costly = (node for node in wanted if not late[node] and graph.operation[node] not in CHEAP)
-        return [node for node in costly if not graph.is_bool(node)]  # which have no place in an array of numbers
+        graph, live = self.graph, np.flatnonzero(needed(self.graph, self.outputs))
+        code = graph.column("code")
+        others = live[(code[live] == CODES["argument"]) & (graph.column("x")[live] != self.arguments - 1)]
+        late = depending(graph, live, others)
+        wanted = np.zeros(code.size, dtype=bool)
+        wanted[operands(graph, live[late[live]])[0]] = wanted[self.outputs] = True
+        free = np.isin(NAMES, CHEAP) | BOOLEAN  # truths have no place in an array of numbers
+        return np.flatnonzero(wanted & ~late & ~free[code])
 
 
 def pattern_of(parameters: np.ndarray) -> np.ndarray:
@@ -88,18 +82,18 @@ def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: 
         (value,) = interpreter.closed(computation.jaxpr, _inputs(graph, pattern, shapes))
         if isinstance(value, Unknown):
             raise NotNative(value.reason)
-        outputs = interpreter.as_numbers(interpreter.lift(value)).ravel().tolist()
+        outputs = interpreter.as_numbers(interpreter.lift(value)).ravel()
+        graph.close()
     return Lowered(graph, outputs, tuple(leaves[0].shape), len(shapes))
 
 
 def _inputs(graph: Graph, pattern: np.ndarray, shapes: Shapes) -> list[Value]:
-    parameters = [
-        graph.constant(FOLDED[code - 1]) if code else graph.node("parameter", i) for i, code in enumerate(pattern.tolist())
-    ]
-    arrays = [np.array(parameters, dtype=np.int64)]
+    arrays = [graph.constants(np.array([0.0, *FOLDED])[pattern])]
+    free = np.flatnonzero(pattern == 0)
+    arrays[0][free] = graph.each("parameter", free)
     for which, shape in enumerate(shapes):
         places = np.arange(math.prod(shape)).reshape(shape)
-        arrays.append(graph.each(partial(graph.node, "argument", which), places))
+        arrays.append(graph.each("argument", np.full(places.shape, which), places))
     return [Nodes(ids, "float") for ids in arrays]
 
 
@@ -113,10 +107,7 @@ def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) ->
         return lowered
     kept = lowered.kept
     if stage == "early":
-        return replace(lowered, outputs=kept, shape=(len(kept),))
-    graph = copy.copy(lowered.graph)
-    graph.operation, graph.operands = graph.operation.copy(), graph.operands.copy()
-    for place, node in enumerate(kept):
-        graph.operation[node], graph.operands[node] = "argument", (lowered.arguments, place)
+        return replace(lowered, outputs=kept, shape=kept.shape)
+    graph = lowered.graph.changed(kept, "argument", lowered.arguments, np.arange(kept.size))
     late = replace(lowered, graph=graph, arguments=lowered.arguments + 1)
     return late if rows is None else replace(late, outputs=late.outputs[slice(*rows)], shape=(rows[1] - rows[0],))

@@ -10,8 +10,9 @@ import numpy as np
 from jax.lax import GatherScatterMode
 
 from hhtbench.lowering.scalar_compiler.elementwise import choose
-from hhtbench.lowering.scalar_compiler.graph import Graph, Ids, NotNative
-from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Value, made, rule, rule_of_nodes
+from hhtbench.lowering.scalar_compiler.graph import Graph
+from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Value, made, rule
+from hhtbench.lowering.scalar_compiler.store import Ids, NotNative
 
 
 def _broadcast(shape: Any, p: Any, x: Ids) -> Ids:
@@ -51,9 +52,12 @@ MOVES: dict[str, Callable[..., Ids]] = {  # of the result's shape, the parameter
 }
 
 
-@rule_of_nodes(*MOVES)
-def _moved(graph: Graph, equation: Any, *parts: Ids) -> Ids:
-    return MOVES[equation.primitive.name](equation.outvars[0].aval.shape, equation.params, *parts)
+@rule(*MOVES)
+def _moved(ctx: Interpreter, equation: Any, *parts: Value) -> list[Value]:
+    move, how = MOVES[equation.primitive.name], (equation.outvars[0].aval.shape, equation.params)
+    if all(isinstance(part, np.ndarray) for part in parts):  # a table of places has a million numbers
+        return [move(*how, *parts)]
+    return made(equation, move(*how, *ctx.together(parts)))
 
 
 @rule("split")
@@ -151,6 +155,15 @@ def _searched(graph: Graph, equation: Any, x: Ids, indices: Ids, outside: Ids) -
     return graph.elementwise("select", inside, result, outside)
 
 
+def _turns(places: np.ndarray) -> list[np.ndarray]:
+    """The entries of ``places`` (k,) as turns in which none comes twice: the first of each, the second, and so on."""
+    order = np.argsort(places, kind="stable")
+    count = np.arange(places.size)
+    starts = np.diff(places[order], prepend=-1) != 0
+    turn = count - np.maximum.accumulate(np.where(starts, count, 0))
+    return np.split(order[np.argsort(turn, kind="stable")], np.cumsum(np.bincount(turn))[:-1])
+
+
 COMBINE = {"scatter-add": "add", "scatter-sub": "sub", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
 
 
@@ -169,7 +182,7 @@ def _scatter(ctx: Interpreter, equation: Any, x: Value, indices: Value, updates:
     batched = numbers.operand_batching_dims, numbers.scatter_indices_batching_dims
     places, inside = _windows(where, numbers.scatter_dims_to_operand_dims, batched, sizes, ids.shape)
     used = inside | (mode == GatherScatterMode.CLIP)
-    result = ids.flatten()
-    for at, piece in zip(places[used], pieces.reshape(places.shape)[used], strict=True):  # the same place may come again
-        result[at] = piece if combine is None else ctx.graph.elementwise(combine, result[at], piece)
+    result, at, piece = ids.flatten(), places[used].ravel(), pieces.reshape(places.shape)[used].ravel()
+    for turn in _turns(at):
+        result[at[turn]] = piece[turn] if combine is None else ctx.graph.elementwise(combine, result[at[turn]], piece[turn])
     return made(equation, result.reshape(ids.shape))

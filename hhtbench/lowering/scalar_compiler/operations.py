@@ -61,6 +61,7 @@ ELEMENTWISE: dict[str, Callable[..., Any]] = {  # of arrays
     **{name: getattr(np, name) for name in SAME_NAMES},
     **{name: getattr(np, other) for name, other in OTHER_NAMES},
     **{name: getattr(special, name) for name in ("erf", "erfc")},
+    "clamp": lambda low, x, high: np.minimum(np.maximum(x, low), high),
     "round_away": lambda x: np.trunc(x + np.copysign(np.nextafter(0.5, 0.0), x)),
 }
 

@@ -9,14 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.scalar_compiler.emit import CALLS, MEMORY
-from hhtbench.lowering.scalar_compiler.graph import Graph, Ids
+from hhtbench.lowering.scalar_compiler.dependencies import IS_CALL, generations, needs, operands
+from hhtbench.lowering.scalar_compiler.emit import MEMORY
+from hhtbench.lowering.scalar_compiler.graph import Graph
+from hhtbench.lowering.scalar_compiler.store import ARITY, BOOLEAN, CALLS, CODES, FEW, LEAVES, NAMES, Ids, TooLarge
 
 CONSTANT, KEPT, TRUTH = ("constant",), ("kept",), ("truth",)  # leaves beside parameters and arguments; truths are 1 or 0
+FORMS = 2**19  # that are told apart by as many bits; each is an operation of the code at least
 Form = tuple[Any, ...]  # of a leaf: where it is found; else operation, its parameters and the numbers of its operands' forms
 
 
@@ -34,51 +38,89 @@ class Loop:
 class Rerolled:
     """The ``loops`` that compute ``outputs`` of ``graph``, in order, and how many numbers they keep: ``room``.
 
-    ``counts``: how often each node is needed, :func:`~.emit.needed`.
+    ``counts``: how often each node is needed, :func:`~.dependencies.needed`.  ``limit``: operations of all loops' turns.
     """
 
-    def __init__(self, graph: Graph, outputs: list[int], counts: list[int]) -> None:
+    def __init__(self, graph: Graph, outputs: Ids, counts: Ids, limit: int) -> None:
         self.graph, self.room = graph, 0
         self.forms: list[Form] = []
         self._numbers: dict[Form, int] = {}
+        self._lengths: list[int] = []  #: of forms, in operations
         self._kept = self._number(KEPT), self._number(TRUTH)
-        self._seen: dict[int, tuple[int, list[int], int]] = {}  #: of a node: form, leaves, how many loops it waits for
-        self._places = np.zeros(len(graph.operation), dtype=np.int64)  #: of nodes that are kept
-        self._groups: dict[tuple[int, bool, int], list[tuple[int, list[int]]]] = {}
-        self._entries: dict[int, list[int]] = {}  #: nodes that are entries of a call's result
-        for node, count in enumerate(counts):
-            if count:
-                self._seen[node] = self._visited(node, count)
-        for place, node in enumerate(outputs):
-            if node not in graph.number:
-                form, leaves, level = self._seen[node]
-                self._groups.setdefault((level + 1, True, form), []).append((place, leaves))
-        self.loops = [self._loop(*key) for key in sorted(self._groups)]
+        self._code, self._operands = graph.column("code"), [graph.column(name) for name in "xyz"]
+        live, size = np.flatnonzero(counts), len(graph.code)
+        self._form = np.zeros(size, dtype=np.int32)  #: of nodes, as operands: of those that are kept that of their place
+        self._level = np.zeros(size, dtype=np.int32)  #: for how many loops they wait
+        self._places = np.zeros(size, dtype=np.int64)  #: of nodes that are kept
+        single = np.isin(NAMES, LEAVES)
+        shared = live[(counts[live] > 1) & ~single[self._code[live]] | IS_CALL[self._code[live]]]
+        shared = shared[self._code[shared] != CODES["entry"]]
+        keeps, own = np.zeros(size, dtype=bool), np.zeros(size, dtype=np.int32)
+        keeps[shared] = True
+        for nodes in generations(graph, live):
+            forms = own[nodes] = self._visited(nodes)
+            of_truth = np.where(BOOLEAN[self._code[nodes]], self._kept[1], self._kept[0])
+            self._form[nodes] = np.where(keeps[nodes], of_truth, forms)
+            self._level[nodes] += keeps[nodes]
+        varying = np.flatnonzero(self._code[outputs] != CODES["constant"])
+        last = outputs[varying]
+        kept = self._grouped(self._level[shared], own[shared], shared, shared, last=False)
+        results = self._grouped(self._level[last] + 1, self._form[last], last, varying, last=True)
+        groups = sorted((kept | results).items(), key=itemgetter(0))
+        length = sum(self._lengths[form] for (_, _, form), _ in groups)
+        if length > limit:
+            raise TooLarge(f"{length} scalar operations, more than {limit}")
+        self.loops = [self._loop(*key, *group) for key, group in groups]
 
-    def _visited(self, node: int, count: int) -> tuple[int, list[int], int]:
-        graph, operation, operands = self.graph, self.graph.operation[node], self.graph.operands[node]
-        if operation in MEMORY or operation == "constant":
-            if operation == "entry":
-                self._entries.setdefault(operands[0], []).append(node)
-                return self._kept[0], [node], self._seen[operands[0]][2]
-            return self._number((operation, *operands[:-1])), [operands[-1]], 0
-        parameters, parts = (operands[:2], operands[2:]) if operation in CALLS else ((), operands)
-        forms, leaves, level = list[int](), list[int](), 0
-        for part in parts:
-            form, more, before = self._seen[part]
-            forms.append(form)
-            leaves += more
-            level = max(level, before)
-        number = self._number((operation, parameters, *forms))
-        if operation not in CALLS and count == 1:
-            return number, leaves, level
-        self._groups.setdefault((level + 1, False, number), []).append((node, leaves))
-        return self._kept[graph.is_bool(node)], [node], level + 1
+    def _visited(self, nodes: Ids) -> Ids:
+        """The forms of the expressions of ``nodes``, one generation; sets the levels of their operands."""
+        found, who = operands(self.graph, nodes)
+        np.maximum.at(self._level, nodes[who], self._level[found])
+        first = which = np.arange(nodes.size)
+        if nodes.size > FEW:
+            _, first, which = np.unique(self._keys(nodes), return_index=True, return_inverse=True)
+        return np.array([self._number(self._described(node)) for node in nodes[first].tolist()])[which]
+
+    def _keys(self, nodes: Ids) -> np.ndarray:
+        """Equal numbers for expressions of one form."""
+        code = self._code[nodes]
+        keys = code.astype(np.uint64)
+        for i, operand in enumerate(self._operands):
+            part = np.where(ARITY[code] > i, self._form[operand[nodes] * (ARITY[code] > i)], 0)
+            if i == 0:  # of an argument its number
+                part = np.where(code == CODES["argument"], operand[nodes], part)
+            keys = keys * FORMS + part.astype(np.uint64)
+        calls = np.flatnonzero(IS_CALL[code])
+        keys[calls] += calls.astype(np.uint64)  # they are described one by one
+        return keys
+
+    def _described(self, node: int) -> Form:
+        """The form of one expression."""
+        graph, name = self.graph, NAMES[self._code[node]]
+        if name == "entry":
+            return KEPT
+        if name in ("constant", "parameter", "argument"):
+            return (name, graph.x[node]) if name == "argument" else (name,)
+        sizes = (graph.x[node], graph.y[node]) if name in CALLS else ()
+        return (name, sizes, *(int(self._form[operand]) for operand in needs(graph, node)))
+
+    def _grouped(
+        self, level: Ids, form: Ids, nodes: Ids, targets: Ids, *, last: bool
+    ) -> dict[tuple[int, bool, int], tuple[Ids, Ids]]:
+        """``nodes`` and ``targets`` by (level, last, form)."""
+        order = np.lexsort((form, level))
+        ends = np.flatnonzero(np.diff(level[order]) | np.diff(form[order])) + 1
+        groups = (part for part in np.split(order, ends) if part.size)
+        return {(int(level[part[0]]), last, int(form[part[0]])): (nodes[part], targets[part]) for part in groups}
 
     def _number(self, form: Form) -> int:
         found = self._numbers.setdefault(form, len(self.forms))
         if found == len(self.forms):
             self.forms.append(form)
+            operations = len(form) - 2 if form[0] in CALLS else 1  # a call's are its stores
+            self._lengths.append(0 if self.is_leaf(found) else operations + sum(self._lengths[part] for part in form[2:]))
+        if found == FORMS:
+            raise TooLarge(f"{FORMS} different expressions")
         return found
 
     def is_leaf(self, form: int) -> bool:
@@ -105,26 +147,41 @@ class Rerolled:
         operation, parameters, *operands = self.forms[form]
         return len(operands) + (parameters[1] if operation == "foreign" else 0) if operation in CALLS else 1
 
-    def _loop(self, level: int, last: bool, form: int) -> Loop:
+    def _loop(self, level: int, last: bool, form: int, nodes: Ids, targets: Ids) -> Loop:
         """Turns in the order of their sources: places then rise evenly."""
-        members = self._groups[level, last, form]
-        targets = np.array([node for node, _ in members])
-        sources = np.array([leaves for _, leaves in members], dtype=np.int64).reshape(len(members), -1)
-        kept = np.isin(self.leaves(form), self._kept)
-        sources[:, kept] = self._places[sources[:, kept]]
-        order = np.lexsort(sources.T[::-1]) if sources.size else np.arange(len(members))
-        truth = not last and self.graph.is_bool(members[0][0])
-        return Loop(form, sources[order], targets[order] if last else self._settled(form, targets[order]), last, truth)
+        columns = list(self._sources(form, nodes))
+        order = np.lexsort(columns[::-1]) if columns else np.arange(nodes.size)
+        truth = not last and bool(BOOLEAN[self._code[nodes[0]]])
+        sources = np.stack(columns, axis=1)[order] if columns else np.zeros((nodes.size, 0), dtype=np.int64)
+        return Loop(form, sources, targets[order] if last else self._settled(form, nodes[order]), last, truth)
+
+    def _sources(self, form: int, nodes: Ids) -> Iterator[Ids]:
+        """The places of the leaves of expressions, leaf by leaf."""
+        stack = [(form, nodes)]
+        while stack:
+            part, nodes = stack.pop()
+            if self.is_leaf(part):
+                yield self._found(self.forms[part], nodes)
+                continue
+            columns: Any = (operand[nodes] for operand in self._operands)
+            if self.forms[part][0] in CALLS:
+                columns = np.stack([self.graph.operands[node] for node in nodes.tolist()], axis=1)
+            stack += list(zip(self.forms[part][2:], columns, strict=False))[::-1]
+
+    def _found(self, where: Form, nodes: Ids) -> Ids:
+        """The places of numbers in memory, or the bits of constants."""
+        x, y, _ = self._operands
+        if where == CONSTANT:
+            return self.graph.column("values")[x[nodes]].view(np.int64)
+        if where not in (KEPT, TRUTH):
+            return (x if where == ("parameter",) else y)[nodes].astype(np.int64)
+        entry = self._code[nodes] == CODES["entry"]
+        return np.where(entry, self._places[x[nodes] * entry] + y[nodes], self._places[nodes])
 
     def _settled(self, form: int, nodes: Ids) -> Ids:
         """Room for the values of ``nodes``."""
-        operation, _, *operands = self.forms[form]
+        operation, _, *parts = self.forms[form]
         targets = self.room + self.width(form) * np.arange(nodes.size)
         self.room += self.width(form) * nodes.size
-        self._places[nodes] = targets
-        if operation in CALLS:
-            first = len(operands) if operation == "foreign" else 0
-            for node, target in zip(nodes.tolist(), targets.tolist(), strict=True):
-                for entry in self._entries.get(node, ()):
-                    self._places[entry] = target + first + self.graph.operands[entry][1]
+        self._places[nodes] = targets + (len(parts) if operation == "foreign" else 0)
         return targets

@@ -17,6 +17,7 @@ from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import CERTAIN, representable
 from solvers.hht.step.state import State
 
+UNKNOWN = np.zeros(1)
 CRAWL = 1e-6  # of what is left of the interval: steps as short as that do not get there
 LEFT_OVER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
 
@@ -28,7 +29,7 @@ class Plan:
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
         """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros by error."""
-        return np.zeros(1), np.zeros(1)
+        return UNKNOWN, UNKNOWN
 
     def made(self, count: int) -> None:
         """``count`` of those have been made."""

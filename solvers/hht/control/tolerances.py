@@ -27,7 +27,7 @@ class Tolerances:
     @cached_property
     def finest(self) -> float:
         """The smallest relative one."""
-        return float(self.rtol.min())
+        return float(np.minimum.reduce(self.rtol))
 
     def size(self, before: State, after: State, error: Vector) -> float:
         """Of the ``error`` (2n,) of q and v of a step over what is allowed, (H26)."""
@@ -50,9 +50,12 @@ class Tolerances:
     def reachable(self, state: State, h: float) -> str:
         """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
 
-        What is allowed goes with tolerance^(3/2), (H26), and the roundoff of q over h with tolerance^(-1/2) besides.
+        Empty where roundoff is not what makes them short.  What is allowed goes with tolerance^(3/2), (H26), and the
+        roundoff of q over h with tolerance^(-1/2) besides.
         """
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
+        if factor <= 1.0:
+            return ""
         smallest = {"rtol": self.finest, "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
         return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."
@@ -68,16 +71,17 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     ProblemError
         ``rtol`` or ``atol`` has neither one entry, nor n, nor 2n.
     """
-    n = start.q.size
+    vdot = start.vdot
+    n, size_q = vdot.size, start.size_q
     relative = components("rtol", 0.0 if rtol is None else rtol, n)
     if atol is None:
-        absolute, size_q = relative.copy(), start.size_q or 1.0
-        absolute[:n] *= size_q
-        absolute[n:] *= max(start.size_v, math.sqrt(float(np.abs(start.vdot).max()) * size_q)) or 1.0
+        absolute, typical = relative.copy(), size_q or 1.0
+        absolute[:n] *= typical
+        absolute[n:] *= max(start.size_v, math.sqrt(float(np.maximum.reduce(np.abs(vdot))) * typical)) or 1.0
         return Tolerances(relative, absolute)
     given = components("atol", atol, n)
-    if start.size_q > 0 and given[:n].min() > start.size_q:
-        text = f"atol={given[:n].min():g} exceeds the size of q, {start.size_q:g}: no digit of it will be right."
+    if size_q > 0 and given[:n].min() > size_q:
+        text = f"atol={given[:n].min():g} exceeds the size of q, {size_q:g}: no digit of it will be right."
         warnings.warn(text, UserWarning, stacklevel=2)
     return Tolerances(relative, given)
 

@@ -178,8 +178,9 @@ def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
         out[i] = 0.0
     for j in range(size):
         factor, at = right[j], j * size
-        for i in range(size):
-            out[i] += columns[at + i] * factor
+        if factor != 0.0:  # those of error estimates are zero in half of their rows
+            for i in range(size):
+                out[i] += columns[at + i] * factor
 
 
 @compiled

@@ -29,10 +29,10 @@ WIDTHS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25)  # times the longest step: near the pos
 SWEEPS = 4  # of the corrector: each leaves about the square of the step, over that of the motion's own time
 CLOSE = 0.1  # of the least singular value: what a projection may change the rows, or other motions are as near
 SMOOTH = 0.2  # of the largest v': what v' on the far side may differ from that extrapolated
-SPENT = 0.05  # of the tolerance of a whole run, whose steps are allowed its power 3/2 each: there are few such steps
-NARROW = 0.25  # of the way to the position, beyond it, at least: closer to it nothing is known well
-FEW = "too few steps lead there"
-REST = 0.5  # of v: what v' may change of it on the way across, or the motion has no direction
+MOST_ERROR = 0.05  # of the tolerance of a whole run, whose steps are allowed its power 3/2 each: there are few such steps
+LEAST_BEYOND = 0.25  # of the way to the position, beyond it, at least: closer to it nothing is known well
+TOO_FEW = "too few steps lead there"
+MOST_CHANGE = 0.5  # of v: what v' may change of it on the way across, or the motion has no direction
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Approach:
 
     def crossing(self) -> Crossing | str:
         """The step across from one of the rows, or why there is none."""
-        reason, ahead = FEW, math.copysign(1.0, self.stop - self.state.t)
+        reason, ahead = TOO_FEW, math.copysign(1.0, self.stop - self.state.t)
         longest = max((abs(after.t - before.t) for before, after in pairwise(self.places)), default=0.0)
         for factor in WIDTHS:
             found = [i for i, x in enumerate(self.places) if (self.position.t - x.t) * ahead >= factor * longest]
@@ -69,7 +69,7 @@ class Approach:
                 if found:
                     return self._across(found[-1])
             except (Refused, NonFiniteValue) as refused:
-                reason = reason if str(refused) == FEW else str(refused)
+                reason = reason if str(refused) == TOO_FEW else str(refused)
             except BudgetSpent:
                 return "a budget is used up"
         return reason
@@ -89,7 +89,7 @@ class Approach:
         leading = _spread_over(self.places[: last + 1], abs(half))
         nodes = [self._accelerated(self._projected(rows, x, x)) for x in leading]
         start, h = nodes[0], t1 - before.t
-        if abs(h) * largest(start.vdot) > REST * largest(start.v):
+        if abs(h) * largest(start.vdot) > MOST_CHANGE * largest(start.v):
             raise Refused("the motion comes to rest there")
         q, v = quadrature(start, h, nodes)
         expected = extrapolated(start, t1, nodes)
@@ -106,7 +106,7 @@ class Approach:
         t1 = self.position.t + half
         if (self.stop - t1) * half < 0:
             t1 = self.stop
-        if (t1 - self.position.t) / half <= NARROW:
+        if (t1 - self.position.t) / half <= LEAST_BEYOND:
             raise Refused("the interval ends just beyond it")
         if (t1 - self.state.t) * half <= 0:
             raise Refused("the run is beyond it")
@@ -137,7 +137,7 @@ class Approach:
         """Refuse a step whose ends by four and by three values of v' are too far apart."""
         at, there = (replace(self.state, q=q, v=v) for q, v in ((start.q, start.v), end))
         size = self.tolerances.size(at, there, np.concatenate(rough) - np.concatenate(end))
-        if size > max(1.0, SPENT / math.sqrt(max(self.tolerances.finest, EPS))):
+        if size > max(1.0, MOST_ERROR / math.sqrt(max(self.tolerances.finest, EPS))):
             raise Refused(f"the error of a step across it is {size:.2g} times what the tolerances allow of a step")
 
     def _begun(self, far: Place, h: float) -> State:
@@ -157,7 +157,7 @@ def _spread_over(places: list[Place], width: float) -> list[Place]:
             found.append(place)
         if len(found) == 3:
             return found
-    raise Refused(FEW)
+    raise Refused(TOO_FEW)
 
 
 def quadrature(start: Place, h: float, nodes: list[Place]) -> tuple[Vector, Vector]:

@@ -79,7 +79,7 @@ class Engine:
         """Made when they are first needed."""
         return Loops(self, self._events)
 
-    @property
+    @cached_property
     def why(self) -> str:
         """How the steps are made."""
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
@@ -148,17 +148,19 @@ class Engine:
             loops.held = state
         return state, made, self._unless_spent(ended)
 
-    def started(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
+    def started(self, place: Place, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
-        work, count = self.work, self.points * (1 + self.structure.constrained)
+        work, count, s, (lam, mu) = self.work, self.points * (1 + self.structure.constrained), self.structure, guesses
         work.check_time()
         if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
             return None
-        state = self.loops.start(t, q, v, guesses)
+        if (lam is not None and lam.size != s.m) or (mu is not None and mu.size != s.p):
+            return None
+        state = self.loops.start(place, guesses)
         if state is not None:
-            work.add("residual_evaluations", count)
-        if state is not None and self.method.coefficients.total:
-            return replace(state, a=state.vdot, f=state.vdot)
+            work.tally["residual_evaluations"] += count
+            if self.method.coefficients.total:
+                return state.but(a=state.vdot, f=state.vdot)
         return state
 
     def prepared(self, state: State, stop: float) -> State:
@@ -244,7 +246,8 @@ class Engine:
             return ""
         without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
         self.functions = functions_for(usable(without, self.place), self.method, self.linsolver)
-        self.__dict__.pop("loops", None)
+        for name in ("loops", "why"):
+            self.__dict__.pop(name, None)
         self.fallible, self.distrusts = False, True
         return ", ".join(self.declared)
 

@@ -41,7 +41,7 @@ from solvers.hht.run.kkt import level_functions
 from solvers.hht.step.newton import NewtonOptions
 
 LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
-LONGEST = 50_000  # unknowns of a step beyond which no function of it is machine code: its graph has a million nodes
+LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
 FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
 
@@ -278,7 +278,7 @@ class PythonFunctions(Functions):
         static = replace(method, start="f0"), layout
         try:
             coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
-        except NotImplementedError as error:  # a primitive whose sparsity asdex does not know
+        except NotImplementedError as error:  # neither the graph nor asdex knows a primitive
             return f"the pattern of its derivatives cannot be read: {error}"
         analysis = of_pattern(coloured.pattern, layout.size, linsolver)
         return analysis.reason if analysis.kind == "dense" else (products, layout, coloured)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from itertools import accumulate
+from functools import lru_cache, partial
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -28,13 +28,11 @@ PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nea
 class OutputRows:
     """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
 
-    def __init__(self, rows: Matrix, between: Any, n: int, m: int) -> None:
-        """Of ``rows`` (k, 1 + 2n + m + p), of which the attributes but :attr:`t` are parts."""
-        self.rows = rows
+    def __init__(self, rows: Matrix, between: Any, parts: Sequence[Any]) -> None:
+        """Of ``rows`` (k, 1 + 2n + m + p), of which q, v (k, n), lam (k, m) and mu (k, p) are ``parts``."""
+        self.rows, self.t = rows, rows[:, 0].copy()
         self.between = between  #: (k,) whether it lies between the ends of steps; None: they are those ends
-        self.t = rows[:, 0].copy()  #: (k,)
-        self.q, self.v = rows[:, 1 : 1 + n], rows[:, 1 + n : 1 + 2 * n]  #: (k, n) each
-        self.lam, self.mu = rows[:, 1 + 2 * n : 1 + 2 * n + m], rows[:, 1 + 2 * n + m :]  #: (k, m), (k, p)
+        self.q, self.v, self.lam, self.mu = [rows[part] for part in parts]
 
 
 class History:
@@ -48,17 +46,16 @@ class History:
         """``start``: its row."""
         self._layout = layout = row_layout(structure)
         self._rows = np.empty((ROOM, layout.columns))
-        self._count = self._changes = self._dropped = 0
+        self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
         self._elapsed, self._begin = 0.0, float(start[0])
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
-        self._sizes = np.zeros(2 * layout.n)  # of the steps that were dropped
+        self._sizes: Any = 0.0  # (2n,) of the steps that were dropped
         self._remarks: list[str] = []
-        self._occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in range(events))
-        self.restart(start)
+        self._occurrences: tuple[list[Occurrence], ...] = tuple([[] for _ in range(events)])
 
     def restart(self, row: Vector) -> None:
-        """Append a state that no step has led to: the start, or what an event made of the last."""
+        """Append a state that no step has led to: what an event made of the last."""
         self._changes += 1
         self.room(1)[0] = row
         self.commit(1)
@@ -119,18 +116,18 @@ class History:
 
     def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
-        n, m = self._layout.n, self._layout.m
-        if self._ahead is None:
-            return OutputRows(self._rows[: self._count].take(self._layout.own, axis=1), None, n, m), self._count
-        times, low, high = self._ahead, *sorted((float(self._rows[0, 0]), float(self._rows[self._count - 1, 0])))
-        if times.size and not (low <= times[0] <= high and low <= times[-1] <= high):  # sorted: else all were reached
+        layout, times = self._layout, self._ahead
+        if times is None:
+            return OutputRows(self._rows[: self._count].take(layout.own, axis=1), None, layout.output), self._count
+        low, high = sorted(self.span)
+        if times.size and not (low <= times.item(0) <= high and low <= times.item(-1) <= high):  # else all were reached
             times = times[(times >= low) & (times <= high)]
         rows, between = self._interpolated(times, enough)
         asked = times.size
         if self._output:
             asked += sum(len(part) for part, _ in self._output)
             rows, between = (np.concatenate(parts) for parts in zip(*self._output, (rows, between), strict=True))
-        return OutputRows(rows, between, n, m), asked
+        return OutputRows(rows, between, layout.output), asked
 
     def _interpolated(self, times: Vector, enough: Callable[[], bool]) -> tuple[Matrix, Any]:
         """Rows [t, q, v, lam, mu] at ``times`` (k,), and which are between steps; fewer where there is ``enough()``."""
@@ -155,17 +152,22 @@ class History:
     @property
     def steps(self) -> tuple[int, float]:
         """How many were accepted, and the sum of their signed lengths [s]."""
-        h = self._rows[: self._count, 1][self._made()]
-        return self._dropped + h.size, self._elapsed + float(np.add.reduce(h))
+        h = self._rows[1 : self._count, 1]  # zero where a change has ended none
+        return self._dropped + int(np.count_nonzero(h)), self._elapsed + float(np.add.reduce(h))
 
     def _made(self) -> Any:
         """Which rows are ends of steps."""
         return slice(1, None) if self._changes == 1 else self._rows[: self._count, 1] != 0.0
 
-    def kept(self, output: HermiteOutput) -> dict[str, Any]:
-        """What the Solution says of events and, if the steps were kept, of these; ``output``: the dense output."""
-        steps = {} if self._dropped else {"steps_data": self._steps_data(), "interpolant": output}
-        return steps | self._events()
+    def kept(self, project: Callable[[HermiteOutput], Any] | None = None) -> dict[str, Any]:
+        """What the Solution says of events and, if the steps were kept, what it reads of these; ``project`` dense output."""
+        return ({} if self._dropped else {"_read": partial(self._read, project)}) | self._events()
+
+    def _read(self, project: Callable[[HermiteOutput], Any] | None, name: str) -> Any:
+        """``steps_data``, ``interpolant`` or ``projection``."""
+        if name == "steps_data":
+            return self._steps_data()
+        return self._dense_output() if name == "interpolant" else project and project(self._dense_output())
 
     def _steps_data(self) -> StepsData:
         """Stage values, one row per accepted step; parts of the rows themselves, which nobody changes any more."""
@@ -174,7 +176,7 @@ class History:
         stages = {"a": rows[:, a], "lam_start": rows[:, lam_start], "lam_end": rows[:, lam_end], "mu_half": rows[:, mu]}
         return StepsData(t=rows[:, 0], h=rows[:, 1], **stages)
 
-    def dense_output(self) -> HermiteOutput:
+    def _dense_output(self) -> HermiteOutput:
         """Interpolant through all rows; parts of them."""
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
@@ -201,10 +203,12 @@ class RowLayout:
     def __init__(self, structure: Structure) -> None:
         n, m = structure.n, structure.m
         ends = tuple(accumulate((1, 1, n, n, n, m, m, structure.p)))
-        self.n, self.m, self.columns = n, m, ends[-1]
+        self.n, self.columns = n, ends[-1]
         self.parts = tuple(map(slice, (0, *ends), ends))  #: t, h, q, v, a, lam at both ends and mu
         every = np.arange(self.columns)
         self.own = np.concatenate([every[self.parts[i]] for i in (0, 2, 3, 6, 7)])  #: t, q, v, lam at the end and mu
+        cuts = pairwise(accumulate((1, n, n, m, structure.p)))
+        self.output = [(slice(None), slice(*cut)) for cut in cuts]  #: q, v, lam, mu of such rows
         self.interpolate = interpolate.following(n, m)  #: threads share it: it keeps nothing
 
 

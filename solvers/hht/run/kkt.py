@@ -178,7 +178,7 @@ def kkt_of(dynamics: Dynamics) -> Entries | None:
 def _kkt_of(dynamics: Dynamics) -> list[Entries]:
     try:
         found = kkt_code(dynamics)
-    except (NotNative, NotImplementedError):  # the second: a primitive whose sparsity asdex does not know
+    except (NotNative, NotImplementedError):  # the second: a pattern that cannot be read
         return []
     return [] if found.analysis.kind == "sparse" else [found]
 

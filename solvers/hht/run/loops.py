@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import CONSISTENT
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
-from solvers._start import Guesses
+from solvers._start import Guesses, Place
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import HIGHEST
@@ -71,11 +72,12 @@ class Loops:
         kept, self._parts = state_sections(z)
         self._state, self._number, self._variable = z.w[kept], self.section(mem.NUMBER), bool(z.i[mem.VARIABLE])
         self._row = row_places(z)
-        self._entries: dict[Any, Callable[..., Any]] = {}
+        self._entry = lru_cache(self._made)
         self.has_level = bool(z.i[mem.C_KKT])  #: the acceleration level, of full matrices
         looks_closer = engine.structure.constrained and not self.has_level  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
-        self._place, self._multipliers = self.section(mem.PLACE), [self.section(name) for name in (mem.LAM, mem.MU)]
+        self._place = np.split(self.section(mem.PLACE), [1, 1 + engine.structure.n])
+        self._multipliers = [self.section(name) for name in (mem.LAM, mem.MU)]
         self._counts = integer_view(z, mem.COUNTED)
 
     def again(self, work: Work) -> None:
@@ -131,10 +133,10 @@ class Loops:
         if self.events.events:
             integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
 
-    def start(self, t: float, q: Vector, v: Vector, guesses: Guesses) -> State | None:
-        """The state before the first step at (t, q, v) with multipliers near ``guesses``; None: not plainly a good start."""
-        self.held, place, n = None, self._place, q.size
-        place[0], place[1 : 1 + n], place[1 + n :] = t, q, v
+    def start(self, place: Place, guesses: Guesses) -> State | None:
+        """The state before the first step at ``place`` with multipliers near ``guesses``; None: not plainly a good start."""
+        self.held, (t, q, v) = None, self._place
+        t[:], q[:], v[:] = place.t, place.q, place.v
         for section, guess in zip(self._multipliers, guesses, strict=True):
             section[:] = 0.0 if guess is None else guess
         return self.store(controlled=False) if self._entry(start)() else None
@@ -149,7 +151,8 @@ class Loops:
         """The state that the loops left in their memory."""
         kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
         t, h, size_q, size_v, _, _ = self._number.tolist()
-        self.held = State.read_later(kept.read, t=t, h=h or None, size_q=size_q, size_v=size_v, controlled=controlled)
+        known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled, "_read": kept.read}
+        self.held = State.of(known)
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
@@ -175,19 +178,16 @@ class Loops:
         self.count()
         return result or 0
 
-    def _entry(self, entry: Any) -> Callable[..., Any]:
+    def _made(self, entry: Any) -> Callable[..., Any]:
         """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
-        if entry not in self._entries:
-            first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
-            self._entries[entry] = partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
-        return self._entries[entry]
+        first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
+        return partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
 
     def count(self) -> None:
         """Count the work of the loops since this was called last."""
-        tally = self.work.tally
-        for name, count in zip(mem.COUNTS, self._counts.tolist(), strict=True):
-            if count:
-                tally[name] += count
+        tally, counts = self.work.tally, self._counts.tolist()
+        for name, count in compress(zip(mem.COUNTS, counts, strict=True), counts):
+            tally[name] += count
         self._counts.fill(0)
 
     def ready(self, *, controlled: bool, suspicious: bool) -> None:

@@ -42,10 +42,10 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
         return put(engine.dynamics, functions, t, q, v, sizes, lambda: clock.left() >= 0.0)
 
 
-def projection_of(engine: Engine, steps: Any) -> OnConstraints:
-    """What puts dense output through the ``steps`` of ``engine`` onto the constraints, when the run is over."""
+def projection_of(engine: Engine) -> Callable[[Any], OnConstraints]:
+    """What makes of its steps what puts dense output through them onto the constraints, when the run is over."""
     move = partial(_put_later, engine.dynamics, engine.functions if engine.functions.alone else None)
-    return OnConstraints(engine.dynamics, move, steps, held=engine.method.coefficients.both_levels)
+    return partial(OnConstraints, engine.dynamics, move, held=engine.method.coefficients.both_levels)
 
 
 def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:

@@ -19,7 +19,7 @@ from solvers._start import Failure
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 
-STUCK = (  # ends that may have a singular position for their cause
+MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
     Status.newton_failed,
     Status.step_too_small,
     Status.singular_iteration_matrix,
@@ -60,14 +60,14 @@ class SingularPosition:
     t: float  #: [s]
     rows: int  #: of the constraints
     rank: int
-    dependent: tuple[int, ...]  #: rows of [g; k] that depend on others there
+    dependent: tuple[int, ...]  #: as many rows of [g; k] that depend on the others there; other choices may be as good
 
     @property
     def text(self) -> str:
         """In words."""
         return (
             f"the constraints lose rank at t = {self.t:.10g}: a singular position, of rank {self.rank} of {self.rows} rows; "
-            f"dependent on the others there: rows {list(self.dependent)} of [g; k]"
+            f"for example rows {list(self.dependent)} of [g; k] depend on the others there"
         )
 
 
@@ -163,7 +163,7 @@ def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
 
 def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | None:
     """The singular position that has caused the ``failure`` of a run through ``places``; None where there is none."""
-    if failure.status not in STUCK or not places:
+    if failure.status not in MAY_BE_SINGULAR or not places:
         return None
     reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
     return singular_position(engine.dynamics, places, reach)

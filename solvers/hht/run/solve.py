@@ -21,6 +21,7 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
+from solvers.hht.run.beside import Beside
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -35,7 +36,9 @@ from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
+ARRIVED = Failure(Status.success, Status.success.text)
 FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
 FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 
@@ -81,16 +84,22 @@ class Integration:
         if self.stepper is None:
             return self._nothing(end)
         rows, _ = self.history.output_rows(lambda: False)
-        more = self.history.kept(self.history.dense_output())
-        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **more)
+        return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **self.history.kept())
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
         """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
-        output = self.history.dense_output()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        unmet = self._put_on_constraints(engine, rows)
+        before = None if rows.between is None else (rows.q[rows.between], rows.v[rows.between])
+        unmet, remarks = self._put_on_constraints(engine, rows), list[str]()
+
+        def recover() -> Any:
+            done = recovered(engine, rows.rows)
+            if before is not None and engine.method.coefficients.both_levels:
+                remarks.append(Beside(engine.dynamics, rows, *before).keep(done))
+            return done
+
         own, carried = own_multipliers(rows), None
         if self.request.t_eval is None and engine.structure.constrained:
             both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
@@ -99,10 +108,9 @@ class Integration:
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
-        more = self.history.kept(output) | {"carried": carried}
-        if "interpolant" in more:
-            more["projection"] = projection_of(engine, output)
-        return solution_of(engine, end, (rows.t, rows.q, rows.v), own, lambda: recovered(engine, rows.rows), note, **more)
+        more = self.history.kept(projection_of(engine))
+        found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, carried=carried, **more)
+        return found.but(message=f"{found.message} {remarks[0]}") if any(remarks) else found
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -135,10 +143,10 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
     Returns how it ended.
     """
-    watch, taken, clock = EventState(counts=(0,) * len(stepper.events)), 0, stepper.engine.work.clock
+    watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     count = FIRST if clock.limit is None else FEW
     first = pace = pace_of(stepper.engine, taken, state.t)
-    look = LOOK
+    look, crossed = LOOK, 0
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
@@ -157,21 +165,25 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             history.restart(stepper.engine.loops.row(after.state))
         state, watch = after.state, after.watch
         if after.ended is not None:
-            beyond = go_beyond(stepper, after.ended, state, stop, history)
+            beyond = go_beyond(stepper, after.ended, state, stop, history, often=crossed > CROSSED + taken / BETWEEN)
             if isinstance(beyond, Failure):
                 return beyond
-            state = beyond
-            continue
-        if taken == look:
+            state, taken, crossed = beyond, taken + 1, crossed + 1
+        if taken >= look:
             before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
             by_error, paces = stepper.plan.by_error, (first, before, pace)
-            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances.finest)):
+            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances, max_num_steps)):
                 return ended
-    return Failure(Status.success, Status.success.text)
+    return ARRIVED
 
 
-def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, history: History) -> State | Failure:
-    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends."""
+def go_beyond(
+    stepper: Stepper, ended: Failure, state: State, stop: float, history: History, *, often: bool
+) -> State | Failure:
+    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends.
+
+    ``often``: it has been beyond so many that it would only go from one to the next.
+    """
     engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LOOKED_AT))
     position = cause_of(engine, ended, places)
     if position is None:
@@ -180,13 +192,15 @@ def go_beyond(stepper: Stepper, ended: Failure, state: State, stop: float, histo
         return told(position, "the steps are prescribed")
     if stepper.events:
         return told(position, "events would not be seen there")
+    if often:
+        return told(position, f"the run has stepped over {CROSSED:d} and more already, one every {BETWEEN:d} steps or less")
     found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
     if isinstance(found, str):
         return told(position, found)
     row = engine.loops.row(found.state)
     row[1] = found.h
-    history.replace_last(found.steps, row, f"At t = {position.t:.10g} s a step across a singular position was made.")
-    engine.work.add("steps_rejected_error", found.steps)
+    place = f", in the place of the last {found.steps}" if found.steps else ""
+    history.replace_last(found.steps, row, f"At t = {position.t:.10g} s a step across a singular position was made{place}.")
     engine.work.add("steps_accepted", 1 - found.steps)
     return found.state
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +36,7 @@ from solvers.hht.step.state import State
 NOTHING = np.zeros(0)
 
 
-@dataclass(frozen=True)
-class Started:
+class Started(NamedTuple):
     """The engine with its first state; ``note`` says what was done to the start."""
 
     purpose: Hashable  #: what the engine was made for
@@ -89,7 +87,7 @@ def begin(
         of = system, options, place, work
         engine = ready.again(place, work) if ready and unseen else make_engine(*of, controlled=controlled, ready=ready)
         engine.watch(events)
-        plain = None if options.calc_initcond else plain_start(engine, place, guesses)
+        plain = None if options.calc_initcond else engine.started(place, guesses)
         if plain is not None:
             return Started(purpose, engine, plain, "")
         if unseen:
@@ -110,14 +108,6 @@ def begin(
 
     started: Started | Failure = tried_twice(begun, work, place.t)
     return started
-
-
-def plain_start(engine: Engine, place: Place, guesses: Guesses) -> State | None:
-    """The state before the first step by machine code; None where Python has to look closer."""
-    s = engine.structure
-    lam, mu = guesses
-    fits = (lam is None or lam.size == s.m) and (mu is None or mu.size == s.p)
-    return engine.started(place.t, place.q, place.v, guesses) if fits else None
 
 
 def make_engine(

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
-from solvers._projection import sizes_from
-from solvers._start import Failure, Place, budget_failure
+from solvers._projection import PROJECTED, sizes_from
+from solvers._start import Failure, Place, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
@@ -41,8 +41,7 @@ class EventState:
     changed: tuple[int, ...] = ()  #: events that made the state it begins from
 
 
-@dataclass(frozen=True)
-class Accepted:
+class Accepted(NamedTuple):
     """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
 
     state: State  #: after them
@@ -56,7 +55,7 @@ class Accepted:
 Cut = tuple[Attempt, int]  # a step made shorter to end at an event, and the number of that
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class Stepper:
     """How an integration goes on from a state."""
 
@@ -122,13 +121,13 @@ class Stepper:
         if changing:
             changed = self._changed(state, changing)
             if isinstance(changed, Failure):
-                return replace(accepted, ended=changed)
+                return accepted._replace(ended=changed)
             state, watch = changed, replace(watch, values=None, changed=accepted.stopping)
         named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(watch.counts[i])]
         if named:
             text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
             ended = Failure(Status.event, text)
-        return replace(accepted, state=state, watch=watch, ended=ended)
+        return accepted._replace(state=state, watch=watch, ended=ended)
 
     def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
         """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
@@ -243,7 +242,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
-        return _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
+        off = off_at_start(engine, state)
+        return off or _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
@@ -254,14 +254,26 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
 
 
+def off_at_start(engine: Engine, state: State) -> Failure | None:
+    """That ``state`` is a start off its constraints by what counts as consistent, but not at such tolerances; else None."""
+    if state.h is not None or not engine.structure.constrained:
+        return None
+    levels, place = of_dynamics(engine.dynamics).levels, Place(state.t, state.q, state.v)
+    text = violations(levels.at(state.t, state.q, state.v), place, PROJECTED)
+    if not text:
+        return None
+    message = f"the start violates {text}, which is more than these tolerances allow of a step's error"
+    return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or ask for calc_initcond=True")
+
+
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, *, roundoff: bool) -> Failure:
     """The error of the last step that was tried is more than what is allowed."""
     o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
     text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
-    if roundoff:
-        first = float(numbers[mem.FIRST_H])
+    first = float(numbers[mem.FIRST_H])
+    if roundoff and (remedy := plan.tolerances.reachable(before, first)):
         text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
-        return Failure(Status.step_too_small, f"{text}: {plan.tolerances.reachable(before, first)}")
+        return Failure(Status.step_too_small, f"{text}: {remedy}")
     by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
     moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
     if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves

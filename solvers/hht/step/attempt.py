@@ -31,7 +31,7 @@ def start_weights(z: Any, h: Any) -> Any:
 @compiled
 def guess(z: Any, h: Any) -> None:
     """Unknowns to begin with: extrapolated from steps of this length, else those of the last, (H46)."""
-    x, last, earlier, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
+    x, last, before, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
     size, count, degree = x.size, int(number[mem.KNOWN]) - 1, 0
     if count < 0:
         plain_guess(z, z.i[2 * mem.LAM])
@@ -42,13 +42,9 @@ def guess(z: Any, h: Any) -> None:
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
     if degree > 0:
-        weights = WEIGHTS_OF[degree]
+        a, b, c, d, e = WEIGHTS_OF[degree]  # zeros behind those of the degree
         for i in range(size):
-            x[i] = weights[0] * last[i]
-        for k in range(HIGHEST - 1):
-            if weights[1 + k] != 0.0:
-                for i in range(size):
-                    x[i] += weights[1 + k] * earlier[k * size + i]
+            x[i] = a * last[i] + b * before[i] + c * before[size + i] + d * before[2 * size + i] + e * before[3 * size + i]
 
 
 @compiled

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.filled import Filled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +32,7 @@ class Factorised:
 
 
 @dataclass(frozen=True, kw_only=True)
-class State:
+class State(Filled):
     """Where an integration stands after a step."""
 
     t: float  #: [s]
@@ -57,22 +56,3 @@ class State:
     def controlled(self) -> bool:
         """Whether step control has begun."""
         return self.memory is not None
-
-    @classmethod
-    def read_later(cls, read: Callable[[str], Any], **known: Any) -> State:
-        """The state that is ``known`` in part; the rest is ``read(name)`` when asked for: of most states it never is."""
-        state = cls.__new__(cls)
-        state.__dict__.update(known, _read=read)
-        return state
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            found = self.__dict__
-            if "_read" not in found or name not in self.__dataclass_fields__:
-                raise AttributeError(f"a State has no {name!r}")
-            value = found[name] = found["_read"](name)
-            return value
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}

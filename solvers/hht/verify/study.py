@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.evidence import Evidence, Plot, Row
 from hhtbench.processes import worker_processes
 
-Progress = Callable[[str], None]
+Progress = Callable[[str, int, int], None]  #: what is counted, done of it, all of it
 Study = tuple[Any, ...]  # a function that returns its rows and plots, and its arguments; worker processes can be sent both
 Method = dict[str, Any]  # options of HHT
 
@@ -26,7 +26,7 @@ def verify(title: str, studies: Iterable[Study], progress: Progress | None, jobs
     Parameters
     ----------
     progress
-        Told what is being measured, a line each (with ``jobs`` above 1: what is finished).
+        Told how many studies are finished, of how many.
     jobs
         Worker processes.  The rows do not depend on it.
     """
@@ -36,24 +36,19 @@ def verify(title: str, studies: Iterable[Study], progress: Progress | None, jobs
 
 def run_all(studies: Iterable[Study], progress: Progress | None, jobs: int) -> list[Any]:
     """The results of ``studies`` in their order, made here or by ``jobs`` processes if there are to be more than one."""
-    tell = progress or (lambda line: None)
+    studies, tell = list(studies), progress or (lambda *_: None)
+    tell("studies", 0, len(studies))
     if jobs == 1:
         results = []
         for study in studies:
-            tell(_label(study))
             results.append(study[0](*study[1:]))
+            tell("studies", len(results), len(studies))
         return results
     with worker_processes(jobs) as pool:
-        waiting = {pool.submit(*study): study for study in studies}
-        for done in as_completed(waiting):
-            tell(f"done: {_label(waiting[done])}")
-        return [future.result() for future in waiting]
-
-
-def _label(study: Study) -> str:
-    function, *arguments = study
-    shown = [x for x in arguments if not isinstance(x, (Sequence, Mapping)) or isinstance(x, str)]
-    return " ".join([function.__name__.replace("_", " "), *map(str, shown)])
+        futures = [pool.submit(*study) for study in studies]
+        for count, _ in enumerate(as_completed(futures), 1):
+            tell("studies", count, len(studies))
+        return [future.result() for future in futures]
 
 
 def collected(title: str, found: Iterable[Any], began: float) -> Evidence:
