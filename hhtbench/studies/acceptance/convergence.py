@@ -13,7 +13,8 @@ import hhtbench as hb
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import PENDULUM, SPAN, off, problem
-from hhtbench.testing.extremes.scenes import DoublePendulum, Oscillator
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from hhtbench.testing.extremes.scenes import Oscillator
 from hhtbench.testing.scenes import moving_circle, oscillator, screw, skate
 
 MOVING = (PENDULUM, moving_circle(), skate(), screw())  # position, moving, velocity, both kinds of constraints

@@ -17,7 +17,7 @@ from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
 from hhtbench.testing.extremes.known import held, kept
-from hhtbench.testing.extremes.scenes import parallelogram, parallelogram_levels
+from hhtbench.testing.extremes.linkages import parallelogram, parallelogram_levels
 from hhtbench.testing.scenes import GRAVITY, PERIOD, RADIUS
 
 STEPS = 500  # a swing

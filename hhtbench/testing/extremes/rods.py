@@ -16,7 +16,8 @@ from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import ROWS, Cell, Expected, axis
 from hhtbench.testing.extremes.known import held, motion, off
-from hhtbench.testing.extremes.scenes import DoublePendulum, double_pendulum, double_pendulum_angles, stiff
+from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum, double_pendulum_angles
+from hhtbench.testing.extremes.scenes import stiff
 from hhtbench.testing.extremes.springs import CURVATURE, beside
 from hhtbench.testing.scenes import PERIOD, SPAN, Frame, Scene, pendulum
 from hhtbench.testing.subject import ACCURACY
