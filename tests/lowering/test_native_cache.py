@@ -52,15 +52,15 @@ SOLVERS = (
     "projected",
     "collocation",
 )
+ASKED = [(way, solver) for way in WAYS for solver in SOLVERS if way == "lru_cache" or solver in ("hht", "diffrax")]
 SCRIPT = """
 import importlib, sys; sys.path.insert(0, sys.argv[1])
 import hhtbench as hb
 
-for way in {ways}:
+for way, solver in {asked}:
     system = importlib.import_module(way + "_mechanism").Mechanism()
     problem = hb.Problem(name="spring", system=system, t_span=(0, 1), q0=[1, 1], v0=[0, 0])
-    for solver in {solvers}:
-        print(way, solver, hb.solve(problem, solver, rtol=1e-4).q[-1, 0], sep="|")
+    print(way, solver, hb.solve(problem, solver, rtol=1e-4).q[-1, 0], sep="|")
 """
 
 
@@ -73,7 +73,7 @@ def new_process(folder, k):
     with sqlite3.connect(folder / "k.sqlite") as database:
         database.execute("CREATE TABLE spring (k)")
         database.execute("INSERT INTO spring VALUES (?)", (k,))
-    command = [sys.executable, "-c", SCRIPT.format(ways=list(WAYS), solvers=SOLVERS), str(folder), str(k)]
+    command = [sys.executable, "-c", SCRIPT.format(asked=ASKED), str(folder), str(k)]
     own = {"SPRING_K": str(k), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=False)
     assert not done.returncode, done.stderr
@@ -81,12 +81,12 @@ def new_process(folder, k):
 
 
 def test_a_new_process_sees_what_its_system_reads_by_whatever_way(tmp_path):
-    """lru_cache, environment, SQLite, an attribute, sys.argv, an executed and a changed file, by every solver."""
+    """lru_cache, environment, SQLite, an attribute, sys.argv, an executed and a changed file; the first by every solver."""
     for name, (setup, stiffness) in WAYS.items():
         (tmp_path / f"{name}_mechanism.py").write_text(MECHANISM.format(setup=setup, stiffness=stiffness))
     for k, exact in ((1.0, np.cos(1.0)), (4.0, np.cos(2.0))):
         found = new_process(tmp_path, k)
-        assert len(found) == len(WAYS) * len(SOLVERS)
+        assert len(found) == len(ASKED)
         for where, q in found.items():
             assert q == pytest.approx(exact, abs=1e-3), where
 
