@@ -19,7 +19,7 @@ from hhtbench.studies.stability.tables import allowed, markdown
 from hhtbench.studies.stability.workers import Batch, Measured, Worker
 from hhtbench.testing import Kind as CheckKind
 from hhtbench.testing import check_solver
-from hhtbench.testing.extremes import recurrence, scenes
+from hhtbench.testing.extremes import linkages, recurrence, scenes
 from hhtbench.testing.extremes.cell import Kind, Outcome, measure
 from hhtbench.testing.extremes.table import AXES, chosen_axes
 from solvers.hht.verify.vibration import roots
@@ -72,7 +72,7 @@ CLOSED = {
     "bouncing": lambda: scenes.bouncing(100.0, 2.0),
     "sliding": lambda: scenes.sliding(0.2, 2.0),
     "leaning": lambda: scenes.leaning([[1.0, 0.0], [1.0, 0.1]], 2.0),
-    "parallelogram": lambda: scenes.parallelogram(2.0),
+    "parallelogram": lambda: linkages.parallelogram(2.0),
 }
 
 
