@@ -21,7 +21,8 @@ from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
 from hhtbench.studies.parts.scenes import H, Scene
 
-COUNTED, TIMED, TRACED = 20, 2000, 200  # steps of the shorter run
+COUNTED, TIMED = 20, 2000  # steps of the shorter run
+TRACED = 500, 8200  # steps of two runs: room for steps grows fourfold from 513, both fill theirs
 ENDS = (hb.Status.success, hb.Status.max_steps)  # of runs that are measured
 
 
@@ -130,8 +131,9 @@ def memory_of(scene: Scene) -> int:
 
 def allocated_by(scene: Scene) -> float:
     """Bytes a step by which the most that a run holds at a time grows with its length."""
-    run(scene, TRACED)
-    return (_peak(scene, 2 * TRACED) - _peak(scene, TRACED)) / TRACED
+    short, long = TRACED
+    run(scene, short)
+    return (_peak(scene, long) - _peak(scene, short)) / (long - short)
 
 
 def _peak(scene: Scene, steps: int) -> int:
