@@ -13,7 +13,9 @@ from hhtbench.progress import progress
 
 
 @click.command("parts")
-@click.option("--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the median counts.")
+@click.option(
+    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the median counts."
+)
 @json_option
 def parts_command(rounds: int, json_file: Path | None) -> None:
     """Measure what HHT's optional parts cost, present and absent, and what its automatic reductions gain.

@@ -17,6 +17,14 @@ from solvers.hht.linear.analysis import KINDS
 ENGINES = ("compiled", "python")
 
 
+def _names(without: Any) -> tuple[str, ...]:
+    """Those of ``without``, one name or several, each once and in the order of ``REDUCTIONS``."""
+    given = (without,) if isinstance(without, str) else without
+    if not isinstance(given, (tuple, list)) or not all(name in tuple(REDUCTIONS) for name in given):
+        raise ProblemError(f"without must hold names of {', '.join(REDUCTIONS)}; got {without!r}.")
+    return tuple(name for name in REDUCTIONS if name in given)
+
+
 @dataclass(frozen=True, kw_only=True)
 class HHTOptions:
     """The options of :class:`~solvers.hht.solver.HHT`, of its adapter and of the engines.
@@ -46,10 +54,10 @@ class HHTOptions:
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
     without
-        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "force" (it does not depend
-        on q or v), "time" (g does not), "reaction" (it is linear in the multipliers), "velocity" (the velocity reaction does
-        not depend on v), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does without inverse,
-        bands and blocks.  ``hhtbench study parts`` measures all of them.
+        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "force" (it does not
+        depend on q or v), "time" (g does not), "reaction" (it is linear in the multipliers), "velocity" (the velocity
+        reaction does not depend on v), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
+        without inverse, bands and blocks.  ``hhtbench study parts`` measures all of them.
     engine
         "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
     calc_initcond
@@ -134,11 +142,3 @@ def make_options(kind: Any = HHTOptions, name: str = "hht", **given: Any) -> Any
     if unknown:
         raise TypeError(f"{name} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
     return kind(**given)
-
-
-def _names(without: Any) -> tuple[str, ...]:
-    """Those of ``without``, one name or several, each once and in the order of ``REDUCTIONS``."""
-    given = (without,) if isinstance(without, str) else without
-    if not isinstance(given, (tuple, list)) or not all(name in tuple(REDUCTIONS) for name in given):
-        raise ProblemError(f"without must hold names of {', '.join(REDUCTIONS)}; got {without!r}.")
-    return tuple(name for name in REDUCTIONS if name in given)

@@ -226,7 +226,7 @@ class HHT:
 
     @property
     def memory(self) -> int:
-        """Bytes of the arrays that steps by hand work in; they allocate no others, but rows of solutions and callbacks do."""
+        """Bytes of the arrays that the loop works in while it steps by hand; 0 before :meth:`init_step`."""
         z = None if self._engine is None else self._engine.loops.z
         return 0 if z is None else z.w.nbytes + z.i.nbytes
 

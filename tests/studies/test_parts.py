@@ -91,7 +91,10 @@ def test_every_reduction_that_is_read_off_a_system_is_measured():
     ("found", "words"),
     [
         (PartCost(part=NAMED["g"], absent=COST, present=COST), ""),
-        (PartCost(part=NAMED["g"], absent=replace(COST, calls={"constraint": 2.0}), present=COST), "g: 0 calls and 2 a step"),
+        (
+            PartCost(part=NAMED["g"], absent=replace(COST, calls={"constraint": 2.0}), present=COST),
+            "g: 0 calls and 2 a step",
+        ),
         (PartCost(part=NAMED["k"], absent=replace(COST, once={"velocity_reaction": 1.0}), present=COST), "k: 1 calls"),
         (GAIN, ""),
         (replace(GAIN, difference=2e-12), "the answer differs by 2.0e-12"),
@@ -118,7 +121,6 @@ def test_the_command_prints_both_tables_and_writes_them(monkeypatch, tmp_path):
     assert written["parts"][0]["present"]["calls"]["event"] > 0
     assert written["reductions"][0]["difference"] <= study.SAME
     assert all(name in done.output for name in ("events", "kept inverse of few unknowns", "linsolver=dense"))
-
 
 
 def test_a_run_that_ends_early_is_not_measured():

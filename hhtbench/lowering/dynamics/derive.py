@@ -40,7 +40,13 @@ _derived = Cache(64)  # reading a structure costs a trace for each function of t
 
 
 def derive(
-    system: System | NumpySystem, t: float, q: Vector, v: Vector, *, ignored: tuple[str, ...] = (), without: tuple[str, ...] = ()
+    system: System | NumpySystem,
+    t: float,
+    q: Vector,
+    v: Vector,
+    *,
+    ignored: tuple[str, ...] = (),
+    without: tuple[str, ...] = (),
 ) -> JaxDynamics | NumpyDynamics:
     """Every derived function of ``system``, uncompiled.
 

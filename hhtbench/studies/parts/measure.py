@@ -80,7 +80,12 @@ def counted(scene: Scene, steps: int) -> Counter[str]:
 
     def look(frame: Any, event: str, _: Any) -> None:
         name = frame.f_code.co_name
-        if event == "call" and name in FUNCTIONS and name not in functions and isinstance(frame.f_locals.get("self"), NumpyDynamics):
+        if (
+            event == "call"
+            and name in FUNCTIONS
+            and name not in functions
+            and isinstance(frame.f_locals.get("self"), NumpyDynamics)
+        ):
             calls[name] += 1
 
     system, before = NumpySystem(**functions), sys.getprofile()
@@ -100,9 +105,7 @@ def plain(system: hb.System) -> dict[str, Any]:
         return lambda *arguments: np.array(function(*arguments))
 
     given = {name: declared(system, name) for name in SIGNATURES}
-    return {
-        name: called(name) if callable(value) else np.array(value) for name, value in given.items() if value is not None
-    }
+    return {name: called(name) if callable(value) else np.array(value) for name, value in given.items() if value is not None}
 
 
 def seconds_of(actions: Mapping[str, Callable[[int], object]], rounds: int) -> dict[str, float]:

@@ -134,7 +134,12 @@ class PartCost:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {"name": self.part.name, "terms": self.part.terms, "absent": asdict(self.absent), "present": asdict(self.present)}
+        return {
+            "name": self.part.name,
+            "terms": self.part.terms,
+            "absent": asdict(self.absent),
+            "present": asdict(self.present),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,10 +200,10 @@ class Study:
 
 
 NOTES = (
-    "A step in the mean: calls of a system of plain callables, with the terms that are derived from them, and microseconds\n"
-    "of processor time in machine code; bytes of the arrays that the loop works in, and those by which a run grows with its\n"
-    "length. `absent -> present` where there is one column. The machine code of a reduction that is switched off still lacks\n"
-    "what its compiler sees to be zero. Room for error control, and steps of up to 24 MB, are kept in any case."
+    "A step in the mean: calls of a system of plain callables, with the terms that are derived from them, and microseconds of\n"
+    "processor time in machine code; bytes of the arrays that the loop works in, and bytes a step by which a run grows.\n"
+    "`absent -> present` where there is one column. Code of a reduction that is switched off still lacks what its compiler\n"
+    "sees to be zero. Room for error control, and steps of up to 24 MB, are kept in any case."
 )
 
 

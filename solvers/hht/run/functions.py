@@ -287,7 +287,7 @@ class PythonFunctions(Functions):
 
 
 def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
-    """``dynamics`` without dense matrices; None: there are some, or are asked for, or ``method`` needs M^-1, and that is full."""
+    """``dynamics`` without dense matrices; None: there are or shall be some, or ``method`` needs M^-1, and that is full."""
     if not dynamics.structure.known_entries:
         return None
     products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
