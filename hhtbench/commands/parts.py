@@ -14,7 +14,7 @@ from hhtbench.progress import progress
 
 @click.command("parts")
 @click.option(
-    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the median counts."
+    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the shortest count."
 )
 @json_option
 def parts_command(rounds: int, json_file: Path | None) -> None:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from hhtbench.cli import main
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import REDUCTIONS as SWITCHES
-from hhtbench.studies.parts import study
+from hhtbench.studies.parts import measure, study
 from hhtbench.studies.parts.measure import Cost, counted, height, memory_of, run
 from hhtbench.studies.parts.scenes import Measured, Scene
 from hhtbench.studies.parts.study import PARTS, REDUCTIONS, SPHERE, SPRING, Gain, PartCost, Study, difference, line_of
@@ -111,6 +111,7 @@ def test_the_study_says_what_does_not_hold(found, words):
 
 
 def test_the_command_prints_both_tables_and_writes_them(monkeypatch, tmp_path):
+    monkeypatch.setattr(measure, "TIMED", 20)
     monkeypatch.setattr(study, "PARTS", (NAMED["events"],))
     monkeypatch.setattr(study, "REDUCTIONS", (REDUCTIONS[-1],))
     file = tmp_path / "parts.json"
