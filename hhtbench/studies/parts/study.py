@@ -97,8 +97,8 @@ PARTS = (
 COUPLED, LONG = chain(6, coupled=True), chain(60)
 REDUCTIONS = (
     Reduction(name="constant mass, one inverse", switch={"without": "mass"}, scene=COUPLED),
-    Reduction(name="no F_v", switch={"without": "force"}, scene=COUPLED),
-    Reduction(name="no g_t", switch={"without": "time"}, scene=COUPLED),
+    Reduction(name="no F_v", switch={"without": "force"}, scene=SPHERE),
+    Reduction(name="no g_t", switch={"without": "time"}, scene=SPHERE),
     Reduction(name="linear reaction", switch={"without": "reaction"}, scene=Scene(system=Sphere(), rows="between")),
     Reduction(name="velocity reaction free of v", switch={"without": "velocity"}, scene=Scene(system=Skate())),
     Reduction(name="zeros and constants of the matrix", switch={"without": "zeros"}, scene=LONG),
