@@ -18,7 +18,7 @@ from hhtbench.progress import progress
 
 @click.group("study")
 def study_command() -> None:
-    """Studies of the bench's own advice, of solvers at their extremes, and of what a scene does not require.
+    """Studies of the bench's own advice, of solvers at their extremes, of parts and reductions.
 
     For example: hhtbench study selection
     """
