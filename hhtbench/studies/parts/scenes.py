@@ -119,6 +119,7 @@ class Scene:
     v0: Vector = field(default_factory=lambda: np.array([0.0, 0.5, 0.0]))
     rows: str = "last"  #: of output: the "last", one "between" the ends of every step, or "steps", dense output with them
     controlled: bool = False  #: whether by error control, not by prescribed steps
+    uneven: bool = False  #: whether two lengths of prescribed steps alternate, so that each has a matrix of its own
     watched: bool = False  #: whether an event is looked for, which is recorded
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -128,7 +129,8 @@ class Scene:
             return (0.0, FOREVER), {"rtol": 1e-4, "max_num_steps": steps, "t_eval": np.array([FOREVER])}
         end = steps * H
         times = {"last": np.array([end]), "between": H * (np.arange(steps) + 0.5), "steps": None}
-        return (0.0, end), {"steps": steps, "t_eval": times[self.rows]}
+        lengths = H * np.tile([1.2, 0.8], steps // 2) if self.uneven else steps
+        return (0.0, end), {"steps": lengths, "t_eval": times[self.rows]}
 
     def integrator(self, event: Any, system: Any = None, **options: Any) -> Any:
         """HHT for it; ``event`` (t, q, v) is looked for where one is, ``system`` takes the place of its own."""

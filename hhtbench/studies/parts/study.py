@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -102,8 +102,8 @@ REDUCTIONS = (
     Reduction(name="linear reaction", switch={"without": "reaction"}, scene=Scene(system=Sphere(), rows="between")),
     Reduction(name="velocity reaction free of v", switch={"without": "velocity"}, scene=Scene(system=Skate())),
     Reduction(name="zeros and constants of the matrix", switch={"without": "zeros"}, scene=LONG),
-    Reduction(name="bands and blocks", switch={"linsolver": "dense"}, scene=LONG),
-    Reduction(name="kept inverse of few unknowns", switch={"linsolver": "dense"}, scene=SPHERE),
+    Reduction(name="bands and blocks", switch={"linsolver": "dense"}, scene=replace(LONG, uneven=True)),
+    Reduction(name="kept inverse of few unknowns", switch={"linsolver": "dense"}, scene=replace(SPHERE, uneven=True)),
 )
 
 
