@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -185,9 +186,10 @@ def _traded(
     loaded, spec = load_problem(problem), canonical(problem)
     candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
+    total = max(1, math.ceil(seconds))
 
     def pace(*_: object) -> None:
-        progress("seconds", round(time.monotonic() - began), round(seconds))
+        progress("seconds", min(int(time.monotonic() - began), total), total)
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
