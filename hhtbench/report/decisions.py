@@ -20,9 +20,9 @@ def reading(campaign: Campaign) -> str:
     """How the table is to be read."""
     return (
         "The table. Ranked are solvers of which it is known on all problems of the kind whether they get there: first by "
-        "how many they reach, then by the geometric mean of their costs; one that is not reached counts at least the time that "
-        f"was allowed there, or {PACE:.0e} evaluations for each second of it. Second, and HHT's place among all who get "
-        "there: how many times dearer than the cheapest; level, by time: by no more than repeats of one solve differ, "
+        "how many they reach, then by the geometric mean of their costs; one that is not reached counts at least the time "
+        f"that was allowed there, or {PACE:.0e} evaluations for each second of it. Second, and HHT's place among all who "
+        "get there: how many times dearer than the cheapest; level, by time: by no more than repeats of one solve differ, "
         f"{times(campaign.level)}. Cheaper on some: who is cheaper in the mean of those that both reach. At most: a cost is "
         "that of a run more accurate than asked; at least: one is not reached, or the cheapest's cost is at most that; "
         "about: both. Tagged stiff: by the problem's author."

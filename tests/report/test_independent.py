@@ -80,14 +80,14 @@ def drawn(seed):
 
 def asked_for(rows, source):
     """The same as a campaign asked for them, with budgets that differ; some pairs failed, others were stopped on the way."""
-    found = []
+    found, seconds = [], source.choice([2e-3, 20.0])  # what fails costs little or much beside what does not
     for pair in dict.fromkeys((row.problem, row.solver) for row in rows):
         own = [row for row in rows if (row.problem, row.solver) == pair]
-        rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6], "max_seconds": 20.0, "refinements": 5}
-        rules["pair_seconds"] = source.choice([30.0, 60.0])
+        rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6], "max_seconds": seconds, "refinements": 5}
+        rules["pair_seconds"] = seconds * source.choice([1.5, 3.0])
         changes = FAILED if source.random() < 0.2 else {}
-        own = [replace(row, request={**row.request, "rules": rules}, **changes) for row in own]
-        stopped = all(row.success for row in own) and source.random() < 0.1
+        own = [replace(row, request={**row.request, "max_seconds": seconds, "rules": rules}, **changes) for row in own]
+        stopped = seconds > 1.0 and all(row.success for row in own) and source.random() < 0.2
         found += own[: -2 if stopped else None]
     return found
 
