@@ -31,7 +31,7 @@ def _html_cell(cell: Cell) -> str:
 
 
 def sketch(problem: str) -> str:
-    """The drawing of the registered problem that ``problem`` is or is made of, within the page; empty where there is none."""
+    """The drawing of the registered problem that ``problem`` is, or is made of, as an element; empty where there is none."""
     name, _, parameters = problem.partition("(")
     file = thumbnail_of(name)
     if file is None:
