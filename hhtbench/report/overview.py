@@ -93,8 +93,8 @@ def _label_places(medians: Mapping[str, tuple[float, float]]) -> dict[str, str]:
     def beaten(place: tuple[float, float]) -> bool:
         return any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in medians.values())
 
-    own = min((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
-    named = {own} | {entry for entry, place in medians.items() if not beaten(place)}
+    own = sorted((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
+    named = {*own[:1], *(entry for entry, place in medians.items() if not beaten(place))}
     return dict(zip(sorted(named, key=lambda entry: medians[entry]), cycle(("top center", "bottom center")), strict=False))
 
 

@@ -165,6 +165,13 @@ def test_drift_figure_has_a_point_for_each_problem_and_the_median_large():
     assert drift_views([row for row in rows if row.solver == "ida"], solver_styles(["ida"])) == []
 
 
+def test_drift_figure_needs_no_drift_of_hht():
+    rows = [*law("hht", 100.0, 2), *law("ida", 50.0, 2, drift=1e-9)]
+    (view, *_) = drift_views(rows, solver_styles(["hht", "ida"]))
+    assert not _traces(view, "hht")
+    assert _traces(view, "ida")[0]["x"] == [0.5]
+
+
 def test_drift_figure_leaves_out_costs_that_are_only_bounds_and_says_whose():
     rows = [*law("hht", 100.0, 2, drift=1e-15), run("ida(form=ggl)", 1e-3, 1e-6, 100)]
     rows[-1].metrics["drift"] = {"position": 1e-9, "velocity": 1e-9}
