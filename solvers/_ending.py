@@ -155,8 +155,8 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
     """
     whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
-    own, done = [array[: len(lam)] for array in rows], 0
-    (times, q, v), order = _with_steps(own, steps)
+    count, done = len(lam), 0
+    (times, q, v), order = _with_steps((rows[0][:count], rows[1][:count], rows[2][:count]), steps)
     sizes = size_of(q), size_of(v)
     for i in order.tolist():
         t = float(times[i])
@@ -164,14 +164,12 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
             run.work.check_time()
             at = levels.at(t, q[i], v[i])
         except BudgetSpent:
-            ended = (
-                f"The time budget ended when {done} of {len(lam)} rows were looked at for constraints left out as redundant"
-            )
+            ended = f"The time budget ended when {done} of {count} rows were looked at for constraints left out as redundant"
             return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
         if lost := _lost(at, redundant, sizes):
             note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
-        if i < len(lam):
+        if i < count:
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
     return Recovered(lam, mu)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -34,37 +34,46 @@ class Beside:
     dynamics: Dynamics
     places: Sequence[Place]  #: some of the run, which tell what singular values are elsewhere
 
-    def keep(self, rows: OutputRows, before: States, done: Any) -> str:
+    def keep(self, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]) -> str:
         """:meth:`put_back` of ``rows``, which lose their multipliers; what is to be said of it.
 
         ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others,
-        found one by one, cost as much as a look.
+        found one by one, cost as much as a look.  ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
         """
         multipliers, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], ~done
-        if rows.between is not None and np.count_nonzero(rows.between) <= ALL_UP_TO:
-            also |= rows.between
-        which, text = self.put_back(rows.t, (rows.q, rows.v), before, np.abs(multipliers).max(axis=1), also)
+        loud, ends = _over_median(np.abs(multipliers).max(axis=1)), np.ones_like(done)
+        if rows.between is not None:
+            ends = ~rows.between
+            also |= rows.between & (np.count_nonzero(rows.between) <= ALL_UP_TO)
+        also[1:-1] |= ends[1:-1] & (np.abs(np.diff(loud, 2)) > 1.0)
+        moved = lambda i: kink(float(rows.t[i])) if ends[i] else rows.v[i] - before[1][i]  # noqa: E731
+        which, text = self.put_back(rows.t, (rows.q, rows.v), before, loud, also, moved)
         multipliers[which], done[which] = np.nan, True
         return text
 
     def put_back(
-        self, t: Vector, after: States, before: States, loud: Vector | None = None, also: Any = False
+        self,
+        t: Vector,
+        after: States,
+        before: States,
+        loud: Any = 0.0,
+        also: Any = False,
+        moved: Callable[[int], Vector] | None = None,
     ) -> tuple[list[int], str]:
         """Which states at ``t`` (k,) are ``before`` again, since ``after`` their projection no digit is left; and in words.
 
         Looked at are those that v was moved by most or that are ``loud`` (k,), from the loudest on, and those ``also``, as
-        many as there is time for.
+        many as there is time for.  ``moved(i)`` (n,) of v where it is not the projection alone that tells.
         """
         (q, v), found, worst, late = after, list[int](), 0.0, 0
-        louder = _over_median(np.abs(v - before[1]).max(axis=1))
-        if loud is not None:
-            louder = np.maximum(louder, _over_median(loud))
-        order = np.argsort(-louder)
-        looks = order[((louder > LOUD) | also)[order]][: self._affordable]
+        change = v - before[1]
+        loud = np.maximum(_over_median(np.abs(change).max(axis=1)), loud)
+        order = np.argsort(-loud)
+        looks = order[((loud > LOUD) | also)[order]][: self._affordable]
         for count, i in enumerate(looks.tolist()):
             place = Place(float(t[i]), q[i], v[i])  # views
             try:
-                if self._undetermined(place, v[i] - before[1][i]):
+                if self._undetermined(place, moved(i) if moved else change[i]):
                     q[i], v[i] = before[0][i], before[1][i]
                     found.append(i)
                     worst = max(worst, self._violated(place))

@@ -98,7 +98,7 @@ class Integration:
             done = recovered(engine, rows.rows)
             if rows.t.size and engine.method.coefficients.both_levels:
                 beside = Beside(engine.dynamics, some_of(rows.t, rows.q, rows.v))
-                remarks.append(beside.keep(rows, before, done))
+                remarks.append(beside.keep(rows, before, done, self.history.kink))
             return done
 
         own, carried = own_multipliers(rows), None
