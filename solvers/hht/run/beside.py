@@ -34,51 +34,24 @@ class Beside:
     dynamics: Dynamics
     places: Sequence[Place]  #: some of the run, which tell what singular values are elsewhere
 
-    def keep(self, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]) -> str:
-        """:meth:`put_back` of ``rows``, which lose their multipliers; what is to be said of it.
-
-        ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others,
-        found one by one, cost as much as a look.  ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
-        """
-        multipliers, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], ~done
-        loud, ends = _over_median(np.abs(multipliers).max(axis=1)), np.ones_like(done)
-        if rows.between is not None:
-            ends = ~rows.between
-            also |= rows.between & (np.count_nonzero(rows.between) <= ALL_UP_TO)
-        also[1:-1] |= ends[1:-1] & (np.abs(np.diff(loud, 2)) > 1.0)
-        moved = lambda i: kink(float(rows.t[i])) if ends[i] else rows.v[i] - before[1][i]  # noqa: E731
-        which, text = self.put_back(rows.t, (rows.q, rows.v), before, loud, also, moved)
-        multipliers[which], done[which] = np.nan, True
-        return text
-
     def put_back(
-        self,
-        t: Vector,
-        after: States,
-        before: States,
-        loud: Any = 0.0,
-        also: Any = False,
-        moved: Callable[[int], Vector] | None = None,
+        self, looks: Sequence[int], t: Vector, after: States, before: States, moved: Callable[[int], Vector] | None = None
     ) -> tuple[list[int], str]:
         """Which states at ``t`` (k,) are ``before`` again, since ``after`` their projection no digit is left; and in words.
 
-        Looked at are those that v was moved by most or that are ``loud`` (k,), from the loudest on, and those ``also``, as
-        many as there is time for.  ``moved(i)`` (n,) of v where it is not the projection alone that tells.
+        Looked at are the first of ``looks``, as many as there is time for.  ``moved(i)`` (n,) of v where the projection does
+        not tell.
         """
         (q, v), found, worst, late = after, list[int](), 0.0, 0
-        change = v - before[1]
-        loud = np.maximum(_over_median(np.abs(change).max(axis=1)), loud)
-        order = np.argsort(-loud)
-        looks = order[((loud > LOUD) | also)[order]][: self._affordable]
-        for count, i in enumerate(looks.tolist()):
+        for count, i in enumerate(looks[: self._affordable]):
             place = Place(float(t[i]), q[i], v[i])  # views
             try:
-                if self._undetermined(place, moved(i) if moved else change[i]):
+                if self._undetermined(place, moved(i) if moved else v[i] - before[1][i]):
                     q[i], v[i] = before[0][i], before[1][i]
                     found.append(i)
                     worst = max(worst, self._violated(place))
             except BudgetSpent:
-                late = looks.size - count
+                late = len(looks) - count
                 break
             except (NonFiniteValue, linalg.LinAlgError):  # no rank where something is not finite
                 continue
@@ -116,16 +89,57 @@ class Beside:
         return self._unit.projection.violated(place.t, place.q, place.v, sizes)
 
 
+def keep(dynamics: Dynamics, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]) -> str:
+    """:meth:`Beside.put_back` of ``rows``, which lose their multipliers; what is to be said of it.
+
+    ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others, found
+    one by one, cost as much as a look.  ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
+    """
+    multipliers, bent, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done), ~done
+    loud = _over_median(multipliers)
+    bent[1:-1] = np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) > 1.0
+    if rows.between is None:
+        also |= bent
+    else:
+        also |= np.where(rows.between, np.count_nonzero(rows.between) <= ALL_UP_TO, bent)
+        loud = np.maximum(loud, _over_median(rows.v - before[1]))
+    looks = _loudest(loud, also)
+    if not looks:
+        return ""
+
+    def moved(i: int) -> Vector:
+        at_end = rows.between is None or not rows.between[i]
+        return kink(float(rows.t[i])) if at_end else np.asarray(rows.v[i] - before[1][i])
+
+    beside = Beside(dynamics, some_of(rows.t, rows.q, rows.v))
+    which, text = beside.put_back(looks, rows.t, (rows.q, rows.v), before, moved)
+    multipliers[which], done[which] = np.nan, True
+    return text
+
+
+def most_moved(v: Matrix, before: Matrix) -> list[int]:
+    """Which of the states with ``v`` (k, n) are to be looked at, those first that are furthest from ``before``."""
+    return _loudest(_over_median(v - before), len(v) <= ALL_UP_TO)
+
+
 def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
     """The first, a middle one and the last of states (k, n) at ``t`` (k,)."""
     last = t.size - 1
     return [Place(float(t[i]), q[i], v[i]) for i in sorted({0, last // 2, last})]
 
 
-def _over_median(x: Vector) -> Vector:
-    """Each over the median of those that are not zero."""
-    some = x[x > 0.0]
-    return np.asarray(x / np.partition(some, some.size // 2)[some.size // 2]) if some.size else x
+def _loudest(loud: Vector, also: Any) -> list[int]:
+    """Of rows those that are ``loud``, and ``also`` others; the loudest first."""
+    looks = np.flatnonzero((loud > LOUD) | also)
+    found: list[int] = looks[np.argsort(-loud[looks])].tolist() if looks.size else []
+    return found
+
+
+def _over_median(x: Matrix) -> Vector:
+    """The largest of each row over the median of these, zeros apart."""
+    size = np.abs(x).max(axis=1)
+    some = size[size > 0.0]
+    return np.asarray(size / np.partition(some, some.size // 2)[some.size // 2]) if some.size else size
 
 
 def _told(times: Vector, worst: float, late: int) -> str:

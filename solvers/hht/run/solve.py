@@ -21,7 +21,7 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
-from solvers.hht.run.beside import Beside, some_of
+from solvers.hht.run.beside import keep
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -97,8 +97,7 @@ class Integration:
         def recover() -> Any:
             done = recovered(engine, rows.rows)
             if rows.t.size and engine.method.coefficients.both_levels:
-                beside = Beside(engine.dynamics, some_of(rows.t, rows.q, rows.v))
-                remarks.append(beside.keep(rows, before, done, self.history.kink))
+                remarks.append(keep(engine.dynamics, rows, before, done, self.history.kink))
             return done
 
         own, carried = own_multipliers(rows), None

@@ -223,7 +223,7 @@ class Stepper:
             return q[0], v[0], ""
         at, before = np.array([t]), (q.copy(), v.copy())
         unmet = put_on_constraints(self.engine, at, q, v, sizes_from(output.q, output.v))
-        _, kept = self._beside.put_back(at, (q, v), before, also=True)
+        _, kept = self._beside.put_back([0], at, (q, v), before)
         return q[0], v[0], f"{unmet} {kept}".strip()
 
     @cached_property
