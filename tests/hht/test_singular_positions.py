@@ -1,5 +1,7 @@
 """Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -63,6 +65,8 @@ def on_crossing_curves(angle, bent, push):
 
 BARS = hb.load_problem("four_bars(n_windows=3, t_end=1.0)")
 FLAT = brentq(lambda t: BARS.exact(t).q[2], 0.6, 0.8)  # [s]: the first position with horizontal bars
+NARROW = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
+ITS_FLAT = brentq(lambda t: NARROW.exact(t).q[2], 0.6, 0.8)
 
 
 def stop_runs(monkeypatch, edge):
@@ -149,15 +153,20 @@ def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
 @pytest.mark.parametrize("rtol", [1e-6, 1e-7, 1e-8])
 def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(rtol):
     """There both levels determine v up to roundoff over sigma, and multipliers up to that over its square."""
-    problem = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
-    flat = brentq(lambda t: problem.exact(t).q[2], 0.6, 0.8)
-    beside = flat + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
-    solution = hb.solve(problem, rtol=rtol, t_eval=[0.3, *beside, 0.9])
+    beside = ITS_FLAT + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
+    solution = hb.solve(NARROW, rtol=rtol, t_eval=[0.3, *beside, 0.9])
     assert solution.success, solution.message
     assert np.isnan(solution.lam).all(axis=1).tolist() == [False, *[True] * 5, False]
     assert "At 5 rows, first at t = 0.70844" in solution.message
-    errors = [np.abs(v - problem.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
+    errors = [np.abs(v - NARROW.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
     assert max(errors) < 20.0 * rtol
+
+
+def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch):
+    monkeypatch.setattr(solve, "recovered", lambda engine, rows: np.zeros(len(rows), dtype=bool))
+    solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, ITS_FLAT, 0.9])
+    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, True, False]
+    assert "determines no multipliers" not in solution.message
 
 
 def test_rows_of_a_regular_motion_all_have_their_multipliers():
@@ -183,10 +192,6 @@ def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failin
     solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
     assert solution.status is Status.singular_iteration_matrix
     assert "for example rows" in solution.message
-
-
-NARROW = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
-ITS_FLAT = brentq(lambda t: NARROW.exact(t).q[2], 0.6, 0.8)  # [s]
 
 
 def test_states_at_events_and_of_dense_output_beside_a_singular_position_stay_as_interpolated():
@@ -258,3 +263,8 @@ def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypat
     stop_runs(monkeypatch, 1.0)
     solution = hb.HHT(problem.system).solve((0.0, 2.0), problem.q0, problem.v0, rtol=1e-3)
     assert (solution.status, solution.message) == (Status.newton_failed, "no step goes on")
+
+
+def test_a_system_whose_looks_take_minutes_is_not_looked_at():
+    large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
+    assert run.singular.singular_position(large, None, [], 0.0) is None
