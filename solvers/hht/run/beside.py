@@ -97,7 +97,8 @@ def keep(dynamics: Dynamics, rows: OutputRows, before: States, done: Any, kink: 
     """
     multipliers, bent, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done), ~done
     loud = _over_median(multipliers)
-    bent[1:-1] = np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) > 1.0
+    with np.errstate(invalid="ignore"):  # infinite ones, which are looked at
+        bent[1:-1] = ~(np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) <= 1.0)
     if rows.between is None:
         also |= bent
     else:
@@ -139,7 +140,8 @@ def _over_median(x: Matrix) -> Vector:
     """The largest of each row over the median of these, zeros apart."""
     size = np.abs(x).max(axis=1)
     some = size[size > 0.0]
-    return np.asarray(size / np.partition(some, some.size // 2)[some.size // 2]) if some.size else size
+    with np.errstate(over="ignore"):
+        return np.asarray(size / np.partition(some, some.size // 2)[some.size // 2]) if some.size else size
 
 
 def _told(times: Vector, worst: float, late: int) -> str:
