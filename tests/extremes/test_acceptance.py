@@ -19,10 +19,6 @@ KNOWN = {  # (row, solver) -> the failing cases and why; one that no longer fail
         {f"sign {way}" for way in WAYS},
         "a block that sticks by sign(v) ends in newton_failed, at 0.33 s, and not in step_too_small",
     ),
-    ("S3", "hht"): (
-        {f"{origin} {way}" for origin in ("1e+09", "-1e+09") for way in ADAPTIVE},
-        "off by 3.6e-6, of 1e-7 allowed, at the tolerance of 1e-5: times 1.2e-7 s apart make other steps",
-    ),
     ("S5", "ida"): (
         {f"0..{TINY} ", "0..1e-300 ", "1..1.0000000000000002 ", "1..0.99999999999999989 "},
         "IDA declines an interval whose end it takes for its start",

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
+from hhtbench.testing.scenes import moving_circle
 from solvers.hht import HHT
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.formulas import fit, growth
@@ -80,15 +81,36 @@ def test_both_levels_hold_at_every_controlled_step(route):
     assert np.abs((solution.q * solution.v).sum(axis=1)).max() < 1e-12
 
 
-def test_backward_and_far_from_zero_time_is_as_good():
-    """Rows S2, S3."""
+def test_backward_is_as_good():
+    """Row S2."""
     there = HHT(JAX_PENDULUM).solve((0.0, 1.0), Q0, V0, rtol=1e-5)
     back = HHT(JAX_PENDULUM).solve((1.0, 0.0), there.q[-1], there.v[-1], rtol=1e-5)
     assert np.abs(back.q[-1] - Q0).max() < 1e-3
     assert np.all(np.diff(back.t) < 0)
-    late = HHT(JAX_PENDULUM).solve((1e9, 1e9 + 1.0), Q0, V0, rtol=1e-5)
-    assert np.abs(late.q[-1] - there.q[-1]).max() < 1e-4
-    assert late.success
+
+
+def rod(origin):
+    return JAX_PENDULUM, Q0, V0
+
+
+def growing_circle(origin):
+    problem = moving_circle(origin).problem
+    return problem.system, problem.q0, problem.v0
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7])
+@pytest.mark.parametrize("scene", [rod, growing_circle])
+def test_the_origin_of_time_changes_a_step_by_no_more_than_the_spacing_of_times(scene, rtol):
+    """Row S3: at 1e9 s they are 1.2e-7 s apart; constraints that move see the steps that are made."""
+    ends, steps = [], []
+    for origin in (0.0, 1e9, -1e9):
+        system, q0, v0 = scene(origin)
+        solution = HHT(system).solve((origin, origin + 1.0), q0, v0, rtol=rtol)
+        assert solution.success
+        ends.append([*solution.q[-1], *solution.v[-1]])
+        steps.append(solution.counters.steps_accepted)
+    assert np.ptp(ends, axis=0).max() <= 1e-7
+    assert np.ptp(steps) <= 1
 
 
 @pytest.mark.parametrize("alpha", [-0.05, -0.3])

@@ -68,16 +68,19 @@ def is_suspect(z: Any, ended: Any) -> Any:
 
 @compiled
 def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
-    """Steps from the one proposed to shorter ones until the error of one is at most 1."""
+    """Steps from the one proposed to shorter ones until the error of one is at most 1.
+
+    What the rounding of times changes of a length stays in its step: the next one is proposed from the length before that.
+    """
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
-    h, rejected, failed = max(min(control[mem.H_NEXT], o.max_step), o.min_step), 0, mem.NO_ADVANCE
+    length, rejected, failed = max(min(control[mem.H_NEXT], o.max_step), o.min_step), 0, mem.NO_ADVANCE
     least = max(o.min_step, o.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, stop - t)))
     tried[mem.FIRST_H] = 0.0
     while True:
-        asked = abs(h)
-        h, t1 = fit(t, math.copysign(h, stop - t), stop, o.min_step)
-        h = representable(t, h)  # last: a half of what is left may fall between times
+        asked = length
+        fitted, t1 = fit(t, math.copysign(asked, stop - t), stop, o.min_step)
+        length, h = abs(fitted), representable(t, fitted)  # last: a half of what is left may fall between times
         if t + h == t or t1 == t:
             if failed == mem.NO_ADVANCE:
                 tried[mem.H_TRIED] = h
@@ -96,8 +99,8 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             size = estimate(z)
             tried[mem.ERROR_SIZE] = size
             if size <= 1.0:
-                h_next = abs(h) * growth(o, size, control[mem.LAST_ERROR], rejected > 0)
-                tried[mem.NEXT_H] = max(h_next, asked) if abs(h) < asked else h_next
+                h_next = length * growth(o, size, control[mem.LAST_ERROR], rejected > 0)
+                tried[mem.NEXT_H] = max(h_next, asked) if length < asked else h_next
                 return mem.CONVERGED
             counts[mem.REJECTED] += 1
             if hopeless(z, o, h, size):
@@ -107,7 +110,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
                 factor = max(o.shrink, (o.target / size) ** (1 / 3))
         if abs(h) <= smallest:
             return failed
-        h, rejected = max(abs(h) * factor, smallest), rejected + 1
+        length, rejected = max(length * factor, smallest), rejected + 1
 
 
 @compiled
