@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from random import Random
 
 import numpy as np
 from hypothesis import strategies as st
@@ -74,32 +75,77 @@ def perhaps(values, plain, of: int):
     return st.integers(0, of - 1).flatmap(lambda x: values if x == of - 1 else st.just(plain))
 
 
+@dataclass(frozen=True)
+class Kind:
+    """What decides which code serves a mechanism, and is the same for many: compiling it takes a second."""
+
+    dim: int
+    points: int
+    rods: int
+    blade: bool = False
+    driven: bool = False
+    growing: bool = False
+    reaction: str = ""
+
+
+@dataclass(frozen=True)
+class World:
+    """The kinds of mechanisms and the methods that the cases of one process are drawn from."""
+
+    kinds: tuple[Kind, ...]
+    methods: tuple[dict, ...]  #: options of HHT: alpha, b, reaction
+    machines: tuple[Shape, ...]
+
+    @classmethod
+    def drawn(cls, number: int, kinds: int = 8, methods: int = 4, machines: int = 2) -> World:
+        """By seed; the first method is symmetric."""
+        random = Random(number)
+        some = [_kind(random) for _ in range(kinds)]
+        ways = [{"alpha": 0.0, "b": random.choice((0.0, 0.0, 0.25))}, *(_method(random) for _ in range(methods - 1))]
+        return cls(tuple(some), tuple(ways), tuple(random.sample(MACHINES, machines)))
+
+
+def _kind(random: Random) -> Kind:
+    rare, points = lambda of: random.randrange(of) == 0, random.randint(1, 5)  # noqa: E731
+    dim = random.choice((2, 2, 3)) if points < 4 else 2
+    rods = random.choice((points, points, points, points + 1, points - 1, max(points - 2, 0), points + 2))
+    reaction = random.choice(("", "", "", "linear", "friction")) if rods else ""
+    return Kind(dim, points, rods, rare(5), rare(4) and rods > 0, rare(6), reaction)
+
+
+def _method(random: Random) -> dict:
+    reaction = random.choice(("implicit", "implicit", "midpoint", "predictor", "midpoint_predictor"))
+    b = 0.0 if reaction.startswith("midpoint") else random.choice((0.0, 0.0, 0.2, 1.0))
+    return {"alpha": random.choice((-0.05, -0.1, -0.3, -1 / 3)), "b": b, "reaction": reaction}
+
+
 @st.composite
-def shapes(draw) -> Shape:
-    """A tree of rods with free points, closed by further rods, some rows doubled."""
-    points, anchors, flag = draw(st.integers(1, 5)), draw(st.integers(1, 2)), lambda of: draw(perhaps(st.just(True), False, of))
-    known = st.sampled_from
-    rods = [(0, points)]
-    for i in range(1, points):
-        parent = draw(known([points, *range(i), None]))  # None: held by springs alone, or by nothing
-        rods += [] if parent is None else [(i, parent)]
-    ends = known(range(points + anchors))
-    for pairs, most in ((rods, 2), (springs := [], 3)):
-        for i, j in draw(st.lists(st.tuples(st.integers(0, points - 1), ends), max_size=most)):
-            pairs += [(i, j)] if i != j else []
-    rods += draw(perhaps(known(rods).map(lambda x: [x]), [], 5))
-    blade = draw(perhaps(st.tuples(*[st.integers(0, points - 1)] * 2), None, 5))
+def shapes(draw, kind: Kind) -> Shape:
+    """A tree of rods, closed by further ones, some of them doubled; points without rods are held by springs, if at all."""
+    points, anchors, known = kind.points, draw(st.integers(1, 2)), st.sampled_from
+    rods: list[tuple[int, int]] = []
+    for i in range(kind.rods):
+        if i < points:
+            rods.append((i, draw(known([points, *range(i)]))))
+        else:
+            rods.append(draw(perhaps(known(rods), None, 4)) or draw(_pair(points, anchors)))
     return Shape(
-        dim=draw(st.integers(2, 3)),
+        dim=kind.dim,
         points=points,
         anchors=anchors,
-        rods=tuple(rods) if not flag(12) else (),
-        springs=tuple(springs),
-        blade=blade,
-        driven=flag(4),
-        growing=flag(6),
-        reaction=draw(perhaps(known(("linear", "friction", "friction")), "", 3)),
+        rods=tuple(rods),
+        springs=tuple(draw(st.lists(_pair(points, anchors), min_size=int(not rods), max_size=3))),
+        blade=draw(st.tuples(*[st.integers(0, points - 1)] * 2)) if kind.blade else None,
+        driven=kind.driven,
+        growing=kind.growing,
+        reaction=kind.reaction,
     )
+
+
+def _pair(points: int, anchors: int):
+    """A point and another, or an anchor."""
+    other = st.integers(1, points + anchors - 1)
+    return st.tuples(st.integers(0, points - 1), other).map(lambda x: (x[0], (x[0] + x[1]) % (points + anchors)))
 
 
 @st.composite
@@ -148,28 +194,21 @@ def _antisymmetric(number: float, d: int):
     return tuple(map(tuple, found.tolist()))
 
 
-def options(*, wild: bool = False):
+def options(methods, *, wild: bool = False):
     """Of HHT."""
-    known, pick = st.sampled_from, perhaps
-    b = pick(known((0.2, 0.25, 1.0) if not wild else (0.2, 0.49, 0.51, 1.0, -3.0)), 0.0, 3)
-    made = st.fixed_dictionaries(
-        {"alpha": known((-0.05, 0.0, -0.1, -0.3, -1 / 3)), "b": b},
-        optional={
-            "reaction": pick(known(("midpoint", "predictor", "midpoint_predictor")), "implicit", 3),
-            "start": known(("f0", "shifted", "trapezoidal")),
-            "linsolver": pick(known(("dense", "band", "sparse")), "auto", 3),
-        }
-        | ({"calc_initcond": st.just(True), "min_step": decades(-6, 0), "rescale_a": st.just(False)} if wild else {}),
-    )
-    return made.map(lambda x: x | {"b": 0.0} if x.get("reaction", "").startswith("midpoint") else x)
+    known = st.sampled_from
+    others = {"start": known(("f0", "shifted", "trapezoidal")), "linsolver": perhaps(known(("dense", "band", "sparse")), "auto", 3)}
+    if wild:
+        others |= {"calc_initcond": st.just(True), "min_step": decades(-6, 0), "rescale_a": st.just(False)}
+    return st.tuples(known(methods), st.fixed_dictionaries({}, optional=others)).map(lambda x: x[0] | x[1])
 
 
 @st.composite
-def ways(draw, family: str) -> Way:
+def ways(draw, family: str, methods) -> Way:
     """Gentle ones, but for the hostile family."""
     wild, known = family == "hostile", st.sampled_from
     by_error = draw(st.booleans()) if wild or family == "machine" else family == "control"
-    given = {"options": draw(options(wild=wild)), "backward": draw(perhaps(st.just(True), False, 5))}
+    given = {"options": draw(options(methods, wild=wild)), "backward": draw(perhaps(st.just(True), False, 5))}
     given["watch"] = draw(perhaps(known(("terminal", "change")), "", 6))
     given["declares"] = draw(perhaps(st.just(False), True, 8)) if family != "machine" else True
     if wild:
@@ -197,11 +236,11 @@ def spoils(draw) -> Spoil | None:
 
 
 @st.composite
-def cases(draw, family: str) -> Case:
+def cases(draw, family: str, world: World) -> Case:
     """Of one of the ``FAMILIES``."""
     wild = family == "hostile"
-    shape = draw(st.sampled_from(MACHINES) if family == "machine" else shapes())
-    way = draw(ways(family))
+    shape = draw(st.sampled_from(world.machines) if family == "machine" else st.sampled_from(world.kinds).flatmap(shapes))
+    way = draw(ways(family, world.methods[:2] if family == "machine" else world.methods))
     made = draw(mechanisms(shape, wild=wild))
     return Case(
         family=family,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
 
@@ -65,6 +66,7 @@ class Judge:
         q, v, t = np.array(self.made.places).ravel(), np.array(self.made.velocities).ravel(), self.made.t0
         rows = self.rows(t, q)
         length = np.linalg.norm(rows, axis=1, keepdims=True)
+        length = np.where(length > 0.0, length, 1.0)
         rows, off = rows / length, self.drift(t, q, v) / length[:, 0]
         v = v - np.linalg.pinv(rows) @ off
         left = self.drift(t, q, v) / length[:, 0]
@@ -99,10 +101,9 @@ class Judge:
         settled = not rough or bool(np.abs(lam - before).max(initial=0.0) <= 1e-12 * np.abs(lam).max(initial=1e-300))
         return (pulled - across) / root, lam, settled
 
-    @cached_property
-    def rate(self) -> float:
-        """[1/s] of what is fastest at the start: springs, dampers, turns, falls, tensions, the drive."""
-        t, (q, v, _), shape, p = self.made.t0, self.start, self.shape, self.p
+    def rate(self, t, q, v) -> float:
+        """[1/s] of what is fastest at a state: springs, dampers, turns, falls, tensions, the drive."""
+        shape, p = self.shape, self.p
         by_q, by_v = formulas.force_jacobians(shape, p, t, q, v)
         root = np.sqrt(formulas.masses(np, shape, p, q))
         vdot, lam, _ = self.acceleration(t, q, v)
@@ -126,9 +127,10 @@ class Judge:
     def sizes(self) -> tuple[float, float]:
         """Typical ones of q and of v, the second as large as falling over the first makes it."""
         q, v, _ = self.start
-        vdot, _, _ = self.acceleration(self.made.t0, q, v)
-        size = float(np.abs(q).max())
-        return size, max(float(np.abs(v).max()), float(np.sqrt(np.abs(vdot).max() * size)))
+        size, fall = float(np.abs(q).max()), 0.0
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):  # without a mass there is no such number
+            fall = float(np.sqrt(np.abs(self.acceleration(self.made.t0, q, v)[0]).max() * size))
+        return size, max(float(np.abs(v).max()), fall if np.isfinite(fall) else 0.0) or 1.0
 
     def off(self, t, q, v, size_v: float) -> tuple[float, float]:
         """Both levels, the largest of each over the size of its row."""

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.protocol import PHYSICS, WITH_VELOCITY, accepts
 from tests.fuzz import formulas
 from tests.fuzz.formulas import Numbers
 from tests.fuzz.mechanism import Mechanism, Shape
@@ -59,7 +60,7 @@ def numpy_system(made: Mechanism, *, declares: bool = True, spoil: Spoil | None 
     """With derivatives, or, unless it ``declares`` them, without; ``spoil`` breaks one function."""
     found = functions_of(made)
     if not declares:
-        found = {name: value for name, value in found.items() if name in hb.protocol.PHYSICS}
+        found = {name: value for name, value in found.items() if name in PHYSICS}
     if spoil is not None and spoil.where in found:
         found[spoil.where] = spoiled(found[spoil.where], spoil, made.t0)
     return hb.NumpySystem(**found)
@@ -78,16 +79,17 @@ def spoiled(function, spoil: Spoil, t0: float):
                 return value
             if spoil.kind == "raise":
                 raise Planted(spoil.where)
-            return value * np.nan
-        factor = 1.0 + spoil.since if spoil.kind == "wrong" else 1.0 + spoil.since * random.standard_normal()
+            factor = np.nan
+        else:
+            factor = 1.0 + spoil.since if spoil.kind == "wrong" else 1.0 + spoil.since * random.standard_normal()
         return tuple(part * factor for part in value) if isinstance(value, tuple) else value * factor
 
     if spoil.where == "reaction":  # its arguments tell whether it takes v
-        return (lambda t, q, v, lam: call(t, q, v, lam)) if hb.protocol.accepts(function, TAKES_V) else _without_v(call)
+        return (lambda t, q, v, lam: call(t, q, v, lam)) if accepts(function, TAKES_V) else _without_v(call)
     return call
 
 
-TAKES_V = hb.protocol.WITH_VELOCITY["reaction"]
+TAKES_V = WITH_VELOCITY["reaction"]
 
 
 def _without_v(call):

@@ -69,16 +69,16 @@ def as_the_run(setting: Setting, what: str, found, back=lambda q, v: (q, v), exa
         yield f"{what}: the end is {off:.1e} away, over {allowed(setting, exactly):.1e}"
 
 
-def of_other(setting: Setting, made) -> Setting:
-    """The case with another mechanism over the same interval, in its time."""
-    return Setting(replace(setting.case, made=made), setting.solver)
+def of_other(setting: Setting, made, time: float = 1.0) -> Setting:
+    """The case with another mechanism over the same interval, in units of which ``time`` are one of before."""
+    return Setting(replace(setting.case, made=made), setting.solver, setting.length * time)
 
 
 def units(setting: Setting) -> Iterator[str]:
     """Lengths, masses and times in others."""
     if smooth(setting):
         length, mass, time = UNITS
-        other = of_other(setting, setting.made.in_units(length, mass, time))
+        other = of_other(setting, setting.made.in_units(length, mass, time), time)
         back = lambda q, v: (q / length, v / (length / time))  # noqa: E731
         yield from as_the_run(setting, "other units", other.run(), back)
 
@@ -111,9 +111,9 @@ def algebra(setting: Setting) -> Iterator[str]:
 def backward(setting: Setting) -> Iterator[str]:
     """Forward and back at alpha = 0: the step is symmetric but for rows of velocities."""
     way, shape = setting.case.way, setting.made.shape
-    plain = way.options.get("reaction", "implicit") == "implicit" and not way.ratios and shape.blade is None
+    plain = way.options["alpha"] == 0.0 and not way.ratios and shape.blade is None
     if smooth(setting) and plain:
-        options = {**way.options, "alpha": 0.0, "start": "f0"}
+        options = {**way.options, "start": "f0"}
         there = setting.run(options=options).solution
         assert there is not None
         ends = setting.span[1], setting.span[0]
@@ -139,7 +139,7 @@ def order(setting: Setting) -> Iterator[str]:
     ends = [np.concatenate([s.q[-1], s.v[-1]]) / sizes(setting) for s in found]
     first, second, third = (float(np.abs(b - a).max()) for a, b in zip(ends, ends[1:], strict=False))
     coarse = way.turns / way.steps
-    if third > 1e-9 and coarse <= 0.2 and not second <= 0.45 * first and not third <= 0.35 * second:
+    if third > 1e-9 and coarse <= 0.2 and second > 0.4 * first and third > 0.4 * second:
         yield f"halving steps changes the end by {first:.1e}, {second:.1e}, {third:.1e}: not of order two"
     elif third > 30 * coarse**2 / 16 * max(1.0, way.turns**2):
         yield f"halving steps of {coarse:.2g} rad twice still changes the end by {third:.1e}"
@@ -210,7 +210,7 @@ def watched(setting: Setting) -> Iterator[str]:
     signs = np.sign(s.q[:, 0] - level)
     changes = int(np.sum(signs[1:] * signs[:-1] < 0))
     values = np.abs(other.q_events[0][:, 0] - level)
-    if values.size < changes or values.max(initial=0.0) > 1e-4 * setting.judge.sizes[0]:
+    if values.size < changes or values.max(initial=0.0) > 1e-2 * setting.judge.sizes[0]:
         yield f"{values.size} events for {changes} changes of sign, off by {values.max(initial=0.0):.1e}"
 
 
@@ -221,15 +221,15 @@ def by_hand(setting: Setting) -> Iterator[str]:
     if not s.success or setting.events or way.ratios or not way.steps or setting.case.spoil:
         return
     hht = HHT(setting.system, **way.options)
-    hht.init_step(setting.span[0], *setting.start, step=setting.length / way.steps)
+    status = hht.init_step(setting.span[0], *setting.start, step=setting.length / way.steps)
     for i in range(way.steps):
+        if status.label != "success":
+            yield f"by hand {i} steps end with {status.label}: {hht.message[:200]}"
+            return
         if i == way.steps // 2:
             data, hht = hht.checkpoint(), HHT(setting.system, **way.options)
             hht.resume(data)
         status = hht.step()
-        if status.label != "success":
-            yield f"by hand step {i} ends with {status.label}: {hht.message[:200]}"
-            return
     if setting.must_succeed and way.turns <= RADIANS and clear(setting, s):
         off = apart(setting, hht.state.q, hht.state.v)
         if not off <= CLOSE:

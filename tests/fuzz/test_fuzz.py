@@ -1,0 +1,27 @@
+"""Some hundred random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
+
+import pytest
+
+from tests.fuzz.explore import explore, read
+from tests.fuzz.liars import LIARS
+
+CASES = {"steps": 90, "control": 60, "machine": 24, "hostile": 60}
+SEED = 20_260
+LIES = 50  # cases within which one is found
+
+
+@pytest.mark.parametrize("family", CASES)
+def test_no_random_case_shows_a_fault(family):
+    """Sound and gentle ones arrive, and they are many."""
+    found = explore(family, SEED, CASES[family])
+    told = [f"{fault}\npython -m tests.fuzz --case {read(case)!r}" for fault, case in found.faults]
+    assert not told, "\n".join(told)
+    assert found.cases >= CASES[family]
+    assert found.sound >= (0 if family == "hostile" else 0.4 * found.cases)
+    assert found.ends["success"] >= 0.2 * found.cases
+
+
+@pytest.mark.parametrize("name", LIARS)
+def test_a_solver_that_misleads_is_found(name):
+    solver, family, twin = LIARS[name]
+    assert explore(family, SEED, LIES, solver, stop=True, twin=twin).faults
