@@ -49,32 +49,41 @@ def faults_of(case: Case, solver=hht, tally: Explored | None = None) -> list[str
 
 
 def explore(
-    family: str, first: int, count: int, solver=hht, journal: Path | None = None, *, world: World | None = None, stop: bool = False, **changes
+    family: str,
+    first: int,
+    count: int,
+    solver=hht,
+    journal: Path | None = None,
+    *,
+    world: World | None = None,
+    stop: bool = False,
+    **changes,
 ) -> Explored:
-    """``count`` cases by the seed ``first``, with other fields by ``changes``; every fault is kept, or the first ``stop``s it.
+    """``count`` cases by the seed ``first``, with other fields by ``changes``; every fault is kept, or the first is the end.
 
     ``journal``: a file that holds the case that runs, for whoever watches the process.
     """
     result = Explored()
 
     @seed(first)
-    @settings(max_examples=count, phases=[Phase.generate], **QUIET)
+    @settings(max_examples=count, phases=[Phase.generate], report_multiple_bugs=False, **QUIET)
     @given(cases(family, world or World.drawn(first)))
     def look(case):
-        if stop and result.faults:
-            return
         drawn = replace(case, **changes)
         if journal is not None:
             journal.write_text(repr(drawn), encoding="utf-8")
         found = faults_of(drawn, solver, result)
         result.faults += [(fault, repr(drawn)) for fault in found[:1]]
+        if stop and found:
+            raise Fault(found[0])
 
-    look()
+    with suppress(Fault):
+        look()
     return result
 
 
 def simplest(family: str, first: int, count: int, solver=hht, journal: Path | None = None) -> tuple[str, str]:
-    """The fault that :func:`explore` has met first, in the simplest case that shows one; two empty texts: none came again."""
+    """What :func:`explore` has met first, in the simplest case that shows a fault; two empty texts: none came again."""
     last = "", ""
 
     @seed(first)
@@ -96,5 +105,3 @@ def simplest(family: str, first: int, count: int, solver=hht, journal: Path | No
 def read(text: str) -> Case:
     """A case from its ``repr``."""
     return eval(text, {"__builtins__": {}}, {**NAMES, "inf": float("inf"), "nan": float("nan")})  # one's own words
-
-

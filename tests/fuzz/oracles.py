@@ -8,7 +8,8 @@ import numpy as np
 
 from hhtbench import ProblemError, Solution, Status
 from tests.fuzz.judge import CLEAR
-from tests.fuzz.runs import Found, Planted, Setting
+from tests.fuzz.runs import Found, Setting
+from tests.fuzz.systems import Planted
 
 PATIENCE = 10.0  # s of processor time of one solve, compilation included
 LEVEL = 2e-9  # of its size, of rows whose derivatives are declared or exact

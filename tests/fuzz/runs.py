@@ -13,7 +13,7 @@ import hhtbench as hb
 from solvers.hht import HHT, Event
 from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
-from tests.fuzz.systems import Planted, Spoil, numpy_system, traced_system
+from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
 SECONDS, EVALUATIONS = 60.0, 4_000  # of one solve, unless a case says less: the second ends it on any machine
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
@@ -159,6 +159,3 @@ class Setting:
         shape, m = self.made.shape, len(self.made.shape.rods)
         doubled = len(self.judge.distinct) < m + (shape.blade is not None)
         return shape.reaction != "friction" and not (shape.reaction and doubled)
-
-
-__all__ = ["Found", "Planted", "Setting", "hht"]

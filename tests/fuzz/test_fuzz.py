@@ -2,18 +2,24 @@
 
 import pytest
 
+from tests.fuzz.cases import MACHINES, Kind, World
 from tests.fuzz.explore import explore, read
 from tests.fuzz.liars import LIARS
 
-CASES = {"steps": 90, "control": 60, "machine": 24, "hostile": 60}
+CASES = {"steps": 70, "control": 40, "machine": 16, "hostile": 60}
 SEED = 20_260
 LIES = 50  # cases within which one is found
+WORLD = World(
+    kinds=(Kind(2, 2, 2, driven=True), Kind(2, 3, 4, blade=True, growing=True)),
+    methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
+    machines=(MACHINES[0], MACHINES[6]),
+)
 
 
 @pytest.mark.parametrize("family", CASES)
 def test_no_random_case_shows_a_fault(family):
     """Sound and gentle ones arrive, and they are many."""
-    found = explore(family, SEED, CASES[family])
+    found = explore(family, SEED, CASES[family], world=WORLD)
     told = [f"{fault}\npython -m tests.fuzz --case {read(case)!r}" for fault, case in found.faults]
     assert not told, "\n".join(told)
     assert found.cases >= CASES[family]
@@ -24,4 +30,4 @@ def test_no_random_case_shows_a_fault(family):
 @pytest.mark.parametrize("name", LIARS)
 def test_a_solver_that_misleads_is_found(name):
     solver, family, twin = LIARS[name]
-    assert explore(family, SEED, LIES, solver, stop=True, twin=twin).faults
+    assert explore(family, SEED, LIES, solver, world=WORLD, stop=True, twin=twin).faults

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def order(setting: Setting) -> Iterator[str]:
         yield f"halved steps: {[s and s.status.label for s in found]}"
         return
     ends = [np.concatenate([s.q[-1], s.v[-1]]) / sizes(setting) for s in found]
-    first, second, third = (float(np.abs(b - a).max()) for a, b in zip(ends, ends[1:], strict=False))
+    first, second, third = (float(np.abs(b - a).max()) for a, b in pairwise(ends))
     coarse = way.turns / way.steps
     if third > 1e-9 and coarse <= 0.2 and second > 0.4 * first and third > 0.4 * second:
         yield f"halving steps changes the end by {first:.1e}, {second:.1e}, {third:.1e}: not of order two"
@@ -167,7 +168,10 @@ def rows(setting: Setting) -> Iterator[str]:
         yield "rows at times: the end is another one"
     elif setting.must_succeed and s.success and not setting.events and setting.case.way.declares:
         size = float(np.abs(s.v).max())
-        worst = max(max(setting.judge.off(float(t), q, v, size)) for t, q, v in zip(other.t[1:], other.q[1:], other.v[1:], strict=True))
+        worst = max(
+            max(setting.judge.off(float(t), q, v, size))
+            for t, q, v in zip(other.t[1:], other.q[1:], other.v[1:], strict=True)
+        )
         if worst > 2e-9 and "off by" not in other.message:
             yield f"rows at times: {worst:.1e} off the levels"
 
@@ -243,7 +247,8 @@ def python(setting: Setting) -> Iterator[str]:
     if first is None or other is None:
         yield "engine='python' or the compiled one raises"
     elif first.status is not other.status or first.t.size != other.t.size:
-        yield f"engine='python': {other.status.label} after {other.t.size} rows, compiled {first.status.label}, {first.t.size}"
+        ends = [f"{s.status.label} after {s.t.size} rows" for s in (other, first)]
+        yield f"engine='python': {ends[0]}, compiled {ends[1]}"
     elif not all(np.array_equal(getattr(first, name), getattr(other, name)) for name in ("t", "q", "v")):
         off = np.abs(first.q - other.q).max()
         yield f"engine='python': other bits, q off by {off:.1e}"
