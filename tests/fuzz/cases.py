@@ -236,7 +236,9 @@ def spoils(draw) -> Spoil | None:
         return None
     if kind in ("nan", "raise"):
         return Spoil(kind, where, draw(tenths(0, 10)))
-    return Spoil(kind, where, draw(decades(*{"units": (-100, 100), "off": (-18, 0)}.get(kind, (-12, 1)))))
+    return Spoil(
+        kind, where, draw(decades(*{"units": (-100, 100), "off": (-18, 0), "noise": (-14, -4)}.get(kind, (-12, 1))))
+    )
 
 
 @st.composite

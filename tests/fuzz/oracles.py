@@ -14,6 +14,8 @@ from tests.fuzz.systems import Planted
 PATIENCE = 10.0  # s of processor time of one solve, compilation included
 LEVEL = 2e-9  # of its size, of rows whose derivatives are declared or exact
 OF_LEFT_OUT = 2e-8  # of rows that depend on others at the start
+NEARLY_LOST = 1e-13  # over the least singular value there: what Newton's iteration takes for roundoff
+NOISE = 1e3  # times the noise of a force: (H30) takes it for roundoff, and stops as far from the constraints
 BY_DIFFERENCES = 1e-6  # of others
 CLOSE = 1e-6  # of forces: multipliers of rows far from lost rank
 RESOLVED = 0.5  # rad of what is fastest in a step
@@ -25,7 +27,7 @@ RUN_ENDS = (
     *(Status.inconsistent_initial, Status.evaluation_budget),
 )
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
-LOCAL_PRESCRIBED = 6.0  # times (h rate)^3 of the size of v
+LOCAL_PRESCRIBED = 30.0  # times (h rate)^3 of the size of v
 ENERGY = 6.0  # times (h rate)^2 of the energies in play
 OFF = ("off by", "off the constraints", "beside a singular position")  # in messages: rows that are told not to be on them
 
@@ -94,7 +96,7 @@ def levels(setting: Setting, s: Solution) -> Iterator[str]:
     spoil, shape = setting.case.spoil, setting.made.shape
     if not (shape.rods or shape.blade) or s.t.size < 2 or (spoil is not None and "constraint" in spoil.where):
         return
-    bound = LEVEL if setting.judge.sound else OF_LEFT_OUT
+    bound = LEVEL if setting.judge.sound else OF_LEFT_OUT + NEARLY_LOST / max(setting.judge.sigma(*setting.place), CLEAR**4)
     bound, size = (bound if setting.case.way.declares else BY_DIFFERENCES), float(np.abs(s.v).max())
     with np.errstate(all="ignore"):
         off = np.array([setting.judge.off(float(s.t[i]), s.q[i], s.v[i], size) for i in some(s.t.size)])
@@ -107,8 +109,8 @@ def levels(setting: Setting, s: Solution) -> Iterator[str]:
 def roundoff(setting: Setting, s: Solution):
     """Of the two levels: of v also that of q over a step."""
     spoil, eps = setting.case.spoil, np.finfo(float).eps
-    if spoil is not None and spoil.kind == "off":
-        return 3.0 * spoil.since
+    if spoil is not None and spoil.kind in ("off", "noise"):
+        return (3.0 if spoil.kind == "off" else NOISE) * spoil.since
     shortest = np.abs(np.diff(s.t)).min(initial=np.inf, where=np.diff(s.t) != 0.0)
     in_v = 100 * eps * setting.judge.sizes[0] / (setting.judge.sizes[1] * shortest)
     clock = eps * np.abs(s.t).max() * setting.rate  # constraints that move are seen at rounded times

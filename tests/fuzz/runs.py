@@ -84,6 +84,11 @@ class Setting:
         return self.made.t0, self.made.t0 + self.length
 
     @property
+    def place(self):
+        """t0 [s] and q0 (n,) before what a spoil makes of it."""
+        return self.made.t0, self.judge.start[0]
+
+    @property
     def start(self):
         """q0, v0 (n,), as they are given to the solver."""
         q, v, _ = self.judge.start

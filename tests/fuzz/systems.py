@@ -14,6 +14,8 @@ from tests.fuzz import formulas
 from tests.fuzz.formulas import Numbers
 from tests.fuzz.mechanism import Mechanism, Shape
 
+OF_FUNCTIONS = ("nan", "raise", "wrong", "noise")  # spoils; others are of numbers
+
 
 class Planted(Exception):
     """What a function of a system raises on purpose."""
@@ -23,7 +25,7 @@ class Planted(Exception):
 class Spoil:
     """A fault of the user's."""
 
-    kind: str  #: "nan", "raise", "wrong", "noise" or "off", the last of the start
+    kind: str  #: "nan", "raise", "wrong" or "noise" of a function, "off" of the start, "units", "massless"
     where: str = ""  #: the function's name
     since: float = 0.0  #: [s] from the start on, of "nan" and "raise"; how wrong, of others
 
@@ -61,7 +63,7 @@ def numpy_system(made: Mechanism, *, declares: bool = True, spoil: Spoil | None 
     found = functions_of(made)
     if not declares:
         found = {name: value for name, value in found.items() if name in PHYSICS}
-    if spoil is not None and spoil.where in found:
+    if spoil is not None and spoil.kind in OF_FUNCTIONS and spoil.where in found:
         found[spoil.where] = spoiled(found[spoil.where], spoil, made.t0)
     return hb.NumpySystem(**found)
 
