@@ -56,9 +56,9 @@ class Judge:
         return Rows(rows / np.where(length > 0, length, 1.0)[:, None], length, root)
 
     def sigma(self, t, q) -> float:
-        """Least singular value of the distinct unit rows; 1 without any, 0 where there are more than coordinates."""
+        """Least singular value of the distinct unit rows; 1 without any, 0 for more than coordinates or a mass of zero."""
         unit = self.unit(t, q).unit[self.distinct]
-        if len(unit) > self.shape.n:
+        if len(unit) > self.shape.n or not np.isfinite(unit).all():
             return 0.0
         return float(np.linalg.svd(unit, compute_uv=False)[-1]) if len(unit) else 1.0
 
