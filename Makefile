@@ -6,6 +6,8 @@
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
+# make fuzz     10,000 random mechanisms, solved in every way: none hangs, crashes or is silently wrong (SEED=N draws those of N
+#               again; half an hour at most on two cores)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (half an hour and more)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser
@@ -29,7 +31,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test test-faults validate faults docs picture loops clean
+.PHONY: bench bench-chain bench-engine test test-faults fuzz validate faults docs picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -46,6 +48,9 @@ test: $(STAMP)
 
 test-faults: $(STAMP)
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "" $(FAULTS)
+
+fuzz: $(STAMP)
+	$(BIN)/python -m tests.fuzz --jobs $(JOBS) $(if $(SEED),--seed $(SEED))
 
 # Exudyn is the optional extra "bench"; without it the ratios are missing.
 bench-chain: $(STAMP)

@@ -140,6 +140,25 @@ def test_a_reaction_nonlinear_in_lam_gets_the_root_of_its_guess(guess, root):
     assert found.lam[0] == pytest.approx(root, rel=1e-12)
 
 
+def test_a_chain_that_hangs_at_rest_has_tensions_though_its_accelerations_are_roundoff():
+    """With a declared reaction, whose root is iterated for: each rod carries what hangs below it (statics)."""
+    masses, length = np.array([1 / 3, 0.7, 0.9, 1.3]), 0.3
+    links = np.stack([np.kron(row, np.eye(2)) for row in np.eye(4) - np.eye(4, k=-1)])
+    jacobian = lambda t, q: ((links @ q)[:, :, None] * links).sum(axis=1)  # noqa: E731
+    chain = NumpySystem(
+        mass_matrix=np.diag(masses.repeat(2)),
+        force=lambda t, q, v: np.outer(masses, [0.0, -9.81]).ravel(),
+        constraint=lambda t, q: ((links @ q) ** 2).sum(axis=1) / 2 - length**2 / 2,
+        constraint_jacobian=jacobian,
+        reaction=lambda t, q, lam: -jacobian(t, q).T @ lam,
+    )
+    q = np.outer(np.arange(1.0, 5.0), [0.0, -length]).ravel()
+    found = AccelerationLevel(derive(chain, 0.0, q, 0.0 * q)).solve(0.0, q, 0.0 * q)
+    assert found.converged
+    np.testing.assert_allclose(found.lam, np.cumsum(masses[::-1])[::-1] * 9.81 / length, rtol=1e-12)
+    np.testing.assert_allclose(found.vdot, 0.0, atol=1e-12)
+
+
 def test_an_acceleration_level_without_root_says_so():
     class Rootless(Quadratic):
         def reaction(self, t, q, lam):

@@ -138,10 +138,15 @@ class AccelerationLevel:
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
-        """Whether roundoff is left of the equations at ``x``: multipliers near zero beside large forces are roundoff too."""
+        """Whether roundoff is left of the equations at ``x``.
+
+        Multipliers near zero beside large forces are roundoff, and so are accelerations near zero, as in equilibrium.
+        """
         residual, matrix = self.terms(t, q, v, x)
         sizes = abs(matrix) @ np.abs(x) + np.abs(self.terms(t, q, v, 0.0 * x)[0])
-        n = self.structure.n
+        n, mass = self.structure.n, np.abs(matrix.diagonal())[: self.structure.n]
+        alone = np.divide(sizes[:n], mass, out=np.zeros(n), where=mass > 0.0)  # what each force would do to its coordinate
+        sizes[n:] += abs(matrix)[n:, :n] @ alone
         return all(np.max(np.abs(residual[rows])) <= CONVERGED * np.max(sizes[rows]) for rows in (np.s_[:n], np.s_[n:]))
 
 

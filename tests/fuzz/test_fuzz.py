@@ -1,0 +1,33 @@
+"""A hundred and fifty random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
+
+import pytest
+
+from tests.fuzz.cases import MACHINES, Kind, World
+from tests.fuzz.explore import explore, read
+from tests.fuzz.liars import LIARS
+
+CASES = {"steps": 60, "control": 30, "machine": 12, "hostile": 50}
+SEED = 20_260
+LIES = 50  # cases within which one is found
+WORLD = World(
+    kinds=(Kind(2, 2, 2, driven=True), Kind(2, 3, 4, blade=True, growing=True)),
+    methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
+    machines=(MACHINES[0], MACHINES[6]),
+)
+
+
+@pytest.mark.parametrize("family", CASES)
+def test_no_random_case_shows_a_fault(family):
+    """Sound and gentle ones arrive, and they are many."""
+    found = explore(family, SEED, CASES[family], world=WORLD)
+    told = [f"{fault}\npython -m tests.fuzz --case {read(case)!r}" for fault, case in found.faults]
+    assert not told, "\n".join(told)
+    assert found.cases >= CASES[family]
+    assert found.sound >= (0 if family == "hostile" else 0.4 * found.cases)
+    assert found.ends["success"] >= 0.2 * found.cases
+
+
+@pytest.mark.parametrize("name", LIARS)
+def test_a_solver_that_misleads_is_found(name):
+    solver, family, twin = LIARS[name]
+    assert explore(family, SEED, LIES, solver, world=WORLD, stop=True, twin=twin).faults
