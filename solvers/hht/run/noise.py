@@ -23,36 +23,43 @@ CALLS = 5  # of each function: two may differ by little
 SHARE = 0.1  # of a step's error: noise that makes so much of it decides how long steps are
 
 
+class Noise(NamedTuple):
+    """What two calls with the same arguments differ by."""
+
+    text: str  #: which functions, by how much
+    decides: bool  #: whether it makes a good part of a step's error
+
+
 class Called(NamedTuple):
     """What one call of every function gives."""
 
     values: dict[str, Any]  #: by name
     acceleration: Vector  #: (n,) by force and reactions
     position: Vector  #: (m,) g
-    velocity: Vector  #: (m + p,) g_q v and k
+    velocity: Vector  #: (m + p,) g_t + g_q v and k
     rows: Matrix  #: (m + p, n) [g_q; k_v]
 
 
-def noise(engine: Engine, state: State, tolerances: Tolerances, h: float, error: float) -> str:
-    """Which function's noise makes a good part of the ``error`` of a step of ``h`` [s] from ``state``, in words; or none.
+def noise(engine: Engine, state: State, tolerances: Tolerances, h: float, error: float) -> Noise | None:
+    """That of the system's functions at ``state``, and whether it makes the ``error`` of a step of ``h`` [s] from there.
 
     That of accelerations enters v with h and q with h^2: every noise has steps that are short enough, but they may be too
-    many.  That of g is in q as it is, and in v over h: shorter steps have more of it.
+    many.  That of g is in q as it is, and in v over h: shorter steps have more of it.  None where it does not make the
+    error and is below what the tolerances allow of a step.
     """
     dynamics = engine.dynamics
     if route_of(dynamics) != "numpy" or engine.structure.n > LARGEST:  # others are traced once
-        return ""
+        return None
     with suppress(BudgetSpent, NonFiniteValue, np.linalg.LinAlgError), uncounted():
         first, *others = [_called(dynamics, state) for _ in range(CALLS)]
-        apart = {name: max(_apart(x.values[name], value) for x in others) for name, value in first.values.items()}
-        noisy = [name for name, most in apart.items() if most > 0.0 and declared(dynamics.system, name) is not None]
-        if noisy and tolerances.size(state, state, _moved(first, others, abs(h))) > SHARE * error:
-            return (
-                f"noise: two calls of {' and of '.join(noisy)} with the same arguments differ by "
-                f"{max(apart[name] for name in noisy):.2g} of their size, which makes the error of steps of {abs(h):.2g} s: "
-                "make it a function of t, q and v alone, loosen the tolerances, or allow more steps."
-            )
-    return ""
+        apart = {name: _apart(name, first, others, state) for name in first.values}
+        noisy = {name: most for name, most in apart.items() if most > 0.0 and declared(dynamics.system, name) is not None}
+        most, names = max(noisy.values(), default=0.0), " and of ".join(noisy)
+        decides = bool(noisy) and tolerances.size(state, state, _moved(first, others, abs(h))) > SHARE * error
+        if decides or most > tolerances.finest**1.5:
+            text = f"noise: two calls of {names} with the same arguments differ by {most:.2g} of their size"
+            return Noise(f"{text}; make it a function of t, q and v alone", decides)
+    return None
 
 
 def _called(dynamics: Dynamics, state: State) -> Called:
@@ -64,7 +71,7 @@ def _called(dynamics: Dynamics, state: State) -> Called:
         position, jacobian = dynamics.constraint(t, q), dynamics.constraint_jacobian(t, q)
         values |= {"constraint": position, "constraint_jacobian": jacobian}
         values["reaction"] = dynamics.reaction(t, q, v, state.lam)
-        rows, velocity = [jacobian], [jacobian @ v]
+        rows, velocity = [jacobian], [dynamics.constraint_velocity(t, q, v)]
     if s.p:
         k, jacobian = dynamics.velocity_constraint(t, q, v), dynamics.velocity_constraint_jacobian(t, q, v)
         values |= {"velocity_constraint": k, "velocity_constraint_jacobian": jacobian}
@@ -75,9 +82,12 @@ def _called(dynamics: Dynamics, state: State) -> Called:
     return Called(values, acceleration, position, np.concatenate(velocity), np.concatenate(rows))
 
 
-def _apart(one: Any, other: Any) -> float:
-    """The largest difference over the largest entry."""
-    return float(np.abs(one - other).max(initial=0.0)) / (float(np.abs(one).max(initial=0.0)) or 1.0)
+def _apart(name: str, first: Called, others: list[Called], state: State) -> float:
+    """The largest difference of values over their size: that of constraints is what their rows sum up."""
+    value, rows, m = first.values[name], np.abs(first.rows), first.position.size
+    summed = {"constraint": rows[:m] @ np.abs(state.q), "velocity_constraint": rows[m:] @ np.abs(state.v)}
+    size = float(np.abs(summed.get(name, value)).max(initial=0.0)) or 1.0
+    return max(float(np.abs(x.values[name] - value).max(initial=0.0)) for x in others) / size
 
 
 def _moved(first: Called, others: list[Called], h: float) -> Vector:

@@ -92,9 +92,11 @@ def hopeless(
     allowed = MANY if most is None or most == MAX_STEPS else most
     late = steps * left > (allowed - now.taken) * made
     error = (state.memory and state.memory.error) or 1.0
-    if late and uneven(before, now) and (text := noise(engine, state, tolerances, state.h or 0.0, error)):
+    found = noise(engine, state, tolerances, state.h or 0.0, error) if late and uneven(before, now) else None
+    if found and found.decides:
         needed = f"at the pace of the last {steps} steps {allowed} do not lead to the end"
-        return Failure(Status.step_too_small, f"at t = {state.t:.17g} {needed}: {text}")
+        text = f"at t = {state.t:.17g} {needed}: {found.text}, loosen the tolerances, or allow more steps."
+        return Failure(Status.step_too_small, text)
     if before is first or refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
         return None
     if nonfinite < refused and steps * abs(now.t - first.t) <= STANDSTILL * made:

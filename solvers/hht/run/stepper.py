@@ -246,29 +246,33 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
         roundoff = ended == mem.ROUNDOFF_REACHED
-        early = off_at_start(engine, state) or _noisy(engine, by_error, state)
-        return early or _too_large(by_error, state, numbers, roundoff)
+        failure = off_at_start(engine, state) or _too_large(by_error, state, numbers, roundoff)
+        return _or_noise(engine, by_error, state, failure)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
     if ended == mem.SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
-    if by_error is not None and (noisy := _noisy(engine, by_error, state)):
-        return noisy
     status, remedy = (Status.newton_failed, "take a smaller step") if by_error is None else (Status.step_too_small, JUMP)
     if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
         remedy = "b is close to the singular value 1/2, take b = 0"
     elif text := unstable(engine, state, h):
         remedy = f"{text}, or a smaller step"
-    return Failure(status, f"Newton's iteration did not converge, {where}; {remedy}")
+    failure = Failure(status, f"Newton's iteration did not converge, {where}; {remedy}")
+    return failure if by_error is None else _or_noise(engine, by_error, state, failure)
 
 
-def _noisy(engine: Engine, plan: ByError, state: State) -> Failure | None:
-    """That noise in a function made the error of the first step that was tried from ``state``, or of the last one made."""
+def _or_noise(engine: Engine, plan: ByError, state: State, failure: Failure) -> Failure:
+    """``failure`` of a step from ``state``, or where a function is noisy one that says so."""
     first, size = engine.loops.section(mem.ATTEMPT)[[mem.FIRST_H, mem.FIRST_ERROR]].tolist()
-    h, error = (first, size) if first else (state.h or 0.0, 1.0)
-    text = noise(engine, state, plan.tolerances, h, error) if h else ""
-    return Failure(Status.step_too_small, f"at t = {state.t:.17g} no step is short enough for {text}") if text else None
+    h, error = (first, size) if first else (state.h or 0.0, 1.0)  # the first that was tried, or the last that was made
+    found = noise(engine, state, plan.tolerances, h, error) if h else None
+    if found is None:
+        return failure
+    if not found.decides:
+        return replace(failure, message=f"{failure.message.removesuffix('.')}. There is {found.text}.")
+    text = f"at t = {state.t:.17g} the error of a step does not shrink with it for {found.text}, or loosen the tolerances."
+    return Failure(Status.step_too_small, text)
 
 
 def off_at_start(engine: Engine, state: State) -> Failure | None:
