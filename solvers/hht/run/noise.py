@@ -16,9 +16,9 @@ from solvers._trust import as_arguments
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import TINY
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.singular import LARGEST
 from solvers.hht.step.state import State
 
+LARGEST = 1_000  # coordinates: full matrices of that size take a second
 CALLS = 5  # of each function: two may differ by little
 SHARE = 0.1  # of a step's error: noise that makes so much of it decides how long steps are
 

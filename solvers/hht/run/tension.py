@@ -15,9 +15,10 @@ from hhtbench.protocol import declared
 from solvers._projection import Projection
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.singular import LARGEST, dense
+from solvers.hht.run.singular import dense
 from solvers.hht.step.state import State
 
+LARGEST = 1_000  # coordinates: full matrices of that size take a second
 ROUNDS = 20  # of a power iteration: the frequency is then right to some per cent, from below
 LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
