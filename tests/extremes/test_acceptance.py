@@ -1,10 +1,15 @@
 """Every fast row of the acceptance matrix: it holds, or the solver says why it cannot be asked."""
 
+from dataclasses import dataclass
+
 import pytest
 
-from hhtbench.studies.acceptance.asked import ASKED
+from hhtbench.result import Counters, Status
+from hhtbench.studies.acceptance.asked import ASKED, Asked
 from hhtbench.studies.acceptance.rows import CORE, Verdict
 from hhtbench.studies.acceptance.study import all_rows, chosen_rows
+from solvers._ending import empty_solution
+from solvers._start import Failure
 
 FAST = [x for x in chosen_rows((), long=False) if x.measure]
 HERE = [asked for asked in ASKED if asked.name in ("hht", "ida")]  # the other columns are the study's: they take minutes
@@ -52,6 +57,23 @@ def test_a_row_of_the_matrix_holds(row, asked):
         assert outcome.verdict is not Verdict.fails, outcome.measured
     if asked.is_hht:
         assert outcome.verdict is not Verdict.undecided, outcome.measured
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failing(Asked):
+    """A solver that always ends at once, with one status."""
+
+    status: Status
+
+    def solve(self, problem, **request):
+        return empty_solution(problem.q0.size, Failure(self.status, "no step goes on"), Counters())
+
+
+@pytest.mark.parametrize("status", [Status.newton_failed, Status.deadline, Status.nonfinite_callback])
+def test_a_solver_that_always_fails_does_not_pass_the_random_cases(status):
+    outcome = all_rows()["R8"].outcome(Failing(name="failing", spec="", status=status))
+    assert outcome.verdict is Verdict.fails
+    assert len(outcome.failing) > 100
 
 
 def test_no_row_of_the_matrix_is_missing():

@@ -112,9 +112,13 @@ def absolute_tolerance(asked: Asked) -> Finding:
     right = asked.solve(over(pendulum(), 0.0, 1.0), rtol=1e-5)
     error = float(np.abs(fine.q[-1] / 1e-9 - right.q[-1]).max()) if fine.success else np.inf
     faults = {"trajectory": "" if error < 1e-3 else f"off by {error:.1e}", "warning": "" if warned else "none"}
-    shaken = hb.NumpySystem(force=lambda t, q, v: 1e-9 * np.sin(50.0 * t) - 1e4 * q)
+    shaken = hb.NumpySystem(
+        force=lambda t, q, v: np.array([1e-9 * np.sin(50.0 * t) - 1e4 * q[0], -9.81]),
+        constraint=lambda t, q: q[1:],
+        constraint_jacobian=lambda t, q: np.array([[0.0, 1.0]]),
+    )
     for case, atol in {"default": None, "1e-06": 1e-6}.items():
-        found = _warned(asked, problem(shaken, [0.0], [0.0], (0.0, 10.0)), atol)
+        found = _warned(asked, problem(shaken, np.zeros(2), np.zeros(2), (0.0, 1.0)), atol)
         faults[f"from rest, atol {case}"] = "" if found else "a success without a digit, and no warning"
     return every(faults, f"off by {error:.1e}")
 

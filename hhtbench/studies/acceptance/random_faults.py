@@ -50,7 +50,7 @@ def _random_case(asked: Asked, random: np.random.Generator) -> str:
     way = dict(asked.ways())
     request = dict(way[str(random.choice(list(way)))])
     if "rtol" in request:
-        request["rtol"] = float(10.0 ** random.uniform(-6, -2))
+        request["rtol"] = float(10.0 ** random.uniform(-5, -2))
     began = time.perf_counter()
     found = asked.solve(problem(system, Q0 * (1 + off), V0, span), **request, max_seconds=5.0)
     if time.perf_counter() - began > 10.0:
