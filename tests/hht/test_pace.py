@@ -10,6 +10,7 @@ from hhtbench.protocol import System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import pace, solve
+from solvers.hht.run.stepper import Stepper
 from tests.hht.scenes import Q0, V0, Pendulum, pendulum
 
 
@@ -148,6 +149,15 @@ def test_a_jump_is_not_blamed_on_noise_far_below_the_error_that_it_makes():
     assert solution.status is Status.step_too_small
     assert "jump" in solution.message
     assert "noise" not in solution.message
+
+
+@pytest.mark.parametrize(("system", "first"), [(Pendulum(), 500), (pendulum(), 20)], ids=["machine code", "callables"])
+def test_steps_that_may_be_slow_are_made_few_at_a_time_at_first(system, first, monkeypatch):
+    """Between calls the user's interrupt is seen; a call of quick ones would cost as much as they do."""
+    asked, advance = [], Stepper.advance
+    monkeypatch.setattr(Stepper, "advance", lambda self, *x: asked.append(len(x[3])) or advance(self, *x))
+    HHT(system).solve((0.0, 1.0), Q0, V0, rtol=1e-4)
+    assert asked[0] == first
 
 
 def test_a_slow_run_is_looked_at_by_the_clock(monkeypatch):

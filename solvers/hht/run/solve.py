@@ -37,7 +37,12 @@ from solvers.hht.step.state import State
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 ARRIVED = Failure(Status.success, Status.success.text)
-FEW, MOST = 20, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+FEW, FIRST, MOST = (
+    20,
+    512,
+    65_536,
+)  # steps of one call: few at first, but for quick ones, so that slow ones can be interrupted
+QUICK = 64  # unknowns up to which a step in machine code takes less than 0.1 ms: a call of FEW costs as much
 CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 
@@ -151,7 +156,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     Returns how it ended.
     """
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
-    count, crossed, looks = FEW, 0, Looks(stepper, state, stop, max_num_steps)
+    crossed, looks = 0, Looks(stepper, state, stop, max_num_steps)
+    count = FIRST if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             text = looks.many(taken, state)
@@ -177,6 +183,11 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         if ended := looks.ended(taken, state):
             return ended
     return ARRIVED
+
+
+def is_quick(engine: Engine) -> bool:
+    """Whether steps take less time than a call of them."""
+    return engine.functions.alone and not engine.plain and engine.layout.size <= QUICK
 
 
 def go_beyond(
