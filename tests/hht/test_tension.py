@@ -73,7 +73,7 @@ def test_too_many_steps_by_error_that_follow_a_vibration_are_told_so():
 
 
 def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration():
-    solution = hb.HHT(pendulum()).solve((0.0, 100.0), HANGING, [1.0, 0.0], rtol=1e-4, max_num_steps=200)
+    solution = hb.HHT(pendulum()).solve((0.0, 1e3), HANGING, [1.0, 0.0], rtol=1e-3, max_num_steps=600)
     assert solution.status is Status.max_steps
     assert "vibration" not in solution.message
 
