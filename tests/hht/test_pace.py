@@ -137,6 +137,7 @@ def test_the_function_with_noise_is_named(name, size, monkeypatch):
     solution = HHT(shaken(name, size)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=400, t_eval=[1.0])
     assert solution.status is Status.step_too_small, solution.message
     assert f"noise: two calls of {name} with" in solution.message
+    assert ("There is" in solution.message) is (name == "reaction"), "beside another cause, or as the cause"
 
 
 def test_a_jump_is_not_blamed_on_noise_far_below_the_error_that_it_makes():
