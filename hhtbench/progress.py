@@ -42,7 +42,7 @@ class Lines:
             self._flush()
             self._part, self._began, self._told, self._first = part, now, now, done
         left = (now - self._began) * (total - done) / (done - self._first) if done > self._first else 0.0
-        self._pending = f"{part}: {done} of {total}" + (f", about {left:.0f} s left" if left else "")
+        self._pending = f"{part}: {done} of {total}" + (f", about {left:.0f} s left" if left > 0 else "")
         if now >= self._told + EVERY:
             self._told = now
             self._flush()

@@ -5,17 +5,21 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from hhtbench import plugins
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
 from hhtbench.filespec import load_attribute
+from hhtbench.packages import own_folder
 from hhtbench.protocol import Problem, Solver
 from hhtbench.specs import Spec, parse_spec
 
 Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
 Verification = Callable[[Counted | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
+
+THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
 
 def list_problems() -> list[str]:
@@ -59,6 +63,15 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
     return made
+
+
+def thumbnail_of(name: str) -> Path | None:
+    """The file with the drawing of a registered problem, at its default parameters; None where there is none."""
+    if name not in list_problems():
+        return None
+    folder = own_folder(plugins.find("problem", name))
+    file = None if folder is None else folder / THUMBNAILS / f"{name}.png"
+    return file if file is not None and file.is_file() else None
 
 
 def load_solver(spec: str | Solver, **options: Any) -> Solver:

@@ -11,13 +11,10 @@ from hhtbench.advice.standing import Standing
 from hhtbench.advice.verdict import as_run
 from hhtbench.advice.wish import Wish
 from hhtbench.analysis import UNKNOWN, newest
-from hhtbench.analysis.cells import entry_of, rules_of
 from hhtbench.analysis.fronts import Front
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import outdated
 from hhtbench.store import RunRow, load_rows
-
-UNASKED = (*UNKNOWN, "reached")  # kinds that are no failure: the campaign asked for looser errors only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +44,7 @@ class Known:
         refusal = _foreign(rows) if wish.on == "time" else ""
         wish = replace(wish, on="evaluations") if refusal else wish
         fronts = as_run(Standing.of(newest(rows).rows, wish).fronts)
-        asked = {entry_of(row) for row in rows if rules_of(row) is not None}
-        failed = {
-            entry: why.text
-            for front in fronts
-            for entry, why in front.missing.items()
-            if why.kind not in UNASKED and (why.kind != "capped" or entry in asked)
-        }
+        failed = {entry: why.text for front in fronts for entry, why in front.missing.items() if why.kind not in UNKNOWN}
         if fronts and not any(front.costs for front in fronts):
             text += " do not get there" + "".join(f"; {entry}: {why}" for entry, why in failed.items())
         return cls(problem=problem, fronts=fronts, on=wish.on, refusal=refusal, failed=failed, text=text)

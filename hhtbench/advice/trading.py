@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -185,10 +186,7 @@ def _traded(
     loaded, spec = load_problem(problem), canonical(problem)
     candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
-
-    def pace(*_: object) -> None:
-        progress("seconds", round(time.monotonic() - began), round(seconds))
-
+    pace = pace_of(began, seconds, progress)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
         plan = campaign_for([spec], candidates, accuracies=wish.accuracies, reference="auto")
@@ -207,6 +205,12 @@ def _traded(
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
     )
+
+
+def pace_of(began: float, seconds: float, progress: Progress) -> Progress:
+    """Tells ``progress``, whenever it is called, how many of the ``seconds`` have passed; never more than there are."""
+    total = max(1, math.ceil(seconds))
+    return lambda *_: progress("seconds", min(int(time.monotonic() - began), total), total)
 
 
 def in_expected_order(problem: Problem, wish: Wish) -> tuple[Candidate, ...]:

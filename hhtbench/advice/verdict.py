@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -63,7 +62,7 @@ def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
     These are all that reach the tightest: the run that does reaches the others too.
     """
     reached = [front for front in fronts if front.costs]
-    ranked = [place for place in places(reached, math.inf) if len(place.costs) == len(reached)]
+    ranked = [place for place in places(reached) if len(place.costs) == len(reached)]
     return tuple((place.entry, place.mean / ranked[0].mean) for place in ranked)
 
 

@@ -27,6 +27,7 @@ from hhtbench.analysis.drift import (
 from hhtbench.analysis.drift_cost import DriftCost, drift_costs
 from hhtbench.analysis.fronts import (
     BOUNDS,
+    PACE,
     SAME,
     TARGETS,
     Campaign,
@@ -42,7 +43,7 @@ from hhtbench.analysis.fronts import (
 )
 from hhtbench.analysis.kinds import Kind, kinds
 from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
-from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, Missing
+from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, UNREFINED, Missing
 from hhtbench.analysis.newest import Newest, newest
 from hhtbench.analysis.outcomes import Failure, counters, failures, machines, silent, statuses
 from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
@@ -54,6 +55,7 @@ __all__ = [
     "FIRST",
     "NEAR",
     "NOT_RUN",
+    "PACE",
     "RACE_TARGETS",
     "SAME",
     "STEADY",
@@ -61,6 +63,7 @@ __all__ = [
     "TARGETS",
     "TYPICAL_ERROR",
     "UNKNOWN",
+    "UNREFINED",
     "Campaign",
     "Choice",
     "Comparison",

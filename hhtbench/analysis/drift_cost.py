@@ -16,20 +16,30 @@ class DriftCost:
 
     problem: str
     cost: Cost
-    ratio: float  #: its cost over that of HHT's cheapest entry
+    own: Cost  #: of HHT's cheapest entry
     drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
+
+    @property
+    def ratio(self) -> float:
+        """Its cost over that of HHT's cheapest entry."""
+        return self.cost.value / self.own.value
+
+    @property
+    def bound(self) -> bool:
+        """Whether either cost is only an upper bound, so that the ratio is none of costs at this error."""
+        return self.cost.bound or self.own.bound
 
 
 def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
-    """Entry -> one for each problem with constraints where both it and HHT reach ``target``, at costs that are no bounds."""
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
     found: dict[str, list[DriftCost]] = {}
     for front in fronts(rows, measure, (target,)):
         own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
-        if own is None or own.bound:
+        if own is None:
             continue
         for cost in front.costs:
             levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
-            if levels and not cost.bound:
-                line = DriftCost(problem=front.problem, cost=cost, ratio=cost.value / own.value, drift=max(levels))
+            if levels:
+                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=max(levels))
                 found.setdefault(cost.entry, []).append(line)
     return {entry: tuple(lines) for entry, lines in found.items()}

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family, points, problems
-from hhtbench.analysis.missing import UNKNOWN, Missing, drifting, unjudged, why_missing
+from hhtbench.analysis.missing import UNKNOWN, UNREFINED, Missing, drifting, unjudged, why_missing
 from hhtbench.store.rows import RunRow
 
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, where the rows name none
 BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
 SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
-SECONDS = 60.0  # that count where an error is not reached and the rows name no other limit [s]
-PACE = 1e6  # evaluations a second, more than solvers make: what counts by evaluations
+SECONDS = 60.0  # that a solver was allowed on a problem where the rows name no limit [s]
+PACE = 1e6  # evaluations a second, more than solvers make
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 
@@ -39,6 +39,8 @@ class Front:
     target: float
     costs: tuple[Cost, ...]  #: cheapest first
     missing: dict[str, Missing]  #: solver -> why it has no cost
+    allowed: dict[str, float]  #: solver -> what it was allowed on the problem, s or evaluations; everybody who was run
+    levels: tuple[str, ...]  #: :func:`constrained_levels` of the problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +72,7 @@ class Comparison:
                 return "level"
             return "wins" if self.factor > 1 else "loses"
         known = {reason.kind for reason in self._reasons(own=self.subject is None)}
-        if not known or known <= set(UNKNOWN) or "unfinished" in known or (self.subject is None and self.rival is None):
+        if known <= set(UNKNOWN) or known & set(UNREFINED) or (self.subject is None and self.rival is None):
             return "unknown"
         if self.subject is None:
             return "absent"
@@ -175,7 +177,17 @@ def _front(
         else:
             missing[entry] = why_missing(runs, measure)
     ordered = tuple(sorted(costs, key=lambda cost: cost.value))
-    return Front(problem=problem, measure=measure, target=target, costs=ordered, missing=missing)
+    given = {entry: allowed(runs, measure) for entry, runs in groups.items()}
+    return Front(
+        problem=problem, measure=measure, target=target, costs=ordered, missing=missing, allowed=given, levels=levels
+    )
+
+
+def allowed(runs: Sequence[Point], measure: str) -> float:
+    """What one solver was allowed on one problem: the time of its runs [s], or ``PACE`` evaluations for each second."""
+    limits = [run.allowed for run in runs if run.allowed is not None]
+    limits += [run.rules.pair_seconds for run in runs if run.rules is not None]
+    return max(limits, default=SECONDS) * (1.0 if measure == "time" else PACE)
 
 
 def constrained_levels(runs: Iterable[Point]) -> tuple[str, ...]:
@@ -204,18 +216,12 @@ class Campaign:
 
     level: float  #: :func:`level_of` their times
     targets: tuple[float, ...]  #: :func:`targets_of` them
-    seconds: float = SECONDS  #: that one solver was allowed on one problem [s]
-
-    def allowed(self, measure: str) -> float:
-        """What counts where an error is not reached: the time allowed [s], or as many evaluations as fit into it."""
-        return self.seconds if measure == "time" else self.seconds * PACE
 
 
 def campaign_of(rows: Iterable[RunRow]) -> Campaign:
     """Of all rows of a report."""
     found = points(rows)
-    allowed = max((run.rules.pair_seconds for run in found if run.rules is not None), default=SECONDS)
-    return Campaign(level=level_of(found), targets=targets_of(found), seconds=allowed)
+    return Campaign(level=level_of(found), targets=targets_of(found))
 
 
 def compare(
@@ -236,10 +242,9 @@ def compare(
     targets = targets or whole.targets
     level = {"time": whole.level, "evaluations": 1.0}
     own_rows = [row for row in rows if problem in (None, row.problem)]
-    found = points(own_rows)
     for measure in MEASURES:
         for front in fronts(own_rows, measure, targets, held):
-            if held is not None and not constrained_levels(run for run in found if run.problem == front.problem):
+            if held is not None and not front.levels:
                 continue
             own = [cost for cost in front.costs if family(cost.entry) == subject]
             others = [cost for cost in front.costs if family(cost.entry) != subject]

@@ -1,4 +1,4 @@
-"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and whether it is declared stiff."""
+"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and whether it is tagged as stiff."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis.cells import problems
 from hhtbench.store.rows import RunRow
 
 CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in the order of the table
@@ -15,8 +14,10 @@ CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in 
     (False, True): "velocity constraints",
     (False, False): "no constraints",
 }
-UNTOLD = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
-STIFFNESS = {False: "not stiff", True: "stiff", None: "stiffness not declared"}
+UNTOLD = (
+    "constraints not recorded"  # in no row: no solver has called the problem's functions, or an older hhtbench made them
+)
+STIFFNESS = {False: "not tagged stiff", True: "tagged stiff", None: "stiffness not recorded"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +25,7 @@ class Kind:
     """What problems that are compared together have in common."""
 
     constraints: str  #: one of ``CONSTRAINTS``, or ``UNTOLD``
-    stiff: bool | None  #: whether the problem has this tag; None where it has no tags at all
+    stiff: bool | None  #: whether the problem has this tag; None where no row holds its tags
 
     @property
     def text(self) -> str:
@@ -33,17 +34,21 @@ class Kind:
 
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
-    """Kind -> its problems; position constraints first, what is not stiff first."""
-    told = {row.problem: row.metrics["system"] for row in rows if row.metrics.get("system")}
+    """Kind -> its problems; position constraints first, what is not tagged first."""
+    told: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        told.setdefault(row.problem, []).append(row.metrics.get("system") or {})
     found: dict[Kind, list[str]] = {}
-    for problem in problems(rows):
-        found.setdefault(_kind(told.get(problem, {})), []).append(problem)
+    for problem, systems in told.items():
+        found.setdefault(_kind(systems), []).append(problem)
     order = [*CONSTRAINTS.values(), UNTOLD]
     ordered = sorted(found, key=lambda kind: (order.index(kind.constraints), list(STIFFNESS).index(kind.stiff)))
     return {kind: tuple(found[kind]) for kind in ordered}
 
 
-def _kind(system: Mapping[str, Any]) -> Kind:
-    m, p, tags = (system.get(name) for name in ("m", "p", "tags"))
-    constraints = UNTOLD if m is None or p is None else CONSTRAINTS[m > 0, p > 0]
-    return Kind(constraints=constraints, stiff="stiff" in tags if tags else None)
+def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
+    """Of one problem: from any row that holds its sizes, and from any that holds its tags."""
+    sizes = next(((one["m"], one["p"]) for one in systems if None not in (one.get("m"), one.get("p"))), None)
+    tags = next((one["tags"] for one in systems if one.get("tags") is not None), None)
+    constraints = UNTOLD if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]
+    return Kind(constraints=constraints, stiff=None if tags is None else "stiff" in tags)

@@ -14,14 +14,15 @@ from hhtbench.analysis.cells import Point, kind_of
 from hhtbench.analysis.ladder import Next, next_setting
 
 NOT_RUN = "not run"  # status of a run for which `make bench-engine` had no time: it says nothing about the solver
-UNKNOWN = (NOT_RUN, "unjudged", "uncounted", "unfinished")  #: kinds that say nothing about the solver
+UNREFINED = ("unfinished", "not asked")  #: kinds of which no finer run was made
+UNKNOWN = (NOT_RUN, "unjudged", "uncounted", *UNREFINED)  #: kinds that say nothing about the solver
 
 
 @dataclass(frozen=True, kw_only=True)
 class Missing:
     """Why one solver has no cost."""
 
-    kind: str  #: "refused", "fails", "standstill", "capped" or "drifts"; one of ``UNKNOWN``
+    kind: str  #: "refused", "fails", "standstill", "capped" or "drifts"; or one of ``UNKNOWN``
     text: str
     error: float | None = None  #: the smallest that was reached
     bound: float | None = None  #: lower bound of the cost, s or evaluations: what the finest run took
@@ -53,20 +54,20 @@ def why_missing(runs: Sequence[Point], measure: str) -> Missing:
 
 
 def _reason(runs: Sequence[Point]) -> tuple[str, str]:
-    """Kind and text: as the ladder of settings ended, or of settings that were asked for by themselves."""
+    """Kind and text: as the ladder of settings ended; as the runs did where none was asked for this error."""
     finest = runs[-1]
-    if finest.rules is not None:
-        end = next_setting(runs, finest.rules, kind_of(finest))
-        if isinstance(end, Next):
-            return "unfinished", "the campaign was stopped here: resume it"
+    end = None if finest.rules is None else next_setting(runs, finest.rules, kind_of(finest))
+    if isinstance(end, Next):
+        return "unfinished", "the campaign was stopped here: resume it"
+    if end is not None and end.kind != "reached":
         return end.kind, end.text
-    failed = Counter(run.status for run in runs if not run.success)
-    if failed:
+    if not finest.success:
+        failed = Counter(run.status for run in runs if not run.success)
         kind = "refused" if set(failed) == {"declined"} else "fails"
         return kind, ", ".join(f"{status} {count} of {len(runs)}" for status, count in failed.items())
     if finest.error is None:
         return "unjudged", "no exact solution or reference to compare with"
-    return "capped", f"finest run {finest.setting.text}, error {finest.error:.2g}"
+    return "not asked", f"finest run {finest.setting.text}, error {finest.error:.2g}"
 
 
 def _bound(runs: Sequence[Point], measure: str) -> float | None:

@@ -24,7 +24,9 @@ COUNTED = (
 )
 
 
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])")  # one that stands alone: no part of RK45
+NUMBER = re.compile(
+    r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])"
+)  # alone: no part of RK45; no exit code
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +45,12 @@ class Failure:
     status: str
     message: str  #: of the first
     rows: tuple[RunRow, ...]
+
+    @property
+    def text(self) -> str:
+        """The message; said where those of the others have other numbers."""
+        same = all(row.message == self.message for row in self.rows)
+        return self.message if same else f"{self.message} (the first; numbers differ)"
 
     @property
     def reached(self) -> float | None:

@@ -24,7 +24,13 @@ def asked_campaign(
     max_seconds: float | None,
     reference: Literal["none", "auto"] | None,
 ) -> Campaign:
-    """The campaign of the options of ``hhtbench run`` and ``status``."""
+    """The campaign of the options of ``hhtbench run`` and ``status``.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        The options contradict each other; without a name, also what :func:`refuse_misspelt` raises.
+    """
     some = tuple(split_specs(problems)), tuple(split_specs(solvers))
     if name is None:
         grid = Grid(
@@ -34,6 +40,7 @@ def asked_campaign(
             step=_numbers("step", step, float),
             steps=_numbers("steps", steps, int),
         )
+        refuse_misspelt(solvers)
         campaign = Campaign(grids=(grid,))
     elif rtol or step or steps:
         raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")

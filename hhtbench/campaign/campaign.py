@@ -203,7 +203,10 @@ def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
 
 
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
-    """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times."""
+    """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times.
+
+    Nothing is written while a cell is being timed: a round is kept at its end, or where it is interrupted.
+    """
     rows = {cell.key: store.get(cell.key) for cell in cells}
     pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and untimed(row)}
     store.write(  # times of another machine go first of all: at no time are there those of two
@@ -216,12 +219,16 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
     for count in range(repeats):
         tell("timing", count * len(pending), repeats * len(pending))
         short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
-        for key, reading in _one_a_core(short, pool):
-            readings[key].append(reading)
-            if count == repeats - 1 or enough(readings[key]):
-                cell, row = pending[key]
-                timed = _with_timing(row, {**timing_of(readings[key]), "machine": machine})
-                store.write([Entry(row=timed, identity=cell.identity, replaces=True)])
+        timed = []
+        try:
+            for key, reading in _one_a_core(short, pool):
+                readings[key].append(reading)
+                if count == repeats - 1 or enough(readings[key]):
+                    cell, row = pending[key]
+                    found = _with_timing(row, {**timing_of(readings[key]), "machine": machine})
+                    timed.append(Entry(row=found, identity=cell.identity, replaces=True))
+        finally:
+            store.write(timed)
     tell("timing", repeats * len(pending), repeats * len(pending))
     return len(pending)
 

@@ -121,6 +121,7 @@ def run_cell(
     phase("the solve")
     outcome = attempt(problem, solver, request)
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
+    phase(MEASURING)  # the problem's functions may be traced for the first time
     row["metrics"] = {"system": system_of(problem)}
     if outcome.solution is None:
         return row

@@ -27,7 +27,7 @@ def _line(failure: Failure) -> str:
     problems = _one_of(list(dict.fromkeys(row.problem for row in failure.rows)))
     solvers = _one_of(list(dict.fromkeys(row.solver for row in failure.rows)))
     cells = _asked(failure.rows[0].request) if len(failure.rows) == 1 else f"{len(failure.rows)} cells"
-    return f"{failure.status:>14}  {problems}  {solvers}  {cells}: {failure.message}"
+    return f"{failure.status:>14}  {problems}  {solvers}  {cells}: {failure.text}"
 
 
 def failure_facts(rows: Iterable[RunRow]) -> list[dict[str, Any]]:

@@ -81,7 +81,7 @@ def run_command(
     require_folder(json_file)
     resume = f"interrupted; what is done is in {file}. This goes on from there:\n{_command_line()}"
     with ends_at_once(resume):
-        from hhtbench.campaign.asked import asked_campaign, refuse_misspelt
+        from hhtbench.campaign.asked import asked_campaign
         from hhtbench.campaign.campaign import run_campaign
         from hhtbench.campaign.execute import machine_limits
         from hhtbench.campaign.references import auto_references
@@ -89,8 +89,6 @@ def run_command(
         from hhtbench.store import Store
 
         campaign = asked_campaign(**chosen)
-        if chosen["name"] is None:
-            refuse_misspelt(chosen["solvers"])
         store = Store(file)
     for repair in store.repairs:
         click.echo(f"{file}: {repair}", err=True)

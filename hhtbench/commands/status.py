@@ -31,7 +31,8 @@ def status_command(store: Path, json_file: Path | None, **chosen: Any) -> None:
         from hhtbench.campaign.status import status_of
 
     require_folder(json_file)
-    asked = asked_campaign(**chosen) if chosen["name"] or chosen["problems"] else None
+    named = any(value not in (None, ()) for value in chosen.values())
+    asked = asked_campaign(**chosen) if named else None
     found = status_of(store, chosen["name"] or "asked for", asked)
     damaged = found.reading.warning(store)
     if damaged and not found.rows:

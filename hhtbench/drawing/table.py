@@ -12,11 +12,10 @@ from hhtbench import plugins
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, declared
 from hhtbench.reference.plan import Entry, registered_plans
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.registry import THUMBNAILS, list_problems, load_problem
 
 BEGIN, END = "<!-- table: hhtbench show --table -->", "<!-- end of table -->"
 HEADS = ("", "name and parameters", "n/m/p", "tags", "values to compare with", "source", "good for")
-THUMBNAILS = "thumbnails"  # folder beside the file
 WIDE = 120  # pixels of a thumbnail in the table
 
 

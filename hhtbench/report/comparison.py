@@ -19,7 +19,7 @@ from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import FAILED, Content, Part, content_of
 from hhtbench.report.drawings import Drawings
-from hhtbench.report.elements import html_table
+from hhtbench.report.elements import html_table, sketch
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text, markdown_table
@@ -163,6 +163,7 @@ def _problem_section(rows: Sequence[RunRow], part: Part, styles: dict[str, Solve
     return f"""\
 <section>
 <h2 id="{anchor(part.name)}">{escape(part.name)}</h2>
+{sketch(part.name)}
 <p class="lead">{"<br>".join(_prose(text) for text in part.sentences)}</p>
 <div class="charts">
 {drawn or "<p>No run left anything to draw.</p>"}

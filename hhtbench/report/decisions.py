@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, SUBJECT, Campaign, Choice, Kind, Place, family
+from hhtbench.analysis import BOUNDS, NOT_RUN, PACE, SUBJECT, Campaign, Choice, Kind, Place, family
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import AT_MOST, MEASURES, NOTHING, multiple, plural, short, times, work
+from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, short, times, work
 from hhtbench.store.rows import RunRow
 
 HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
@@ -17,14 +18,14 @@ ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usu
 
 def reading(campaign: Campaign) -> str:
     """How the table is to be read."""
-    seconds, evaluations = (campaign.allowed(measure) for measure in MEASURES)
     return (
-        "The table. Ranked are solvers that were run on all problems of the kind, by the geometric mean of their costs; a "
-        f"problem on which one does not get there counts {seconds:g} s, or {evaluations:.0e} evaluations, and how many it "
-        "reaches is told. Second, and HHT's place among all who get there: how many times dearer than the cheapest; level, "
-        f"by time: by no more than repeats of one solve differ, {times(campaign.level)}. Cheaper on some: who was run on a "
-        f"part of the problems only, and is cheaper there. {AT_MOST}, at most, at least: by runs more accurate than asked. "
-        "Stiff: as the problem is tagged."
+        "The table. Ranked are solvers of which it is known on all problems of the kind whether they get there: first by "
+        "how many they reach, then by the geometric mean of their costs; one that is not reached counts at least the time "
+        f"that was allowed there, or {PACE:.0e} evaluations for each second of it. Second, and HHT's place among all who "
+        "get there: how many times dearer than the cheapest; level, by time: by no more than repeats of one solve differ, "
+        f"{times(campaign.level)}. Cheaper on some: who is cheaper in the mean of those that both reach. At most: a cost is "
+        "that of a run more accurate than asked; at least: one is not reached, or the cheapest's cost is at most that; "
+        "about: both. Tagged stiff: by the problem's author."
     )
 
 
@@ -36,7 +37,7 @@ def decisions(
     tables = {}
     for measure in MEASURES:
         for bound in BOUNDS:
-            choices = analysis.decide(rows, kinds, measure, asked, bound, campaign)
+            choices = analysis.decide(rows, kinds, measure, asked, bound)
             level = campaign.level if measure == "time" else 1.0
             body = [_line(choice, measure, level) for choice in choices]
             some = None if any(line[-1] != NOTHING for line in body) else -1  # most campaigns run everybody on all of a kind
@@ -60,58 +61,65 @@ def _line(choice: Choice, measure: str, level: float) -> list[str | Cell]:
     if not choice.places:
         return [*head, _nobody(choice), NOTHING, _subject(choice, level), NOTHING]
     first, *others = choice.places
-    cost = f"{f'{AT_MOST} ' * first.bound}{work(first.mean, measure)}{_reaches(first, choice)}"
-    second = Cell(short(others[0].entry), "", _beside(others[0], choice, level)) if others else Cell(NOTHING)
-    return [*head, Cell(short(first.entry), "", cost), second, _subject(choice, level), _cheaper(choice, level)]
+    cost = bound_of(first.at_most, first.at_least) + work(first.mean, measure)
+    second = _named(others[0], _dearer(others[0], first, level)) if others else NOTHING
+    return [*head, _named(first, cost), second, _subject(choice, level), _cheaper(choice, level)]
+
+
+def _named(place: Place, figure: str) -> Cell:
+    return Cell(short(place.entry), "", _joined(figure, _reach(place)))
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(filter(None, parts))
+
+
+def _dearer(place: Place, other: Place, level: float) -> str:
+    """How many times dearer in the mean."""
+    ratio = place.mean / other.mean
+    at_most, at_least = place.at_most or other.at_least, place.at_least or other.at_most
+    close = not at_most and not at_least and 1 / level <= ratio <= level
+    return multiple(ratio, at_most, at_least) + ", level" * close
+
+
+def _reach(place: Place) -> str:
+    """On how many problems it gets there, where not on all, and why that is not known of others."""
+    known = len(place.costs) + len(place.missed)
+    total = known + len(place.unknown)
+    reasons = Counter(place.unknown.values())
+    return _joined(
+        f"reaches {len(place.costs)} of {total}" if known and len(place.costs) < total else "",
+        *(KINDS[kind] + f" on {number}" * (number < total) for kind, number in reasons.items()),
+    )
 
 
 def _nobody(choice: Choice) -> str:
-    """Why there is no cheapest."""
-    if choice.partial:
-        return (
-            "nobody who was run on all gets there" if any(_on_all(p, choice) for p in choice.others) else "nobody run on all"
-        )
-    return "nobody gets there" if any(place.missed for place in choice.others) else "unknown"
-
-
-def _on_all(place: Place, choice: Choice) -> bool:
-    return len(place.counted) == len(choice.problems)
-
-
-def _beside(place: Place, choice: Choice, level: float) -> str:
-    """How many times dearer than the cheapest, and on how many problems it gets there."""
-    first = choice.places[0]
-    ratio = place.ratio(first)
-    if ratio is None:
-        return ""
-    close = ", level" if 1 / level <= ratio <= level else ""
-    return f"{multiple(ratio, place.bound, first.bound)}{close}{_reaches(place, choice)}"
-
-
-def _reaches(place: Place, choice: Choice) -> str:
-    """On how many problems it gets there, and was run, where not on all."""
-    reached, run, total = len(place.costs), len(place.counted), len(choice.problems)
-    return f"{f', reaches {reached} of {run}' * (reached < run)}{f', run on {run} of {total}' * (run < total)}"
+    """Why there is no cheapest: of whom it is known on all problems, nobody gets there on any."""
+    known = [place for place in choice.others if not place.unknown]
+    return f"nobody{' known on all' * (len(known) < len(choice.others))}{' gets there' * bool(known)}"
 
 
 def _subject(choice: Choice, level: float) -> Cell:
-    """The place of HHT's best among all solvers; where it has none, why."""
+    """The place of HHT's best among all solvers; where it has none, how far it gets and what is not known."""
     for number, place in enumerate(choice.places, 1):
         if family(place.entry) == SUBJECT:
-            beside = f"{_beside(place, choice, level)}, " if number > 1 else ""
-            text = f"{number} of {len(choice.places)}"
-            return Cell(text, "good" if number == 1 else "", f"{beside}{short(place.entry)}")
+            first = choice.places[0]
+            figure = _joined(_dearer(place, first, level), _reach(place)) if number > 1 else ""
+            tone = "good" if number == 1 and not place.missed else ""
+            return Cell(f"{number} of {len(choice.places)}", tone, _joined(figure, short(place.entry)))
     own = [place for place in choice.others if family(place.entry) == SUBJECT]
-    if any(place.costs for place in own):
-        run = max(len(place.counted) for place in own if place.costs)
-        return Cell(f"run on {run} of {len(choice.problems)}")
-    if any(place.missed for place in own):
-        return Cell("does not get there", "bad")
-    return Cell("unknown" if own else "not run")
+    if not own:
+        return Cell(KINDS[NOT_RUN])
+    best = min(own, key=lambda place: (-len(place.costs), len(place.missed)))
+    return Cell(_reach(best)) if best.costs or best.unknown else Cell("does not get there", "bad")
 
 
 def _cheaper(choice: Choice, level: float) -> str | Cell:
-    """Of those who were not run on all problems the one that is farthest below the cheapest where both were."""
-    compared = [(ratio, place) for place in choice.partial if (ratio := place.ratio(choice.places[0])) is not None]
-    ratio, best = min(compared, key=lambda pair: pair[0], default=(1.0, None))
-    return NOTHING if best is None or ratio >= 1 else Cell(short(best.entry), "", _beside(best, choice, level))
+    """Of the others the one that is farthest below the cheapest on those problems that both reach, by more than level."""
+    first = choice.places[0]
+    pairs = [(place, *place.beside(first)) for place in (*choice.places[1:], *choice.others)]
+    cheaper = [(own.mean / its.mean, place, own, its) for place, own, its in pairs if own.mean * level < its.mean]
+    if not cheaper:
+        return NOTHING
+    _, place, own, its = min(cheaper, key=lambda found: found[0])
+    return _named(place, _dearer(own, its, level))

@@ -1,9 +1,11 @@
-"""Tables as HTML."""
+"""Tables and pictures as HTML."""
 
 from __future__ import annotations
 
+import base64
 from html import escape
 
+from hhtbench.registry import thumbnail_of
 from hhtbench.report.tables import Cell, Table
 
 LONG = 44  # characters; a longer cell may wrap
@@ -26,3 +28,14 @@ def _html_cell(cell: Cell) -> str:
     detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
     text = f'<a href="{escape(cell.link)}">{escape(cell.text)}</a>' if cell.link else escape(cell.text)
     return f"<td{named}>{text}{detail}</td>"
+
+
+def sketch(problem: str) -> str:
+    """The drawing of the registered problem that ``problem`` is, or is made of, as an element; empty where there is none."""
+    name, _, parameters = problem.partition("(")
+    file = thumbnail_of(name)
+    if file is None:
+        return ""
+    title = escape(f"{name} with its default parameters" if parameters else name)
+    data = base64.b64encode(file.read_bytes()).decode()
+    return f'<img class="sketch" src="data:image/png;base64,{data}" width="200" height="150" alt="{title}" title="{title}">'

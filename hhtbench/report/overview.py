@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
@@ -16,7 +17,7 @@ from hhtbench.report.chart import layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.figures import axis
 from hhtbench.report.series import LEAST_DRIFT
-from hhtbench.report.words import plural, short
+from hhtbench.report.words import listed, plural, short
 from hhtbench.store.rows import RunRow
 
 Styles = Mapping[str, SolverStyle]
@@ -37,27 +38,42 @@ def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
     views = []
     for measure in ("time", "evaluations"):
         found = analysis.drift_costs(rows, measure)
-        if found:
-            views.append(View(name=measure, caption=_told(found), figure=_drift_figure(found, measure, styles)))
+        drawn = {entry: own for entry, lines in found.items() if (own := [line for line in lines if not line.bound])}
+        if drawn:
+            caption = _told(_count(drawn)) + _left_out(found)
+            views.append(View(name=measure, caption=caption, figure=_drift_figure(drawn, measure, styles)))
     return views
 
 
-def _told(found: Mapping[str, Sequence[DriftCost]]) -> str:
-    count = len({line.problem for lines in found.values() for line in lines})
+def _told(count: int) -> str:
     return (
         f"Left and low is better. On each of {plural(count, 'problem')} with constraints the cost at an error of "
         f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest; the cost lies between two runs, the largest drift is that of the "
-        "more accurate of them. Left out: problems where either's loosest run is more accurate than that already. Large "
-        f"marks are medians. Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
+        "more accurate of them. Large marks are medians; of how many problems, where not of all, stands behind the name. "
+        f"Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
     )
+
+
+def _count(found: Mapping[str, Sequence[DriftCost]]) -> int:
+    return len({line.problem for lines in found.values() for line in lines})
+
+
+def _left_out(found: Mapping[str, Sequence[DriftCost]]) -> str:
+    """Where a cost at the error is not known, since the cheapest run is more accurate."""
+    lines = [line for own in found.values() for line in own]
+    problems = list(dict.fromkeys(line.problem for line in lines if line.own.bound))
+    others = Counter(line.cost.entry for line in lines if line.cost.bound and not line.own.bound)
+    parts = [f"of HHT's on {plural(len(problems), 'problem')} ({listed(problems)})"] if problems else []
+    parts += [f"of {short(entry)} on {number}" for entry, number in others.items()]
+    return f" Left out, the cheapest run being more accurate than that already: {'; '.join(parts)}." if parts else ""
 
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
     medians = {entry: _median(lines) for entry, lines in found.items()}
-    places = _label_places(medians)
+    places, most = _label_places(medians), _count(found)
     own = [entry for entry in styles if entry in found]
     data = [_single(entry, found[entry], styles[entry]) for entry in own]
-    data += [_middle(entry, medians[entry], len(found[entry]), styles[entry], places.get(entry)) for entry in own]
+    data += [_middle(entry, medians[entry], len(found[entry]), most, styles[entry], places.get(entry)) for entry in own]
     everything = [line for lines in found.values() for line in lines]
     x = _limits(math.log10(line.ratio) for line in everything)
     y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
@@ -77,8 +93,8 @@ def _label_places(medians: Mapping[str, tuple[float, float]]) -> dict[str, str]:
     def beaten(place: tuple[float, float]) -> bool:
         return any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in medians.values())
 
-    own = min((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
-    named = {own} | {entry for entry, place in medians.items() if not beaten(place)}
+    own = sorted((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
+    named = {*own[:1], *(entry for entry, place in medians.items() if not beaten(place))}
     return dict(zip(sorted(named, key=lambda entry: medians[entry]), cycle(("top center", "bottom center")), strict=False))
 
 
@@ -95,17 +111,20 @@ def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[
     }
 
 
-def _middle(entry: str, place: tuple[float, float], count: int, style: SolverStyle, label: str | None) -> dict[str, Any]:
+def _middle(
+    entry: str, place: tuple[float, float], count: int, most: int, style: SolverStyle, label: str | None
+) -> dict[str, Any]:
+    """A median of ``count`` of ``most`` problems."""
     return {
         "type": "scatter",
         "name": entry,
         "mode": "markers+text" if label else "markers",
         "x": [rounded(place[0])],
         "y": [rounded(place[1])],
-        "text": [short(entry)],
+        "text": [short(entry) + f", {count} of {most}" * (count < most)],
         "textposition": label or "top center",
         "textfont": {"size": 12},
-        "customdata": [f"median of {plural(count, 'problem')}"],
+        "customdata": [f"median of {count} of {plural(most, 'problem')}"],
         "hovertemplate": "<b>%{fullData.name}</b><br>%{customdata}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
         "marker": {"color": style.colour, "symbol": style.symbol, "size": 13, "line": {"width": 1, "color": "#ffffff"}},
     }
@@ -143,10 +162,10 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
 SEARCH = 0.35  # opacity of the curves that count the search
 SEARCHED = (
     " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
-    "failed ones included, a crashed one by the time it was allowed. What is not reached, or was not run, is in no curve."
+    "failed ones included. What is not reached, or was not run, is in no curve."
 )
 COUNTED = {
-    "time": "",
+    "time": " A run whose time is not known, a crashed one, counts what it was allowed.",
     "evaluations": " A call is what a solver evaluates: a residual of IDA's is less work than an acceleration.",
 }
 RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."

@@ -44,7 +44,7 @@ def campaign_told(rows: Sequence[RunRow]) -> str:
 def _ladder(runs: Sequence[Point]) -> list[str]:
     found = list(dict.fromkeys(run.rules for run in runs if run.rules is not None))
     if not found:
-        return ["The settings were given, not refined: an error that no setting reaches is a lower bound of the cost."]
+        return ["The settings were given, not refined: where none reaches an error, nothing is known of what it would cost."]
     return [
         f"Every solver starts at a relative tolerance of {FIRST['rtol']:g}, or with {1 / FIRST['steps']:.0f} steps, and is "
         "refined alike: the next setting follows from its errors so far, aims at the loosest error not reached, and is at "

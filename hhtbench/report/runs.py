@@ -144,10 +144,10 @@ def failures_by_reason(rows: Sequence[RunRow], problem: str) -> Table:
     body: list[list[str | Cell]] = []
     found = analysis.failures(row for row in rows if row.problem == problem)
     for one in sorted(found, key=lambda failure: -len(failure.rows)):
-        message = doubt(one.message) if one.status == DOUBTED else one.message
+        message = doubt(one.text) if one.status == DOUBTED else one.text
         far = NOTHING if one.reached is None else f"{100 * one.reached:.3g} %"
         body.append([Cell(one.status, "bad"), str(len(one.rows)), _counted(one.rows), far, message])
-    note = "Reached: the largest share of the interval. Of messages that differ by their numbers the first."
+    note = "Reached: the largest share of the interval."
     return make_table(["status", "runs", "solvers", "reached", "message"], body, note)
 
 

@@ -7,7 +7,19 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, NEAR, STEADY, SUBJECT, TYPICAL_ERROR, Campaign, Comparison, Newest, Point, family
+from hhtbench.analysis import (
+    BOUNDS,
+    NEAR,
+    STEADY,
+    SUBJECT,
+    TYPICAL_ERROR,
+    UNREFINED,
+    Campaign,
+    Comparison,
+    Newest,
+    Point,
+    family,
+)
 from hhtbench.report.words import KINDS, MEASURES, STAR, bounded, dearer, factor, listed, plural, short, shown, uncounted
 from hhtbench.store.rows import RunRow
 
@@ -42,7 +54,7 @@ def _coverage(rows: Sequence[RunRow]) -> str:
 
 
 def _reached(rows: Sequence[RunRow]) -> str:
-    """Every solver was asked for every error on its problems: how many of these it reached, and what ended the others."""
+    """Of all errors, by every solver on its problems: how many it reached, and what ended the others, if anything did."""
     fronts = analysis.fronts(rows, "time")
     reached = sum(len(front.costs) for front in fronts)
     kinds = Counter(reason.kind for front in fronts for reason in front.missing.values())
@@ -51,7 +63,7 @@ def _reached(rows: Sequence[RunRow]) -> str:
     rest = f" The others: {', '.join(ends)}." if ends else ""
     return (
         f"Of {plural(total, 'target')}, each a problem, a solver and an error, {reached} "
-        f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {kinds['unfinished']}."
+        f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {sum(kinds[kind] for kind in UNREFINED)}."
     )
 
 

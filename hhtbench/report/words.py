@@ -23,6 +23,7 @@ KINDS = {  # why a target is not reached
     "uncounted": "not reported",
     "not run": "not run",
     "unfinished": "stopped",
+    "not asked": "no run so accurate",
 }
 UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
 
@@ -91,11 +92,14 @@ def factor(line: Comparison) -> str:
     return multiple(dearer(line), loser.bound, winner.bound)
 
 
-def multiple(ratio: float, over: bool, under: bool) -> str:
-    """A cost over another: "at most" where the former is an upper bound, "at least" where the latter is."""
-    return {(True, False): "at most ", (False, True): "at least ", (True, True): "about "}.get((over, under), "") + times(
-        ratio
-    )
+def multiple(ratio: float, at_most: bool, at_least: bool) -> str:
+    """A cost over another, which may be an upper or a lower bound."""
+    return bound_of(at_most, at_least) + times(ratio)
+
+
+def bound_of(at_most: bool, at_least: bool) -> str:
+    """What stands before a number that rests on upper bounds, or on lower ones, or on both."""
+    return {(True, False): "at most ", (False, True): "at least ", (True, True): "about "}.get((at_most, at_least), "")
 
 
 def bounded(bound: float | None) -> str:

@@ -73,6 +73,14 @@ def test_nobody_is_begun_once_the_time_is_up_and_all_are_named(prices):
     assert f"{CHEAP}: not tried" in found.sentence
 
 
+@pytest.mark.parametrize(("seconds", "now", "told"), [(5.0, 114.2, (5, 5)), (0.4, 103.0, (1, 1)), (60.0, 112.6, (12, 60))])
+def test_a_trade_that_takes_longer_than_it_may_is_not_told_to_be_further_than_its_end(monkeypatch, seconds, now, told):
+    monkeypatch.setattr(trading.time, "monotonic", lambda: now)
+    found = []
+    trading.pace_of(100.0, seconds, lambda *parts: found.append(parts))("accuracy", 3, 4)
+    assert found == [("seconds", *told)]
+
+
 def test_the_sentence_counts_who_was_not_tried(found):
     assert "not tried" not in found.sentence
     hurried = replace(found, left_out={**found.left_out, MIDDLE: UNTRIED})

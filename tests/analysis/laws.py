@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hhtbench.store.rows import RunRow
 
 EVALUATION = 1e-5  # seconds
@@ -41,3 +43,9 @@ def law(solver, factor, order, settings=(1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6), dr
 def failed(solver, setting, status="newton_failed", message="no convergence", **changes):
     """A row that kept nothing but its outcome."""
     return run(solver, setting, None, None, status=status, message=message, metrics={}, counters={}, timing={}, **changes)
+
+
+def ladder(rows, **changes):
+    """The same rows as a campaign made them."""
+    rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4], "max_seconds": 10.0, "pair_seconds": 30.0, "refinements": 16} | changes
+    return [replace(row, request={**row.request, "max_seconds": rules["max_seconds"], "rules": rules}) for row in rows]

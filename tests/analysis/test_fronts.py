@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from hhtbench.analysis import compare, fronts, level_of, points
-from tests.analysis.laws import EVALUATION, failed, law, run
+from tests.analysis.laws import EVALUATION, failed, ladder, law, run
 
 SETTINGS = (2e-2, 2e-3, 2e-4, 2e-5, 2e-6)  # none is a target: every cost is interpolated
 
@@ -94,12 +94,6 @@ def test_one_repeat_of_some_hundred_does_not_decide_what_is_level():
     assert level_of(points(runs)) == pytest.approx(1.02)
 
 
-def ladder(rows, **changes):
-    """The same rows as a campaign made them."""
-    rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4], "max_seconds": 10.0, "pair_seconds": 30.0, "refinements": 16}
-    return [replace(row, request={**row.request, "max_seconds": 10.0, "rules": rules | changes}) for row in rows]
-
-
 def test_an_error_that_is_not_reached_has_the_reason_of_its_ladder_and_is_never_not_tried():
     fine = law("ida", 1.0, 2, (1e-1, 1e-2, 1e-3, 1e-5))
     coarse = law("hht", 9.0, 2, (1e-1, 1e-2))
@@ -136,10 +130,19 @@ def test_who_alone_gets_there_is_told_with_what_the_others_need_at_least():
     assert _one(ladder([*law("hht", 1.0, 2), *law("ida", 5.0, 2, (1e-1, 1e-2))]), "time").outcome == "unknown", "unfinished"
 
 
-def test_settings_that_were_given_say_how_far_they_went():
-    line = _one([*law("hht", 1.0, 2, (1e-1, 1e-2)), *law("ida", 1.0, 2)])
-    assert line.outcome == "absent"
+def test_settings_that_were_given_say_how_far_they_went_and_nobody_is_said_to_fail_beyond():
+    rows = [*law("hht", 1.0, 2, (1e-1, 1e-2)), *law("ida", 1.0, 2)]
+    line = _one(rows)
+    assert (line.outcome, line.own_missing.kind) == ("unknown", "not asked")
     assert line.own_missing.text == "smallest error 0.01; finest run rtol 1e-02, error 0.01"
+    assert _one(law("hht", 1.0, 2) + law("ida", 1.0, 2, (1e-1, 1e-2))).outcome == "unknown"
+    assert _one([*rows, failed("hht", 1e-4)]).outcome == "absent", "a finer one was asked for, and failed"
+
+
+def test_who_was_asked_for_looser_errors_only_is_not_said_to_fail_at_others():
+    loose = ladder(law("hht", 1.0, 2, (1e-1, 1e-2)), accuracies=[1e-2])
+    line = _one([*loose, *ladder(law("ida", 1.0, 2))])
+    assert (line.outcome, line.own_missing.kind) == ("unknown", "not asked")
 
 
 def test_nothing_is_said_of_one_who_has_nobody_to_be_compared_with():

@@ -19,6 +19,13 @@ def test_messages_that_differ_by_numbers_alone_are_one_reason_and_names_with_dig
     told = ["RK45: no step below 1e-3 at t = 0.1", "RK45: no step below 2 at t = -4.", "RK23: no step below 1e-3 at t = 0.1"]
     rows = [failed("cvode", 1e-3, status="declined")] + [failed("ida", 1e-3, message=text) for text in told]
     assert [(one.message, len(one.rows)) for one in failures(rows)] == [(told[0], 2), (told[2], 1), ("no convergence", 1)]
+    assert [one.text for one in failures(rows)] == [f"{told[0]} (the first; numbers differ)", told[2], "no convergence"]
+    assert failures([rows[1], rows[1]])[0].text == told[0]
+
+
+def test_exit_codes_are_no_numbers_that_may_differ():
+    told = ["the worker died: exit code 1", "the worker died: exit code 137", "the worker died: exit code 137"]
+    assert [len(one.rows) for one in failures(failed("ida", 1e-3, message=text) for text in told)] == [1, 2]
 
 
 def test_counter_that_was_not_reported_is_none_and_zero_stays_zero():

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hhtbench.campaign import campaign as loop
 from hhtbench.campaign.campaign import AccuracyPass
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.plan import Cell
@@ -106,3 +109,43 @@ def test_the_pool_is_an_executor_of_one_function_and_says_so():
             pool.submit(run_task, {"problem": "fall"})
     with pytest.raises(RuntimeError, match="closed"):
         pool.submit(run_task, Task(problem="fall", solver="told", request={}))
+
+
+class Clocks(Immediate):
+    """Times what it is given; ``most`` tasks, then somebody presses Ctrl-C."""
+
+    limits = Limits(jobs=99)
+
+    def __init__(self, most: float = math.inf) -> None:
+        super().__init__()
+        self.most = most
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if len(self.diary) >= self.most:
+            raise KeyboardInterrupt
+        future = super().submit(fn, *args, **kwargs)
+        future.result().update(cpu_s=0.1, wall_s=0.1, solves=1, load=0.0)
+        return future
+
+
+def timed(folder: Path, pool: Clocks, monkeypatch: pytest.MonkeyPatch) -> tuple[list[int], list[int]]:
+    """How many rows every write held that held some, and how many readings every row has at the end."""
+    cells, written = [cell(10.0**-k) for k in range(1, 6)], []
+    monkeypatch.setattr(loop, "usable_cores", lambda: 2)
+    with Store(folder / "runs.db") as store:
+        ask = {("fall", "told"): lambda rows: [] if rows else cells}
+        AccuracyPass(ask, store, Immediate(), lambda *_: None).run()
+        write = store.write
+        monkeypatch.setattr(store, "write", lambda rows: written.append(len(kept := list(rows))) or write(kept))
+        with suppress(KeyboardInterrupt):
+            loop._timing_pass(cells, store, pool, 3, lambda *_: None)
+        rows = [store.get(one.key) for one in cells]
+    return [count for count in written if count], [row.timing.get("repeats", 0) for row in rows if row is not None]
+
+
+def test_nothing_is_written_while_cells_are_being_timed_and_what_is_done_is_kept_where_that_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert timed(tmp_path, Clocks(), monkeypatch) == ([5], [3] * 5)
+    (tmp_path / "second").mkdir()
+    assert timed(tmp_path / "second", Clocks(most=14), monkeypatch) == ([4], [3, 3, 3, 3, 0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,8 @@ import pytest
 from hhtbench import list_problems, list_solvers, load_problem
 from hhtbench.campaign import Campaign, Grid, named_campaign, next_cells, plan_cells, plan_pairs, restrict, sources
 from hhtbench.errors import NotFoundError, ProblemError
+from hhtbench.specs import parse_spec
+from problems.stiff_spring_pendulum import STEMS
 
 GRID = Grid(problems=("fall",), solvers=("told", "told(does='nan')"), rtol=(1e-3, 1e-6))
 CAMPAIGN = Campaign(grids=(GRID,))
@@ -157,6 +160,13 @@ def test_the_quick_campaign_has_problems_of_all_kinds_each_with_a_known_truth():
     tags = Counter(tag for problem in problems for tag in problem.tags)
     assert {kind: tags[kind] >= least for kind, least in KINDS.items()} == dict.fromkeys(KINDS, True)
     assert all(problem.exact is not None or problem.reference is not None for problem in problems)
+
+
+def test_the_stiffness_of_the_quick_campaign_follows_from_the_periods_of_the_problem_alone():
+    """The least with a stored reference at which a vibration is a thousand times faster than a swing: sqrt(k l / (m g))."""
+    (spec,) = (spec for spec in problems_of("quick") if spec.startswith("stiff_spring_pendulum"))
+    least = min(k for k in STEMS if math.sqrt(k / 9.81) >= 1000.0)
+    assert parse_spec(spec).arguments == {"stiffness": least}
 
 
 def test_the_full_campaign_has_the_whole_library_and_ten_problems_more_that_were_held_out():

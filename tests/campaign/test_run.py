@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
-from hhtbench.campaign.run import WARM_UP, attempt, request_of, run_cell
+from hhtbench.campaign import run as module
+from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, request_of, run_cell
 from hhtbench.errors import ProblemError
 from hhtbench.request import make_request
 from solvers import ida
@@ -137,6 +138,16 @@ def test_a_row_holds_sizes_and_tags_of_its_problem_as_far_as_they_can_be_told(
     sizes = {"m": 1, "p": 0} if broken is None else {"m": None, "p": None}
     assert row["metrics"] == {"system": {"n": 2, **sizes, "tags": ["stiff"]}}
     assert "metrics" not in run_cell(problem, Declines(), ASKED, {}, lambda _: None)
+
+
+def test_the_functions_of_a_problem_may_be_traced_for_its_sizes_for_as_long_as_a_measurement_may_take(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    phases: list[str] = []
+    found: list[str] = []
+    monkeypatch.setattr(module, "system_of", lambda problem: found.append(phases[-1]) or {})
+    run_cell(PROBLEM, Line(), ASKED, {}, phases.append)
+    assert found == [MEASURING]
 
 
 class Declines(Line):

@@ -129,3 +129,17 @@ def test_successes_without_times_and_cells_that_ran_out_of_a_smaller_budget_are_
         assert status(store, "--campaign", file, "--json", tmp_path / "status.json").exit_code == 0
         found = json.loads((tmp_path / "status.json").read_text())["left"]
         assert (found["next"], found["untimed"]) == (left, 1)
+
+
+ALONE = [["--solvers", "told"], ["--rtol", "1e-4"], ["--max-seconds", "3"], ["--reference", "auto"], ["--step", "0.1"]]
+
+
+@pytest.mark.parametrize("options", [*ALONE, ["--problems", "fall", "--solvers", "told(doez=ok)", "--rtol", "1e-3"]])
+def test_options_that_name_no_campaign_that_could_run_are_refused_as_run_refuses_them(
+    outside: Path, tmp_path: Path, options: list[str]
+):
+    store = filled(tmp_path / "runs.db")
+    found = status(store, *options)
+    ran = CliRunner().invoke(main, ["run", "--store", str(tmp_path / "none.db"), *options])
+    assert (found.exit_code, ran.exit_code) == (2, 2)
+    assert found.stderr == ran.stderr

@@ -97,3 +97,11 @@ def test_a_terminal_that_cannot_draw_a_line_again_gets_plain_lines(monkeypatch):
     at_a_terminal(monkeypatch)
     monkeypatch.setenv("TERM", "dumb")
     assert isinstance(progress(), Lines)
+
+
+def test_where_more_is_done_than_was_expected_nothing_is_said_of_what_is_left(seconds, capsys):
+    with progress() as told:
+        for done in (0, 4, 9):
+            told.advance("seconds", done, 5)
+            seconds[0] += 40.0
+    assert capsys.readouterr().err.splitlines() == ["seconds: 4 of 5, about 10 s left", "seconds: 9 of 5"]

@@ -1,6 +1,6 @@
 """The summary's sentences computed once more from the rows, by other means than the analysis; nothing of it is imported.
 
-What the first screen shows is computed once more in :mod:`tests.report.independent_screen`.
+The decision table: :mod:`tests.report.independent_table`; the figures: :mod:`tests.report.independent_figures`.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from hhtbench.report.decisions import decisions
 from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.runs import failure_table, failures_by_reason
-from hhtbench.report.words import AT_MOST, NOTHING, short, times
-from tests.analysis.laws import failed, law, run
+from hhtbench.report.words import NOTHING, short, times
+from tests.analysis.laws import failed, ladder, law, run
 from tests.report.conftest import COMMAND
 
 KIND = Kind(constraints="position constraints", stiff=False)
@@ -49,56 +49,91 @@ def two_problems(solver, first, second):
     return [*law(solver, first, 2), *law(solver, second, 2, problem="andrews")]
 
 
-def test_who_misses_a_problem_counts_what_was_allowed_there_and_stands_behind():
+def test_who_misses_a_problem_counts_at_least_what_was_allowed_there_and_stands_behind():
     rows = [*two_problems("hht", 400.0, 400.0), *law("ida", 100.0, 2), failed("ida", 1e-4, problem="andrews")]
     line = told(rows, problems=BOTH)[0]
-    assert line[2:4] == ["hht | 40 ms", f"ida | {times((0.25 * 60 / 0.04) ** 0.5)}, reaches 1 of 2"]
+    assert line[2:4] == ["hht | 40 ms", f"ida | at least {times((0.25 * 60 / 0.04) ** 0.5)}, reaches 1 of 2"]
 
 
-def test_no_second_and_no_rank_is_cheaper_than_the_cheapest(rows):
+def test_who_reaches_less_is_not_the_cheapest_but_told_where_he_is_cheaper():
+    rows = [*two_problems("ida", 5000.0, 5000.0), *law("hht", 1.0, 2), failed("hht", 1e-4, problem="andrews")]
+    line = told(rows, problems=BOTH)[0]
+    assert line[2] == "ida | 500 ms"
+    assert line[4].startswith("2 of 2 | at least ")
+    assert line[5] == f"hht | {times(0.0002)}, reaches 1 of 2"
+
+
+def test_hht_is_praised_only_where_it_is_the_cheapest_and_reaches_all():
+    rows = [*two_problems("hht", 100.0, 100.0), *two_problems("ida", 400.0, 400.0)]
+    part = [*law("hht", 100.0, 2), failed("hht", 1e-4, problem="andrews")]
+    for own, tone in ((rows, "good"), (part, "")):
+        cell = decisions(own, {KIND: BOTH}, WHOLE)["time", None].rows[0][4]
+        assert (cell.text[:4], cell.tone) == ("1 of", tone)
+
+
+def test_no_rank_reaches_more_than_the_one_before_or_as_much_for_less(rows):
     kinds = analysis.kinds(rows)
     for choice in (c for bound in analysis.BOUNDS for c in analysis.decide(rows, kinds, "time", (1e-2, 1e-4), bound)):
-        means = [place.ratio(choice.places[0]) for place in choice.places]
-        assert means == sorted(means)
-        assert all(ratio >= 1 for ratio in means)
+        ranks = [(-len(place.costs), place.mean) for place in choice.places]
+        assert ranks == sorted(ranks)
+        assert all(place.costs and not place.unknown for place in choice.places)
 
 
 def test_who_was_run_on_a_part_of_the_problems_is_not_ranked_but_told_where_he_is_cheaper():
     rows = [*two_problems("hht", 400.0, 400.0), *law("ida", 100.0, 2), *law("scipy", 900.0, 2, problem="andrews")]
     line = told(rows, problems=BOTH)[0]
-    assert line[2:] == ["hht | 40 ms", NOTHING, "1 of 1 | hht", f"ida | {times(0.25)}, run on 1 of 2"]
+    assert line[2:] == ["hht | 40 ms", NOTHING, "1 of 1 | hht", f"ida | {times(0.25)}, reaches 1 of 2, not run on 1"]
+    level = [*two_problems("hht", 400.0, 400.0), *law("ida", 300.0, 2)]
+    assert len(told(level, problems=BOTH)[0]) == 5, "repeats of one solve differ by as much"
 
 
-def test_hht_that_was_not_run_or_whose_evaluations_are_not_known_is_not_said_to_fail():
-    assert [line[4] for line in told(law("ida", 100.0, 2))] == ["not run", "not run"]
+def test_hht_that_was_not_run_or_of_which_it_is_not_known_is_not_said_to_fail():
+    ida = law("ida", 100.0, 2)
+    assert [line[4] for line in told(ida)] == ["not run", "not run"]
     silent = [run("hht", setting, setting, None) for setting in (1e-2, 1e-4)]
-    assert told([*law("ida", 100.0, 2), *silent], "evaluations")[0][4] == "unknown"
+    assert told([*ida, *silent], "evaluations")[0][4] == "not reported"
     part = [*two_problems("ida", 100.0, 100.0), *law("hht", 50.0, 2)]
-    assert told(part, problems=BOTH)[0][4] == "run on 1 of 2"
+    assert told(part, problems=BOTH)[0][4] == "reaches 1 of 2, not run on 1"
+    coarse = law("hht", 50.0, 2, (1e-1,))
+    assert [line[4] for line in told([*ida, *coarse])] == ["no run so accurate"] * 2
+    assert [line[4] for line in told([*ida, *ladder(coarse)])] == ["stopped"] * 2
+    assert told([*ida, *coarse, failed("hht(alpha=-0.3)", 1e-4)])[0][4] == "no run so accurate", "another entry fails"
 
 
 def test_where_hht_or_nobody_gets_there_the_table_says_so_and_not_where_it_is_not_known():
-    rows = [run("hht", 1e-1, 0.5, 10), *law("ida", 100.0, 2, settings=(1e-1, 1e-2))]
+    rows = ladder([run("hht", 1e-1, 0.5, 10)], refinements=1)
+    rows += ladder(law("ida", 100.0, 2, settings=(1e-1, 1e-2)), refinements=2)
     coarse, fine = told(rows)
     assert coarse[4] == "does not get there"
     assert fine[2] == "nobody gets there"
     silent = [run("diffrax", setting, setting, None) for setting in (1e-2, 1e-4)]
-    assert [line[2] for line in told(silent, "evaluations")] == ["unknown", "unknown"]
+    assert [line[2] for line in told(silent, "evaluations")] == ["nobody known on all"] * 2
 
 
-def test_where_nobody_was_run_on_all_problems_nobody_is_said_to_fail():
+def test_where_nobody_is_known_on_all_problems_nobody_is_said_to_fail():
     rows = [*law("ida", 100.0, 2), *law("hht", 50.0, 2, problem="andrews")]
-    assert told(rows, problems=BOTH)[0][2] == "nobody run on all"
+    assert told(rows, problems=BOTH)[0][2] == "nobody known on all"
     rows += [failed("cvode", 1e-4), failed("cvode", 1e-4, problem="andrews")]
-    assert told(rows, problems=BOTH)[0][2] == "nobody who was run on all gets there"
+    assert told(rows, problems=BOTH)[0][2] == "nobody known on all gets there"
 
 
-def test_a_cost_of_a_run_more_accurate_than_asked_is_marked_as_a_bound():
+def test_a_mean_that_rests_on_bounds_says_on_which():
     rows = [run("ida", 1e-3, 1e-5, 100), *law("hht", 40.0, 2)]
     coarse = told(rows)[0]
-    assert coarse[2:4] == [f"ida | {AT_MOST} 1 ms", f"hht | at least {times(4)}"]
+    assert coarse[2:4] == ["ida | at most 1 ms", f"hht | at least {times(4)}"]
     rows = [run("hht", 1e-3, 1e-5, 1000), *law("ida", 40.0, 2)]
     assert told(rows)[0][2:4] == ["ida | 4 ms", f"hht | at most {times(2.5)}"]
+    missed = failed("ida", 1e-4, problem="andrews")
+    assert told([*law("ida", 40.0, 2), missed], problems=BOTH)[0][2] == "ida | at least 490 ms, reaches 1 of 2"
+    both = [run("ida", 1e-3, 1e-5, 400), missed]
+    assert told(both, problems=BOTH)[0][2] == "ida | about 490 ms, reaches 1 of 2"
+    beside = told([*two_problems("hht", 400.0, 400.0), *both], problems=BOTH)[0]
+    assert beside[3] == f"ida | about {times((0.004 * 60) ** 0.5 / 0.04)}, reaches 1 of 2"
+
+
+def test_what_is_only_a_bound_is_not_called_level():
+    rows = [*law("ida", 40.0, 2), run("hht", 1e-3, 1e-5, 420)]
+    assert told(rows)[0][3] == f"hht | at most {times(1.05)}"
 
 
 def test_every_kind_leads_to_its_evidence_which_names_its_problems(page, rows):
@@ -130,12 +165,37 @@ def test_drift_figure_has_a_point_for_each_problem_and_the_median_large():
     assert drift_views([row for row in rows if row.solver == "ida"], solver_styles(["ida"])) == []
 
 
-def test_drift_figure_leaves_out_costs_that_are_only_bounds_and_names_them():
-    rows = [*law("hht", 100.0, 2, drift=1e-15), run("ida", 1e-3, 1e-6, 100)]
+def test_drift_figure_needs_no_drift_of_hht():
+    rows = [*law("hht", 100.0, 2), *law("ida", 50.0, 2, drift=1e-9)]
+    (view, *_) = drift_views(rows, solver_styles(["hht", "ida"]))
+    assert not _traces(view, "hht")
+    assert _traces(view, "ida")[0]["x"] == [0.5]
+
+
+def test_drift_figure_leaves_out_costs_that_are_only_bounds_and_says_whose():
+    rows = [*law("hht", 100.0, 2, drift=1e-15), run("ida(form=ggl)", 1e-3, 1e-6, 100)]
     rows[-1].metrics["drift"] = {"position": 1e-9, "velocity": 1e-9}
-    (view, _) = drift_views(rows, solver_styles(["hht", "ida"]))
-    assert _traces(view, "ida") == []
-    assert "Left out: problems where either's loosest run is more accurate" in view.caption
+    assert "Left out" not in drift_views(rows[:-1], solver_styles(["hht"]))[0].caption
+    rows += law("ida(form=ggl)", 50.0, 2, drift=1e-8, problem="andrews")
+    rows += law("hht", 100.0, 2, drift=1e-15, problem="andrews")
+    fine = [run("hht", 1e-3, 1e-6, 100, problem="car"), *law("ida(form=ggl)", 50.0, 2, drift=1e-8, problem="car")]
+    fine[0].metrics["drift"] = {"position": 1e-15, "velocity": 1e-15}
+    (view, _) = drift_views([*rows, *fine], solver_styles(["hht", "ida(form=ggl)"]))
+    single, middle = _traces(view, "ida(form=ggl)")
+    assert (single["x"], middle["text"]) == ([0.5], ["ida(ggl), 1 of 2"])
+    assert "On each of 2 problems" in view.caption
+    told = view.caption.partition("Left out, the cheapest run being more accurate than that already: ")[2]
+    assert told == "of HHT's on 1 problem (car); of ida(ggl) on 1."
+
+
+def test_profiles_say_of_a_crash_what_it_counts_only_where_it_does():
+    rows = [failed("hht", 1e-2, "crashed"), *law("hht", 100.0, 2, (1e-3, 1e-4)), *law("ida", 50.0, 2)]
+    rows[0].request["max_seconds"] = 9.0
+    by_time, by_count, _ = profile_views(rows, solver_styles(["hht", "ida"]), [])
+    assert "a crashed one, counts what it was allowed" in by_time.caption
+    assert "crashed" not in by_count.caption
+    assert "in no pale curve: a run before reported no cost" in by_count.caption
+    assert "in no pale curve" not in by_time.caption
 
 
 def test_profile_tells_how_many_pairs_the_pale_curves_lack():
@@ -170,7 +230,13 @@ def test_failures_of_a_problem_are_grouped_by_reason_whatever_the_numbers_in_it(
     rows += [failed("scipy", 1e-4, message="no convergence at t = 3e-2"), failed("cvode", 1e-4, "declined", "no form")]
     table = failures_by_reason(rows, "pendulum")
     assert [[cell.text for cell in line] for line in table.rows] == [
-        ["newton_failed", "3", "ida, 2 runs; scipy, rtol 1e-04", NOTHING, "no convergence at t = 0.1"],
+        [
+            "newton_failed",
+            "3",
+            "ida, 2 runs; scipy, rtol 1e-04",
+            NOTHING,
+            "no convergence at t = 0.1 (the first; numbers differ)",
+        ],
         ["declined", "1", "cvode, rtol 1e-04", NOTHING, "no form"],
     ]
 

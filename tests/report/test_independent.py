@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import random
+import re
 from dataclasses import replace
 
 import pytest
 
 from hhtbench import analysis
 from hhtbench.report.colours import solver_styles
-from hhtbench.report.decisions import decisions
+from hhtbench.report.decisions import decisions, reading
 from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.summary import summary
 from tests.report.independent import error, false_sentences
-from tests.report.independent_screen import false_drifts, false_lines, false_profiles
+from tests.report.independent_figures import false_drifts, false_profiles
+from tests.report.independent_table import false_lines
 from tests.report.synthetic import rows as campaign
+
+FAILED = {"status": "crashed", "metrics": {}, "timing": {}, "counters": {}}
 
 
 def with_rounds(rows, source):
@@ -66,16 +70,41 @@ def drawn(seed):
         chosen = [replace(row, counters={}) if silent in row.solver else row for row in chosen]
         chosen = [row for row in chosen if silent or "hht" not in row.solver]
     lost = {(row.solver, row.problem) for row in chosen if source.random() < 0.03} if seed % 4 == 3 else set()
-    nothing = {"status": "crashed", "metrics": {}, "timing": {}, "counters": {}}
-    chosen = [replace(row, **nothing) if seed % 2 and source.random() < 0.03 else row for row in chosen]
+    chosen = [replace(row, **FAILED) if seed % 2 and source.random() < 0.03 else row for row in chosen]
+    chosen = asked_for(chosen, source) if seed % 4 in (1, 2) else chosen
+    for row in source.sample(chosen, 9):  # where the functions of the problem could not be called
+        if "system" in row.metrics:
+            row.metrics["system"] = {**row.metrics["system"], "m": None, "p": None}
     return [row for row in chosen if (row.solver, row.problem) not in lost]
+
+
+def asked_for(rows, source):
+    """The same as a campaign asked for them, with budgets that differ; some pairs failed, others were stopped on the way."""
+    found, seconds = [], source.choice([2e-3, 20.0])  # what fails costs little or much beside what does not
+    for pair in dict.fromkeys((row.problem, row.solver) for row in rows):
+        own = [row for row in rows if (row.problem, row.solver) == pair]
+        rules = {"accuracies": [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6], "max_seconds": seconds, "refinements": 5}
+        rules["pair_seconds"] = seconds * source.choice([1.5, 3.0])
+        changes = FAILED if source.random() < 0.2 else {}
+        own = [replace(row, request={**row.request, "max_seconds": seconds, "rules": rules}, **changes) for row in own]
+        stopped = seconds > 1.0 and all(row.success for row in own) and source.random() < 0.2
+        found += own[: -2 if stopped else None]
+    return found
+
+
+def tables_of(rows):
+    """The decision tables, and the evaluations that are said to count for a second."""
+    campaign = analysis.campaign_of(rows)
+    pace = re.search(r"allowed there, or (\S+) evaluations for each second", reading(campaign))
+    return decisions(rows, analysis.kinds(rows), campaign), float(pace[1])
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_said_and_shown_is_true_whoever_takes_part(seed):
     rows = drawn(seed)
     assert false_sentences(" ".join(summary(rows)), rows) == []
-    assert false_lines(decisions(rows, analysis.kinds(rows), analysis.campaign_of(rows)), rows) == []
+    tables, pace = tables_of(rows)
+    assert false_lines(tables, rows, pace) == []
     styles = solver_styles(analysis.entries(rows))
     assert [w for view in drift_views(rows, styles) for w in false_drifts(view, rows, view.name)] == []
     curves = [view for view in profile_views(rows, styles, []) if view.name in ("time", "evaluations")]
@@ -91,3 +120,20 @@ def test_a_false_number_is_found():
     without = [row for row in rows if row.solver != "ida(form='ggl')"]
     assert len(false_sentences(text, without)) > 3
     assert false_sentences(text.replace("loses 1", "loses 9"), rows)
+
+
+def test_a_false_cell_is_found_whatever_it_says():
+    rows = drawn(2)
+    tables, pace = tables_of(rows)
+    lines = tables["time", None].rows
+    for column in range(len(lines[0])):
+        told = [line[column] for line in lines]
+        longest = max(told, key=lambda cell: len(cell.detail + cell.text))
+        where = told.index(longest)
+        spoilt = [longest._replace(text=f"{longest.text}0"), longest._replace(detail=f"{longest.detail}0")]
+        spoilt += [longest._replace(detail=f"at most {longest.detail}"), longest._replace(tone="bad")]
+        for cell in spoilt:
+            line = (*lines[where][:column], cell, *lines[where][column + 1 :])
+            table = replace(tables["time", None], rows=(*lines[:where], line, *lines[where + 1 :]))
+            assert len(false_lines({("time", None): table}, rows, pace)) == 1
+    assert false_lines({("time", None): tables["time", None]}, [row for row in rows if "ida" not in row.solver], pace)

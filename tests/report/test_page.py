@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import base64
 import re
 from dataclasses import replace
 from html import escape
 from html.parser import HTMLParser
+from importlib.resources import files
 
 import pytest
 from plotly.offline import get_plotlyjs_version
 
 from hhtbench.errors import ProblemError
 from hhtbench.report import contest, write_comparison
+from hhtbench.report.elements import sketch
 from tests.analysis.laws import law
 from tests.report.conftest import COMMAND
 from tests.report.drawings import embedded, figures_of
@@ -31,7 +34,8 @@ class Sources(HTMLParser):
         if tag == "a":
             self.links.append(found["href"])
         else:
-            self.fetched += [found[key] for key in ("src", "href", "srcset", "data") if key in found]
+            sources = [found[key] for key in ("src", "href", "srcset", "data") if key in found]
+            self.fetched += [source for source in sources if not source.startswith("data:")]
         if "id" in found:
             self.ids.append(found["id"])
         if "data-entry" in found:
@@ -101,6 +105,16 @@ def test_every_problem_and_every_solver_appears(page, parsed, report):
         assert f"\n## {problem}\n" in text
     for label in LABELS:
         assert label in text
+
+
+def test_a_problem_of_the_library_is_shown_and_one_of_ones_own_needs_no_drawing(page):
+    for problem in PROBLEMS:
+        section = page.partition(f">{problem}</h2>")[2].partition("</section>")[0]
+        file = files("problems").joinpath("thumbnails", f"{problem.partition('(')[0]}.png")
+        assert section.count('<img class="sketch"') == 1
+        assert base64.b64encode(file.read_bytes()).decode() in section
+        assert ("default parameters" in section.partition("</figure>")[0]) == ("(" in problem)
+    assert sketch("my.py:crane(mass=2)") == sketch("no_such_problem") == ""
 
 
 def test_every_row_is_in_the_table_of_all_runs(page, rows):

@@ -9,7 +9,7 @@ import pytest
 from hhtbench.analysis import compare, equally_accurate, family
 from hhtbench.report.summary import problem_summary, summary
 from hhtbench.report.words import times
-from tests.analysis.laws import failed, law, run
+from tests.analysis.laws import failed, ladder, law, run
 
 NUMBER = r"(\d[\d.]*(?:e[-+]\d+)?)"
 
@@ -166,11 +166,15 @@ def test_failing_hht_is_said_where_others_get_there():
 
 
 def test_what_ended_a_ladder_is_counted_and_nothing_is_called_not_tried():
-    rows = [*law("hht", 100.0, 2, (1e-1, 1e-2, 2e-4)), *law("ida", 25.0, 2)]
+    given = [*law("hht", 100.0, 2, (1e-1, 1e-2, 2e-4)), *law("ida", 25.0, 2)]
+    rows = ladder(given, accuracies=[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7], refinements=3)
     text = " ".join([*summary(rows), *problem_summary(rows, "pendulum")])
     assert "Of 14 targets, each a problem, a solver and an error, 9 are reached. The others: a stated cap 5." in text
     assert "Not tried: 0." in text
-    assert "does not get to 1e-04, 1e-05 and 1e-06 (smallest error 0.0002; finest run rtol 2e-04, error 0.0002)" in text
+    assert "does not get to 1e-04, 1e-05 and 1e-06 (smallest error 0.0002; 3 runs, the most of one solver on one" in text
+    text = " ".join([*summary(given), *problem_summary(given, "pendulum")])
+    assert "9 are reached. The others: no run so accurate 5. Not tried: 5." in text
+    assert "is not compared at 1e-04, 1e-05, 1e-06 and 1e-07 (smallest error 0.0002; finest run rtol 2e-04" in text
 
 
 def test_kvaerno_says_why_its_evaluations_are_not_ranked():
