@@ -49,7 +49,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "Integrate PROBLEM; print status, counters, end state and, where it is known, the error.",
     ),
     "status": ("commands.status", "Say what the store of a campaign holds, and what is left to do."),
-    "study": ("commands.study", "Studies of the bench's own advice, and of solvers at their extremes."),
+    "study": ("commands.study", "Studies of the bench's own advice, of solvers at their extremes, of parts and reductions."),
     "trade": (
         "commands.trade",
         "Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.",

@@ -59,6 +59,13 @@ class Clock:
 _clock: ContextVar[Clock | None] = ContextVar("clock", default=None)
 
 
+def check_time() -> None:
+    """Raise :class:`BudgetSpent` where the solve that runs here, if one does, has used up its time."""
+    clock = _clock.get()
+    if clock is not None:
+        clock.check()
+
+
 def note_callback(name: str) -> None:
     """Before a callback of a NumPy system: the solve that runs here counts those of the force, and may be out of time.
 

@@ -151,21 +151,23 @@ def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
     s: Structure = dynamics.structure
     rows = []
     if s.mass == "constant" and not singular:
-        reason = "the mass does not depend on t or q"
+        reason = _switch("the mass does not depend on t or q", "mass")
         rows.append(Statement("not computed", "M(t, q), (M x)_q", "the mass is constant: factorised once", reason))
     if declared(dynamics.system, "force_jacobians") is None:
         for uses, letter in ((s.force_uses_q, "q"), (s.force_uses_v, "v")):
             if not uses:
-                reason = f"the force does not depend on {letter}"
+                reason = _switch(f"the force does not depend on {letter}", "force")
                 rows.append(Statement("not computed", f"F_{letter}", f"F_{letter} is zero", reason))
     if s.m and not s.rheonomic:
-        rows.append(Statement("not computed", "g_t", "g_t is zero", "the constraint does not depend on t"))
+        reason = _switch("the constraint does not depend on t", "time")
+        rows.append(Statement("not computed", "g_t", "g_t is zero", reason))
     if s.reaction_uses_v:
         text = "the reaction takes v: the end reaction of HHT's steps is an unknown, its velocity that of the end"
         rows.append(Statement("computed", "Q_v", text, "reaction is declared as a function of (t, q, v, lam)"))
     if s.p and not s.velocity_reaction_uses_v:
         text = "the velocity reaction's derivative by v is zero"
-        rows.append(Statement("not computed", "Q_v", text, "the velocity reaction does not depend on v"))
+        reason = _switch("the velocity reaction does not depend on v", "velocity")
+        rows.append(Statement("not computed", "Q_v", text, reason))
     if route_of(dynamics) == "numpy":
         reason = "plain callables cannot be read: every function may depend on all its arguments"
         rows.append(Statement("computed", "dependencies", "no derivative is taken to be zero", reason))
@@ -202,7 +204,8 @@ def _reaction(s: Structure) -> Statement | None:
     if not s.constrained:
         return None
     if s.linear_reaction:
-        return Statement("computed", "multipliers", "by one linear solve", "the reaction is linear in lam and mu")
+        reason = _switch("the reaction is linear in lam and mu", "reaction")
+        return Statement("computed", "multipliers", "by one linear solve", reason)
     reason = "the reaction is nonlinear in a multiplier, or is a callable that cannot be read; the guess picks the root"
     return Statement("computed", "multipliers", "by Newton's iteration from lam_guess, mu_guess", reason)
 
@@ -268,8 +271,16 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
     if matrix_free(dynamics) is not None and s.n + 2 * s.m + (s.n + s.p if s.p else 0) >= SMALL:
         kind = "band LU after reverse Cuthill-McKee, or SuperLU where the band is wide,"
         reason += f"; {SMALL} unknowns or more: entries by coloured derivatives, their places read off the computation"
+    reason += "; hht(linsolver=dense) takes dense LU"
     rows.append(Statement("linear algebra", "HHT step", f"{kind} of the step matrix, {_step_size(s)}", reason))
+    text = "only those of the step matrix that vary are computed, only those that are not zero are kept"
+    rows.append(Statement("linear algebra", "entries", text, _switch("the others are read off its computation", "zeros")))
     return rows
+
+
+def _switch(reason: str, name: str) -> str:
+    """``reason`` of a reduction, with the option of HHT that does without it."""
+    return f"{reason}; hht(without={name}) does not use it"
 
 
 def _step_size(s: Structure) -> str:

@@ -15,7 +15,7 @@ from hhtbench.lowering import Dynamics
 from hhtbench.result import DenseOutput
 from solvers._projection import Unmet, sizes_from
 
-Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet]  # times (k,), q and v (k, n) to be moved, sizes (2n,)
+Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet | str]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
 
 
 class Steps(Protocol):
@@ -87,7 +87,7 @@ class OnConstraints:
         self._dynamics, self._put, self._steps, self._held = dynamics, put, steps, held
 
     def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:
-        """``found`` at ``t``, scalar or (k,), on the constraints; warns where no state near it is."""
+        """``found`` at ``t``, scalar or (k,), on the constraints; warns where no better state is known."""
         if not self._dynamics.structure.constrained:
             return found
         times, steps = np.ravel(np.asarray(t, dtype=np.float64)), self._steps

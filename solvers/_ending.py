@@ -13,11 +13,12 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
-from solvers._dense import Until
+from solvers._dense import Steps, Until
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
 MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
+LOOKED_AT = 40  # ends of steps, beside the rows, at which rows that are left out are looked at
 ADVICE = (
     "the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
     "the system where they always follow from the others; else start where the rank is that of the motion."
@@ -64,19 +65,26 @@ def solution_of(
     with run.work.for_output():
         found = whole = recover_multipliers(run, rows, own, recover_many)
         if unreduced(run.dynamics) is not run.dynamics:
-            whole = _of_all_constraints(run, rows, found)
+            steps = more.get("interpolant") or more.get("_read", {}.get)("interpolant")
+            whole = _of_all_constraints(run, rows, found, steps)
     t, q, v = [array[: len(whole.lam)] for array in rows]
-    status, message = end.status, f"{end.message} {found.note}"
-    if found.instead is not None and status is Status.success:
-        status, message = found.instead, found.note
-    if whole is not found and whole.instead is not None:
-        if status in (Status.success, Status.event):
-            status, message = whole.instead, whole.note
-        more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
+    end = _noted(end, found)
+    if whole is not found:
+        end = _noted(end, whole)
+        if len(whole.lam) < len(found.lam):
+            more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
-    told = {"status": status, "message": f"{message.strip()} {note}".strip(), "counters": run.work.counters()}
+    told = {"status": end.status, "message": f"{end.message} {note}".strip(), "counters": run.work.counters()}
     return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
+
+
+def _noted(end: Failure, found: Recovered) -> Failure:
+    """How a run has ended, after a look at its rows."""
+    replaced = (Status.success, Status.event) if found.instead is Status.redundant_constraints else (Status.success,)
+    if found.instead is not None and end.status in replaced:
+        return Failure(found.instead, found.note)
+    return Failure(end.status, f"{end.message} {found.note}".strip())
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
@@ -138,27 +146,46 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
     return found
 
 
-def _of_all_constraints(run: Solving, rows: Rows, found: Recovered) -> Recovered:
+def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps | None) -> Recovered:
     """Multipliers of all constraints as far as some were ``found``, of least norm where redundant ones are left out.
 
-    Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time where a
-    constraint that was left out is violated: a step has led to another branch of the others, or the rank is another one.
+    Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time, one of theirs
+    or of some ``steps``, where a constraint that was left out is violated: a step has led to another branch of the others,
+    or the rank is another one.
     """
     whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
-    reached = [array[: len(lam)] for array in rows]
-    sizes = size_of(reached[1]), size_of(reached[2])
-    for i, (t, q, v) in enumerate(zip(*reached, strict=True)):
+    count, done = len(lam), 0
+    (times, q, v), order = _with_steps((rows[0][:count], rows[1][:count], rows[2][:count]), steps)
+    sizes = size_of(q), size_of(v)
+    for i in order.tolist():
+        t = float(times[i])
         try:
             run.work.check_time()
-            at = levels.at(float(t), q, v)
+            at = levels.at(t, q[i], v[i])
         except BudgetSpent:
-            break
+            ended = f"The time budget ended when {done} of {count} rows were looked at for constraints left out as redundant"
+            return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
         if lost := _lost(at, redundant, sizes):
             note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
-            return Recovered(lam[:i], mu[:i], note, Status.redundant_constraints)
-        lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
+            return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
+        if i < count:
+            lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
+            done += 1
     return Recovered(lam, mu)
+
+
+def _with_steps(rows: Rows, steps: Steps | None) -> tuple[Rows, Any]:
+    """``rows`` and after them ends of some ``steps`` up to the last of them; and their order in time."""
+    t = rows[0]
+    if steps is None or not t.size:
+        return rows, np.arange(t.size)
+    ends = steps.t
+    ahead = np.sign(ends[-1] - ends[0])
+    some = np.unique(np.linspace(0, ends.size - 1, LOOKED_AT).astype(int))
+    some = some[ahead * (ends[some] - t[-1]) < 0.0]
+    both = [np.concatenate([x, y[some]]) for x, y in zip(rows, (ends, steps.q, steps.v), strict=True)]
+    return (both[0], both[1], both[2]), np.argsort(ahead * both[0], kind="stable")
 
 
 def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str, Any]:

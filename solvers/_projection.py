@@ -63,6 +63,12 @@ class Projection:
         mass = self.mass(t, q)
         return _nearest(v, level)
 
+    def violated(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
+        """The largest constraint of both levels over its row's size, for ``sizes`` (2n,) of q and v; may be infinite."""
+        at = self.levels.at(t, q, v)
+        found = np.concatenate([at.scaled_position(sizes[: q.size]), at.scaled_velocity(sizes[q.size :])])
+        return float(np.max(np.where(np.isfinite(found), found, np.inf)))
+
     def mass(self, t: float, q: Vector) -> Any:
         """M (n, n), sparse for large systems."""
         if self._mass is None:
@@ -145,23 +151,17 @@ class OneByOne:
         except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
             found = q, v
         if not (near(q, found[0], sizes) and self._meets(t, *found, sizes)):
-            return self._violated(t, q, v, sizes)
+            return self._projection.violated(t, q, v, sizes)
         q[:], v[:] = found
         return 0.0
 
     def _meets(self, t: float, q: Vector, v: Vector, sizes: Vector) -> bool:
         """Whether what is violated is roundoff: of its size, or because a further projection does not move q and v."""
-        left = self._violated(t, q, v, sizes)
+        left = self._projection.violated(t, q, v, sizes)
         if left <= PROJECTED or not left <= VISIBLE:
             return left <= PROJECTED
         again = self._projection.nearest(t, q, v)
         return all(np.abs(x - y).max() <= UNMOVED * np.abs(y).max() for x, y in zip(again, (q, v), strict=True))
-
-    def _violated(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
-        """The largest constraint of both levels over its row's size; infinite where one is not finite."""
-        at = self._projection.levels.at(t, q, v)
-        found = np.concatenate([at.scaled_position(sizes[: q.size]), at.scaled_velocity(sizes[q.size :])])
-        return float(np.max(np.where(np.isfinite(found), found, np.inf)))
 
 
 def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:

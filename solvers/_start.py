@@ -128,14 +128,16 @@ def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     return found
 
 
-def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
+def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str, ...] = ()) -> Dynamics:
     """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
+
+    ``without``: names of ``REDUCTIONS`` that are not made.
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.  What is called for this is no evaluation of the motion.
     """
     with uncounted():
-        dynamics: Dynamics = derive(system, place.t, place.q, place.v)
+        dynamics: Dynamics = derive(system, place.t, place.q, place.v, without=without)
         check_sparsity(dynamics, place.t, place.q, place.v)
         dynamics = _with_mass_by_entries(dynamics, place)
         if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
@@ -148,7 +150,7 @@ def dynamics_for(system: System | NumpySystem, place: Place) -> Dynamics:
                 UserWarning,
                 stacklevel=2,
             )
-            dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong))
+            dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong), without=without)
         return usable(dynamics, place)
 
 

@@ -9,6 +9,7 @@ import click
 
 from hhtbench.commands.acceptance import acceptance_command
 from hhtbench.commands.atlas import atlas_command
+from hhtbench.commands.parts import parts_command
 from hhtbench.commands.stability import stability_command
 from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
@@ -17,7 +18,7 @@ from hhtbench.progress import progress
 
 @click.group("study")
 def study_command() -> None:
-    """Studies of the bench's own advice, and of solvers at their extremes.
+    """Studies of the bench's own advice, of solvers at their extremes, of parts and reductions.
 
     For example: hhtbench study selection
     """
@@ -71,4 +72,5 @@ def selection_command(
 
 study_command.add_command(acceptance_command)
 study_command.add_command(atlas_command)
+study_command.add_command(parts_command)
 study_command.add_command(stability_command)

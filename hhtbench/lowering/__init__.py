@@ -12,11 +12,13 @@ from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
+from hhtbench.lowering.dynamics.reductions import REDUCTIONS
 from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [
     "CONSISTENT",
+    "REDUCTIONS",
     "SYMMETRIC",
     "AccelerationLevel",
     "ConstraintLevels",

@@ -9,11 +9,20 @@ from typing import Any
 
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
+from hhtbench.lowering import REDUCTIONS
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.hht.linear.analysis import KINDS
 
 ENGINES = ("compiled", "python")
+
+
+def _names(without: Any) -> tuple[str, ...]:
+    """Those of ``without``, one name or several, each once and in the order of ``REDUCTIONS``."""
+    given = (without,) if isinstance(without, str) else without
+    if not isinstance(given, (tuple, list)) or not all(name in tuple(REDUCTIONS) for name in given):
+        raise ProblemError(f"without must hold names of {', '.join(REDUCTIONS)}; got {without!r}.")
+    return tuple(name for name in REDUCTIONS if name in given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +53,11 @@ class HHTOptions:
     linsolver
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
+    without
+        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "force" (it does not
+        depend on q or v), "time" (g does not), "reaction" (it is linear in the multipliers), "velocity" (the velocity
+        reaction does not depend on v), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
+        without inverse, bands and blocks.  ``hhtbench study parts`` measures all of them.
     engine
         "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
     calc_initcond
@@ -65,11 +79,13 @@ class HHTOptions:
     min_step: float | None = None
     max_step: float | None = None
     linsolver: str = "auto"
+    without: tuple[str, ...] = ()
     engine: str = "compiled"
     calc_initcond: bool = False
 
     def __post_init__(self) -> None:
         b, _ = self.coefficients.b, self.control  # numbers are checked where they are used
+        object.__setattr__(self, "without", _names(self.without))
         choices = {"reaction": REACTIONS, "start": (None, *STARTS), "linsolver": KINDS, "engine": ENGINES}
         for name, known in choices.items():
             if getattr(self, name) not in known:

@@ -35,6 +35,7 @@ class Options:
     calc_initcond: bool = False
 
     control: ClassVar[ControlOptions] = ControlOptions()
+    without: ClassVar[tuple[str, ...]] = ()
     name: ClassVar[str]
 
     def __post_init__(self) -> None:

@@ -49,7 +49,7 @@ class HHT:
         after the change there, ``q_events`` and ``v_events`` the one before.
     **options
         ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``rescale_a``, ``start`` (the method's variant),
-        ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``engine`` and ``calc_initcond``:
+        ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``without``, ``engine`` and ``calc_initcond``:
         ``help(HHTOptions)`` describes each with its default.
 
     Raises
@@ -225,6 +225,12 @@ class HHT:
             self._current()
             return self._engine.work.counters()
         return Counters() if self._integrator is None else _work_of(self._integrator).counters()
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the arrays that the loop works in while it steps by hand; 0 before :meth:`init_step`."""
+        z = None if self._engine is None else self._engine.loops.z
+        return 0 if z is None else z.w.nbytes + z.i.nbytes
 
     def checkpoint(self) -> bytes:
         """Where stepping by hand stands, for :meth:`resume` in another process.

@@ -101,6 +101,7 @@ def test_foreign_bytes_other_versions_and_other_solvers_are_refused_by_name():
     for other, text in (
         (HHT(SYSTEMS["jax"], alpha=-0.3), "method"),
         (HHT(SYSTEMS["jax"], max_step=0.1), "control"),
+        (HHT(SYSTEMS["jax"], without="mass"), "without"),
         (HHT(SYSTEMS["jax"], events=height), "events"),
         (HHT(SYSTEMS["numpy"]), "system"),
     ):

@@ -1,5 +1,7 @@
 """Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -7,10 +9,15 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import hhtbench as hb
+from hhtbench.errors import BudgetSpent
 from hhtbench.result import Status
+from hhtbench.testing.extremes import scenes
 from solvers._start import Failure
+from solvers.hht import run
 from solvers.hht.run import solve
+from solvers.hht.run.singular import UnitRows
 from solvers.hht.run.stepper import Accepted, Stepper
+from tests.hht.scenes import Q0, SYSTEMS, V0
 from tests.performance import singular
 
 
@@ -58,6 +65,8 @@ def on_crossing_curves(angle, bent, push):
 
 BARS = hb.load_problem("four_bars(n_windows=3, t_end=1.0)")
 FLAT = brentq(lambda t: BARS.exact(t).q[2], 0.6, 0.8)  # [s]: the first position with horizontal bars
+NARROW = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
+ITS_FLAT = brentq(lambda t: NARROW.exact(t).q[2], 0.6, 0.8)
 
 
 def stop_runs(monkeypatch, edge):
@@ -144,15 +153,20 @@ def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
 @pytest.mark.parametrize("rtol", [1e-6, 1e-7, 1e-8])
 def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(rtol):
     """There both levels determine v up to roundoff over sigma, and multipliers up to that over its square."""
-    problem = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
-    flat = brentq(lambda t: problem.exact(t).q[2], 0.6, 0.8)
-    beside = flat + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
-    solution = hb.solve(problem, rtol=rtol, t_eval=[0.3, *beside, 0.9])
+    beside = ITS_FLAT + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
+    solution = hb.solve(NARROW, rtol=rtol, t_eval=[0.3, *beside, 0.9])
     assert solution.success, solution.message
     assert np.isnan(solution.lam).all(axis=1).tolist() == [False, *[True] * 5, False]
     assert "At 5 rows, first at t = 0.70844" in solution.message
-    errors = [np.abs(v - problem.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
+    errors = [np.abs(v - NARROW.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
     assert max(errors) < 20.0 * rtol
+
+
+def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch):
+    monkeypatch.setattr(solve, "recovered", lambda engine, rows: np.zeros(len(rows), dtype=bool))
+    solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, ITS_FLAT, 0.9])
+    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, True, False]
+    assert "determines no multipliers" not in solution.message
 
 
 def test_rows_of_a_regular_motion_all_have_their_multipliers():
@@ -178,3 +192,79 @@ def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failin
     solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
     assert solution.status is Status.singular_iteration_matrix
     assert "for example rows" in solution.message
+
+
+def test_states_at_events_and_of_dense_output_beside_a_singular_position_stay_as_interpolated():
+    """Their projection would be off by 3e-4; the interpolated ones are by 8e-6."""
+    t = ITS_FLAT + 1e-8
+    hht = hb.HHT(NARROW.system, events=hb.Event(lambda s, q, v: s - t, name="flat"))
+    solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, rtol=1e-6)
+    assert solution.success, solution.message
+    assert "Event 'flat': At 1 rows, first at t = 0.70845" in solution.message
+    assert "off the constraints by up to" in solution.message
+    assert np.abs(solution.v_events[0][0] - NARROW.exact(t).v).max() < 20.0 * 1e-6
+    with pytest.warns(UserWarning, match="At 1 rows, first at t = 0.70845.*beside a singular position"):
+        moved = solution([0.3, t], project=True)
+    assert np.array_equal(moved.v[1], solution(t).v)
+    assert not np.array_equal(moved.v[0], solution(0.3).v)
+
+
+@pytest.mark.parametrize(("steps", "beside"), [(100, 1e-7), (300, 0.0), (1000, 1e-8)])
+@pytest.mark.parametrize("rows", ["every end", "most ends"])
+def test_multipliers_without_a_digit_at_the_end_of_a_step_are_not_told(steps, beside, rows):
+    """They are off by 4 to 1e10 times their size; those of all other ends by less than a thousandth."""
+    times = np.union1d(np.linspace(0.0, 1.0, steps), [ITS_FLAT + beside])
+    hht, lengths = hb.HHT(NARROW.system), np.diff(times)
+    solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, steps=lengths)
+    if rows == "most ends":
+        solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, steps=lengths, t_eval=solution.t[5:])
+    assert solution.success, solution.message
+    exact = np.array([NARROW.exact(float(t)).lam for t in solution.t])
+    unknown = np.isnan(solution.lam).any(axis=1)
+    assert f"At {np.count_nonzero(unknown)} rows" in solution.message
+    assert np.abs(solution.t[unknown] - ITS_FLAT).max() < 2e-3
+    assert np.abs(solution.lam - exact)[~unknown].max() < 1e-3 * np.abs(exact).max()
+
+
+@pytest.fixture
+def looks(monkeypatch):
+    """Times of looks at the rank."""
+    found, at = [], UnitRows.at
+    monkeypatch.setattr(UnitRows, "at", lambda self, place: (found.append(place.t), at(self, place))[1])
+    return found
+
+
+def test_a_budget_that_ends_between_looks_keeps_what_they_have_found(looks, monkeypatch):
+    """One look measures the rows, three are for what singular values are elsewhere; the second row is one too many."""
+
+    def check_time():
+        if len(looks) == 6:
+            raise BudgetSpent("seconds", 1.0)
+
+    monkeypatch.setattr(run.singular, "check_time", check_time)
+    beside = ITS_FLAT + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
+    solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, *beside, 0.9])
+    assert np.count_nonzero(np.isnan(solution.lam).any(axis=1)) == 1
+    assert "The time budget ended before 6 rows were looked at" in solution.message
+
+
+@pytest.mark.parametrize(("engine", "most"), [("compiled", 0), ("python", 51)])
+def test_many_rows_of_a_regular_motion_cost_few_looks(looks, monkeypatch, engine, most):
+    """None where multipliers come from the loops; else as many as there is time for."""
+    monkeypatch.setattr(run.beside, "SECONDS", 0.01)
+    solution = hb.HHT(SYSTEMS["jax"], engine=engine).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=np.linspace(0.0, 0.8, 400))
+    assert np.isfinite(solution.lam).all()
+    assert len(looks) <= most
+
+
+def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypatch):
+    """Their least singular value is 7e-6 all along: nothing is lost there."""
+    problem = scenes.leaning([[1.0, 0.0], [1.0, 1e-5]], 2.0)
+    stop_runs(monkeypatch, 1.0)
+    solution = hb.HHT(problem.system).solve((0.0, 2.0), problem.q0, problem.v0, rtol=1e-3)
+    assert (solution.status, solution.message) == (Status.newton_failed, "no step goes on")
+
+
+def test_a_system_whose_looks_take_minutes_is_not_looked_at():
+    large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
+    assert run.singular.singular_position(large, None, [], 0.0) is None

@@ -1,14 +1,20 @@
 """Redundant rows are left out: same motion, multipliers of least norm, and a status where that is not possible."""
 
+import re
+import time
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from hhtbench import counting
 from hhtbench.api import solve
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.result import Status
+from solvers import _ending
 from solvers.hht import HHT, Event
 
 Q0, V0 = np.array([1.0, 0.0]), np.array([0.0, 2.0])
@@ -170,3 +176,37 @@ def test_steps_events_and_dense_output_end_with_the_rows():
     assert solution.interpolant.t[-1] <= last
     with pytest.raises(ProblemError, match="not extrapolated"):
         solution(0.9)
+
+
+class Thrown(Tangent):
+    """The bead comes back to where the rails touch, exactly at 2 s: steps know constant forces."""
+
+    def force(self, t, q, v):
+        return jnp.array([-1.0, 0.0])
+
+
+def test_a_violation_that_is_over_at_the_only_row_is_seen_at_the_steps():
+    with pytest.warns(UserWarning, match="redundant"):
+        solution = HHT(Thrown()).solve((0.0, 2.0), [0.0, 0.0], [1.0, 0.0], steps=100, t_eval=[2.0])
+    assert solution.status is Status.redundant_constraints
+    assert solution.t.size == solution.steps_data.t.size == 0
+    assert "g[1] is off" in solution.message
+
+
+@pytest.mark.filterwarnings("ignore:redundant constraints")
+def test_rows_that_nobody_has_looked_at_are_no_success(monkeypatch):
+    """By a clock on which the multipliers of least norm of each row take a second more."""
+    late, smallest = [0.0], _ending.minimum_norm
+    monkeypatch.setattr(counting, "time", SimpleNamespace(perf_counter=lambda: time.perf_counter() + late[0]))
+
+    def slowly(*given):
+        late[0] += 1.0
+        return smallest(*given)
+
+    monkeypatch.setattr(_ending, "minimum_norm", slowly)
+    solution = solve(bead(Twice()), "hht", steps=50, max_seconds=20.0)
+    assert solution.status is Status.deadline
+    known = int(re.search(r"ended when (\d+) of 51 rows were looked at", solution.message)[1])
+    assert 0 < known <= 23
+    assert solution.t.size == 51, "no row is lost"
+    assert np.array_equal(solution.lam[:, 1] != 0.0, np.arange(51) < known)

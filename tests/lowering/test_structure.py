@@ -1,11 +1,13 @@
 """What is read from a system: dependencies, sizes, and errors that name function and shapes."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import derive
+from hhtbench.lowering import REDUCTIONS, derive
 from hhtbench.lowering.dynamics.derive import used_arguments
 from hhtbench.protocol import NumpySystem, System
 from tests.lowering.systems import RICH_NUMPY, MasslessWheel, Pendulum, Rich, Springs
@@ -235,3 +237,31 @@ def test_arguments_kept_by_a_callback_keep_their_values():
         dynamics.force(0.0, state, V)
     assert all(np.array_equal(a, b) and np.array_equal(c, d) for a, b, c, d in kept)
     assert [a[0] for a, *_ in kept] == list(range(100))
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        Springs(),
+        Pendulum(mass_matrix=2.5),
+        NumpySystem(force=lambda t, q, v: -q),
+        NumpySystem(force=lambda t, q, v: -q, mass_matrix=np.array([2.0, 3.0])),
+    ],
+    ids=["identity", "number", "numpy", "numpy diagonal"],
+)
+def test_a_constant_mass_that_is_taken_for_any_other_has_the_same_values(system):
+    known, general = (derive(system, 0.0, Q, V, without=without) for without in ((), ("mass",)))
+    assert (known.structure.mass, general.structure.mass) != ("variable", "variable")
+    assert general.structure == dataclasses.replace(known.structure, mass="variable")
+    np.testing.assert_array_equal(general.mass(0.0, Q), known.mass(0.0, Q))
+    np.testing.assert_array_equal(general.mass_product_jacobian(0.0, Q, V), np.zeros((2, 2)))
+    np.testing.assert_allclose(general.over_mass(0.0, Q, V), known.over_mass(0.0, Q, V), rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", REDUCTIONS)
+def test_without_a_reduction_the_structure_is_that_of_a_system_that_cannot_be_read(name):
+    system = Pendulum()
+    known, general = (derive(system, 0.0, Q, V, without=without).structure for without in ((), (name,)))
+    assert general == dataclasses.replace(known, **REDUCTIONS[name])
+    assert name == "velocity" or general != known
+    assert derive(system, 0.0, Q, V).structure == known

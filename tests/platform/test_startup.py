@@ -14,7 +14,7 @@ from hhtbench.cli import COMMANDS
 from hhtbench.processes import worker_processes
 
 HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly", "rich")
-GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "stability")}
+GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "parts", "stability")}
 PRECISION = """
 import json, os
 import jax, jax.numpy as jnp

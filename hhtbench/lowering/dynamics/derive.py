@@ -20,6 +20,7 @@ from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_parts, wrong_shape
+from hhtbench.lowering.dynamics.reductions import generalised
 from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol import (
     DERIVATIVES,
@@ -39,7 +40,13 @@ _derived = Cache(64)  # reading a structure costs a trace for each function of t
 
 
 def derive(
-    system: System | NumpySystem, t: float, q: Vector, v: Vector, *, ignored: tuple[str, ...] = ()
+    system: System | NumpySystem,
+    t: float,
+    q: Vector,
+    v: Vector,
+    *,
+    ignored: tuple[str, ...] = (),
+    without: tuple[str, ...] = (),
 ) -> JaxDynamics | NumpyDynamics:
     """Every derived function of ``system``, uncompiled.
 
@@ -49,6 +56,8 @@ def derive(
         A point, for the sizes: (n,) arrays.
     ignored
         Declared derivatives that are derived afresh instead of used.
+    without
+        Names of ``REDUCTIONS`` that are not read off the system.
 
     Raises
     ------
@@ -59,12 +68,12 @@ def derive(
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
-        key = by_id(system), parameters_of(system), np.shape(q), ignored
-        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored))  # type: ignore[arg-type] # it is one
+        key = by_id(system), parameters_of(system), np.shape(q), ignored, without
+        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored, without))  # type: ignore[arg-type] # it is one
         return found
     if isinstance(system, NumpySystem):
         _expect_physics(system)
-        return _derive_numpy(system, t, q, v, ignored)
+        return _derive_numpy(system, t, q, v, ignored, without)
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
 
@@ -106,7 +115,9 @@ def _expect_physics(system: System | NumpySystem) -> None:
         )
 
 
-def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> JaxDynamics:
+def _derive_jax(
+    system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...], without: tuple[str, ...]
+) -> JaxDynamics:
     _expect_physics(system)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
         raise traced(f"a parameter of {type(system).__name__}")
@@ -118,7 +129,7 @@ def _derive_jax(system: System, t: float, q: Vector, v: Vector, ignored: tuple[s
             mass: Any = declared(system, "mass_matrix") if structure.mass == "constant" else None
             constant = mass_as_matrix(mass(*place[:2]) if callable(mass) else mass, structure.n, jnp)
             constant = compact(constant, jnp) if constant is not None and structure.n > FULL else constant
-            return JaxDynamics(system, structure, ignored, constant, inverse_of(constant, jnp))
+            return JaxDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
 
@@ -151,7 +162,9 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
     )
 
 
-def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...]) -> NumpyDynamics:
+def _derive_numpy(
+    system: NumpySystem, t: float, q: Vector, v: Vector, ignored: tuple[str, ...], without: tuple[str, ...]
+) -> NumpyDynamics:
     def result(name: str) -> np.ndarray:
         copies = [np.array({"q": q, "v": v}[symbol], dtype=np.float64) for symbol in SIGNATURES[name].arguments[1:]]
         for copy in copies:
@@ -166,9 +179,9 @@ def _derive_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, ignored: 
     def made() -> NumpyDynamics:
         mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
         constant = mass_as_matrix(mass, structure.n, np)
-        return NumpyDynamics(system, structure, ignored, constant, inverse_of(constant, np))
+        return NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
 
-    key = by_id(system), parameters_of(system), structure, ignored
+    key = by_id(system), parameters_of(system), structure, ignored, without
     found: NumpyDynamics = _derived.find(key, made)
     return found
 

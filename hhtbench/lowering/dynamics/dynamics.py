@@ -20,7 +20,7 @@ import equinox as eqx
 
 from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.mass import full
-from hhtbench.protocol import WITH_VELOCITY
+from hhtbench.protocol import WITH_VELOCITY, declared
 
 plain_attributes = object.__getattribute__  # equinox looks at every attribute in Python, in case a method goes to ``jit``
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one
@@ -42,6 +42,7 @@ class Structure:
     reaction_uses_v: bool = False  #: True: Q is declared as a function of v too
     velocity_jacobian_uses_v: bool = True  #: False: k is linear in v
     velocity_reaction_uses_v: bool = True  #: False: the velocity reaction's derivative by v is zero
+    known_entries: bool = True  #: False: entries of a step's matrix known to be zero or constant count like the others
 
     @property
     def constrained(self) -> bool:
@@ -102,7 +103,7 @@ class Dynamics:
     @unless_given
     def mass(self, t: Array, q: Array) -> Array:
         """M (n, n) [kg, kg m^2]."""
-        if self.structure.mass == "variable":
+        if self.structure.mass == "variable" and callable(declared(self.system, "mass_matrix")):
             return self.call("mass_matrix", t, q)
         return self.xp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, self.xp)
 

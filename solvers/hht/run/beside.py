@@ -1,8 +1,8 @@
-"""Rows of output beside a singular position: where a projection, (H47), would move v by roundoff over sigma, (H51)."""
+"""States beside a singular position, where a projection, (H47), would move v by roundoff over sigma, (H51)."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,79 +11,148 @@ import numpy as np
 from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics
+from solvers._projection import sizes_from
+from solvers._start import Place
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.history import OutputRows
-from solvers.hht.run.singular import LARGEST, Place, UnitRows, dense
+from solvers.hht.run.singular import UnitRows, seconds_of_look
 
 FALLEN = 1e-3  # of what it is elsewhere: below that a singular value falls towards zero
-LOUD = 10.0  # times the median of the multipliers: those of rows beside a singular position are larger by far
-ALL_UP_TO = 64  # rows that are all looked at; of more, only those with loud multipliers: a look takes 0.2 ms
+LOUD = 10.0  # times the median: so much further such states are moved, or so much larger are multipliers there
+ALL_UP_TO = 64  # states that are all looked at; of more, only those that are loud
+SECONDS = 1.0  # of looks at the states of one array, about
+
+States = tuple[Matrix, Matrix]  # q and v, (k, n) each
 
 
 @dataclass(frozen=True)
 class Beside:
-    """Rows between the steps of one run, and how they were interpolated before they were projected."""
+    """Finds such states of one run."""
 
     dynamics: Dynamics
-    rows: OutputRows
-    q: Matrix  #: (k, n) of the rows that lie between steps
-    v: Matrix  #: (k, n) likewise
+    places: Sequence[Place]  #: some of the run, which tell what singular values are elsewhere
 
-    def keep(self, done: Any) -> str:
-        """Put back as interpolated, without multipliers, what a projection does not determine; in words how many rows.
+    def put_back(
+        self, looks: Sequence[int], t: Vector, after: States, before: States, moved: Callable[[int], Vector] | None = None
+    ) -> tuple[list[int], str]:
+        """Which states at ``t`` (k,) are ``before`` again, since ``after`` their projection no digit is left; and in words.
 
-        ``done`` (k,) tells which rows have their multipliers from the acceleration level; those put back have.
+        Looked at are the first of ``looks``, as many as there is time for.  ``moved(i)`` (n,) of v where the projection does
+        not tell.
         """
-        s, rows = self.dynamics.structure, self.rows
-        if not s.constrained or s.n > LARGEST or not np.count_nonzero(rows.between):
-            return ""
-        between, times = np.flatnonzero(rows.between), list[float]()
-        with suppress(NonFiniteValue, ValueError, linalg.LinAlgError):  # no rank where something is not finite
-            for k in np.flatnonzero(self._loud(between) | ~done[between]).tolist():
-                i = between[k]
-                if self._undetermined(float(rows.t[i]), (self.q[k], self.v[k]), (rows.q[i], rows.v[i])):
-                    rows.q[i], rows.v[i] = self.q[k], self.v[k]
-                    rows.lam[i], rows.mu[i], done[i] = np.nan, np.nan, True
-                    times.append(float(rows.t[i]))
-        if not times:
-            return ""
-        return (
-            f"At {len(times)} rows, first at t = {times[0]:.17g}, beside a singular position, the constraints' rank is "
-            "so nearly lost that nothing better than the interpolated state is known: it stands, without multipliers (nan)."
-        )
+        (q, v), found, worst, late = after, list[int](), 0.0, 0
+        for count, i in enumerate(looks[: self._affordable]):
+            place = Place(float(t[i]), q[i], v[i])  # views
+            try:
+                if self._undetermined(place, moved(i) if moved else v[i] - before[1][i]):
+                    q[i], v[i] = before[0][i], before[1][i]
+                    found.append(i)
+                    worst = max(worst, self._violated(place))
+            except BudgetSpent:
+                late = len(looks) - count
+                break
+            except (NonFiniteValue, linalg.LinAlgError):  # no rank where something is not finite
+                continue
+        return found, _told(t[sorted(found)], worst, late)
 
-    def _loud(self, between: Any) -> Any:
-        """Which rows may be such."""
-        largest = np.abs(np.concatenate([self.rows.lam, self.rows.mu], axis=1)).max(axis=1)
-        found = ~(largest[between] <= LOUD * np.median(largest))
-        return found if between.size > ALL_UP_TO else np.ones(between.size, dtype=bool)
+    @property
+    def _affordable(self) -> int:
+        """How many looks, beside those at the ``places``."""
+        few = int(SECONDS / seconds_of_look(self.dynamics)) - len(self.places)
+        return max(few, 0) if self.dynamics.structure.constrained else 0
 
     @cached_property
     def _unit(self) -> UnitRows:
-        return UnitRows(self.dynamics, self._place(0))
+        return UnitRows(self.dynamics, self.places[0])
 
     @cached_property
     def _elsewhere(self) -> float:
-        """The least singular value where it is largest of a few rows."""
-        last = len(self.rows.t) - 1
-        return max(self._unit.least(self._place(i)) for i in {0, last // 2, last})
+        """The least singular value where it is largest of the ``places``."""
+        return max(map(self._unit.least, self.places))
 
-    def _place(self, i: int) -> Place:
-        rows = self.rows
-        return Place(float(rows.t[i]), rows.q[i], rows.v[i], rows.v[i])
-
-    def _undetermined(self, t: float, before: tuple[Vector, Vector], after: tuple[Vector, Vector]) -> bool:
-        """Whether what a projection from ``before`` to ``after`` has moved v by leaves no digit of the multipliers."""
-        place, mass = Place(t, *after, after[1]), dense(self._unit.projection.mass(t, after[0]))
+    def _undetermined(self, place: Place, moved: Vector) -> bool:
+        """Whether at ``place``, to which a projection has ``moved`` (n,) v, no digit of the multipliers is known."""
         _, sizes, right = linalg.svd(self._unit.at(place), full_matrices=False)
         weak = sizes <= FALLEN * self._elsewhere
         if not weak.any():
             return False
-        root = np.eye(mass.shape[0])
-        with suppress(linalg.LinAlgError):  # as in UnitRows
-            root = linalg.cholesky(mass, lower=True).T
-        moved = np.abs(right[weak] @ root @ (after[1] - before[1]))
-        sigma = sizes[weak] / self._elsewhere
-        return bool(np.any((moved > sigma**2 * linalg.norm(root @ before[1])) | (sigma**3 < EPS)))  # (H51)
+        root, sigma = self._unit.root(place), sizes[weak] / self._elsewhere
+        along, speed = np.abs(right[weak] @ (root.T @ moved)), linalg.norm(root.T @ (place.v - moved))
+        return bool(np.any((along > sigma**2 * speed) | (sigma**3 < EPS)))  # (H51)
+
+    def _violated(self, place: Place) -> float:
+        """The largest constraint there over its row's size."""
+        near = *self.places, place
+        sizes = sizes_from(np.array([x.q for x in near]), np.array([x.v for x in near]))
+        return self._unit.projection.violated(place.t, place.q, place.v, sizes)
+
+
+def keep(dynamics: Dynamics, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]) -> str:
+    """:meth:`Beside.put_back` of ``rows``, which lose their multipliers; what is to be said of it.
+
+    ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others, found
+    one by one, cost as much as a look.  ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
+    """
+    multipliers, bent, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done), ~done
+    loud = _over_median(multipliers)
+    with np.errstate(invalid="ignore"):  # infinite ones, which are looked at
+        bent[1:-1] = ~(np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) <= 1.0)
+    if rows.between is None:
+        also |= bent
+    else:
+        also |= np.where(rows.between, np.count_nonzero(rows.between) <= ALL_UP_TO, bent)
+        loud = np.maximum(loud, _over_median(rows.v - before[1]))
+    looks = _loudest(loud, also)
+    if not looks:
+        return ""
+
+    def moved(i: int) -> Vector:
+        at_end = rows.between is None or not rows.between[i]
+        return kink(float(rows.t[i])) if at_end else np.asarray(rows.v[i] - before[1][i])
+
+    beside = Beside(dynamics, some_of(rows.t, rows.q, rows.v))
+    which, text = beside.put_back(looks, rows.t, (rows.q, rows.v), before, moved)
+    multipliers[which], done[which] = np.nan, True
+    return text
+
+
+def most_moved(v: Matrix, before: Matrix) -> list[int]:
+    """Which of the states with ``v`` (k, n) are to be looked at, those first that are furthest from ``before``."""
+    return _loudest(_over_median(v - before), len(v) <= ALL_UP_TO)
+
+
+def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
+    """The first, a middle one and the last of states (k, n) at ``t`` (k,)."""
+    last = t.size - 1
+    return [Place(float(t[i]), q[i], v[i]) for i in sorted({0, last // 2, last})]
+
+
+def _loudest(loud: Vector, also: Any) -> list[int]:
+    """Of rows those that are ``loud``, and ``also`` others; the loudest first."""
+    looks = np.flatnonzero((loud > LOUD) | also)
+    found: list[int] = looks[np.argsort(-loud[looks])].tolist() if looks.size else []
+    return found
+
+
+def _over_median(x: Matrix) -> Vector:
+    """The largest of each row over the median of these, zeros apart."""
+    size = np.abs(x).max(axis=1)
+    some = size[size > 0.0]
+    with np.errstate(over="ignore"):
+        return np.asarray(size / np.partition(some, some.size // 2)[some.size // 2]) if some.size else size
+
+
+def _told(times: Vector, worst: float, late: int) -> str:
+    """What to say of rows that were put back, and of others for which the time did not suffice."""
+    text = ""
+    if times.size:
+        text = (
+            f"At {times.size} rows, first at t = {times[0]:.17g}, beside a singular position, the constraints' rank is so "
+            "nearly lost that nothing better is known than the state of the step, or as interpolated in it: it stands, off "
+            f"the constraints by up to {worst:.2g} of their size, without multipliers (nan)."
+        )
+    if late:
+        text += f" The time budget ended before {late} rows were looked at for a singular position beside them."
+    return text.strip()

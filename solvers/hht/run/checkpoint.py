@@ -33,7 +33,7 @@ from solvers.hht.run.stepper import EventState
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 6
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 7
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # of arrays
@@ -46,6 +46,7 @@ def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Ev
     """What a checkpoint and the solver that resumes it must share, as texts."""
     o = options
     chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
+    chosen["without"] = ", ".join(o.without)
     named_events = ", ".join(event.name for event in events)
     return {"system": type(system).__name__, "fingerprint": named(system)[0], **chosen, "events": named_events}
 

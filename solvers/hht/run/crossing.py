@@ -68,7 +68,7 @@ class Approach:
             try:
                 if found:
                     return self._across(found[-1])
-            except (Refused, NonFiniteValue) as refused:
+            except (Refused, NonFiniteValue, np.linalg.LinAlgError) as refused:
                 reason = reason if str(refused) == TOO_FEW else str(refused)
             except BudgetSpent:
                 return "a budget is used up"
@@ -124,10 +124,8 @@ class Approach:
         """``place`` on both levels of the constraints: the only state there that is near, by Newton and Kantorovich."""
         t, sizes = place.t, np.concatenate([np.full(start.q.size, largest(x)) for x in (start.q, start.v)])
         q, v = rows.projection.nearest(t, place.q, place.v)
-        at = rows.projection.levels.at(t, q, v)
-        left = np.concatenate([at.scaled_position(sizes[: q.size]), at.scaled_velocity(sizes[q.size :])])
         found = replace(place, q=q, v=v)
-        if not np.max(left) <= PROJECTED:
+        if rows.projection.violated(t, q, v, sizes) > PROJECTED:
             raise Refused("no state on its far side meets the constraints")
         if np.linalg.norm(rows.at(found) - rows.at(place), 2) > CLOSE * rows.least(found):
             raise Refused("other motions leave it in nearly the same direction")

@@ -44,6 +44,7 @@ class Engine:
         """``place``: where the run begins; ``controlled``: whether by error control."""
         self.dynamics, self.place, self.work = dynamics, place, work
         self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
+        self._without = options.without
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
         self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
         self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
@@ -244,8 +245,9 @@ class Engine:
         """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
         if not self.fallible:
             return ""
-        without = derive(self.dynamics.system, self.place.t, self.place.q, self.place.v, ignored=self.declared)
-        self.functions = functions_for(usable(without, self.place), self.method, self.linsolver)
+        at = self.place
+        derived = derive(self.dynamics.system, at.t, at.q, at.v, ignored=self.declared, without=self._without)
+        self.functions = functions_for(usable(derived, at), self.method, self.linsolver)
         for name in ("loops", "why"):
             self.__dict__.pop(name, None)
         self.fallible, self.distrusts = False, True

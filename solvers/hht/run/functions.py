@@ -43,7 +43,7 @@ from solvers.hht.step.newton import NewtonOptions
 LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
-FULL = "its functions give full matrices (a NumPy system without patterns, or a mass that fills or is singular)"
+FULL = "its matrices are full (a NumPy system without patterns, a mass that fills or is singular, or without=zeros)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
@@ -133,7 +133,7 @@ class MachineCode(Functions):
         place, more = ((), (layout.structure.n,)), tuple[Any, ...]()
         variable = layout.structure.mass == "variable"
         inverse_mass = {"inverse_mass": native(inverse_mass_at, dynamics, shapes=place)} if variable else {}
-        for code in inverse_mass.values():
+        for code in inverse_mass.values() if layout.structure.known_entries else ():
             known = np.flatnonzero(code.constants).tolist()
             layout = replace(layout, inverse_places=tuple(sorted({*code.varying.tolist(), *known})))
         super().__init__(dynamics, method, layout)
@@ -171,8 +171,10 @@ class MachineCode(Functions):
     def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
         """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""
         function, static = equations_of(self.method).residual_and_matrix, (self.method, self.layout)
+        known = self.layout.structure.known_entries
         early = native(function, self.dynamics, *static, stage="early", **options)
-        late = native(function, self.dynamics, *static, compact=True, stage="late", **options)
+        late = native(function, self.dynamics, *static, compact=known, stage="late", **options)
+        late = late if known else replace(late, varying=np.arange(late.size))
         self.analysis = of_code(late, self.layout.size, self.layout.structure.n, linsolver, SMALLEST)
         return early, late
 
@@ -285,7 +287,9 @@ class PythonFunctions(Functions):
 
 
 def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
-    """``dynamics`` without dense matrices; None: there are some, or ``method`` needs M^-1, and that is full."""
+    """``dynamics`` without dense matrices; None: there are or shall be some, or ``method`` needs M^-1, and that is full."""
+    if not dynamics.structure.known_entries:
+        return None
     products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
     fills = products is not None and products.structure.mass == "sparse" and method.equations != "hht"
     return None if fills else products

@@ -18,6 +18,7 @@ from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
+from solvers.hht.run.beside import Beside, most_moved, some_of
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
@@ -44,13 +45,21 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
 
 def projection_of(engine: Engine) -> Callable[[Any], OnConstraints]:
     """What makes of its steps what puts dense output through them onto the constraints, when the run is over."""
-    move = partial(_put_later, engine.dynamics, engine.functions if engine.functions.alone else None)
-    return partial(OnConstraints, engine.dynamics, move, held=engine.method.coefficients.both_levels)
+    functions = engine.functions if engine.functions.alone else None
+    return partial(_projection, engine.dynamics, functions, held=engine.method.coefficients.both_levels)
 
 
-def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
-    """:func:`put` without the counts and budgets of the run."""
-    return put(dynamics, functions, t, q, v, sizes)
+def _projection(dynamics: Dynamics, functions: Functions | None, steps: Any, *, held: bool) -> OnConstraints:
+    beside = Beside(dynamics, some_of(steps.t, steps.q, steps.v))
+    return OnConstraints(dynamics, partial(_put_later, beside, functions), steps, held=held)
+
+
+def _put_later(beside: Beside, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> str:
+    """:func:`put` without the counts and budgets of the run, where that leaves a digit; what is to be said of it."""
+    before = q.copy(), v.copy()
+    unmet = put(beside.dynamics, functions, t, q, v, sizes)
+    _, kept = beside.put_back(most_moved(v, before[1]), t, (q, v), before)
+    return f"{unmet} {kept}".strip()
 
 
 def put(

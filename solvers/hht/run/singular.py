@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,12 +10,14 @@ import numpy as np
 from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import check_time
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.regular import redundant_rows
 from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure
+from solvers._start import Place as Start
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 
@@ -25,21 +27,20 @@ MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
     Status.singular_iteration_matrix,
     Status.time_resolution,
 )
-LARGEST = 1_000  # rows and columns of which singular values take less than a second
-CLEAR = 1e-4  # least singular value from which its fall is seen beside roundoff
+LOOK, PER_PRODUCT = 2e-4, 1e-9  # [s] of a look at singular values, and of each of its n^2 (m + p) products, about
+LONGEST = 0.1  # [s] of a look at which a failure is told within seconds: it takes some forty, and a step across more
+CLEAR = 1e-4  # of the least singular value elsewhere: from there on its fall is seen beside roundoff
 LOOKED_AT = 400  # rows of a run, at most: near the position steps shrink by a factor each
+APART = 50  # of those rows: where they are looked at, with the start, for what a singular value is elsewhere
 PROBE = 1e-6  # of the time in which the motion crosses its own size: there the fall of a singular value is looked at
 BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
 LOST = 0.05  # of a singular value, at most, that is left where it vanishes: all of it but errors of the way there
 
 
 @dataclass(frozen=True)
-class Place:
-    """A point of a motion: [s], (n,) each."""
+class Place(Start):
+    """A point of a motion, with its acceleration (n,)."""
 
-    t: float
-    q: Vector
-    v: Vector
     vdot: Vector
 
     @property
@@ -75,26 +76,45 @@ class UnitRows:
     """The rows of [g_q; k_v] over the root of the mass, of length one at ``first``: what their rank is told by.
 
     Not everywhere: of a single row the rank is lost where it vanishes.
+
+    Raises
+    ------
+    LinAlgError
+        There is no rank: something is not finite, or a row is zero at ``first``.
     """
 
-    def __init__(self, dynamics: Dynamics, first: Place) -> None:
+    def __init__(self, dynamics: Dynamics, first: Start) -> None:
         self.dynamics, self.projection = dynamics, Projection(dynamics)
         self._lengths = np.ones((1, 1))
         self._lengths = np.linalg.norm(self.at(first), axis=1, keepdims=True)
 
-    def at(self, place: Place) -> Matrix:
+    def at(self, place: Start) -> Matrix:
         """(m + p, n) there."""
-        mass = dense(self.projection.mass(place.t, place.q))
+        check_time()
         rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
-        if not (self._lengths > 0.0).all():
-            raise ValueError("a row is zero")
-        with suppress(linalg.LinAlgError):  # a singular mass has no root: the rows themselves tell as well, in other units
-            rows = linalg.solve_triangular(linalg.cholesky(mass, lower=True), rows.T, lower=True).T
-        return np.asarray(rows / self._lengths)
+        if not (np.isfinite(rows).all() and (self._lengths > 0.0).all()):
+            raise linalg.LinAlgError("the constraints have no rank, where something is not finite or a row is zero")
+        return np.asarray(linalg.solve_triangular(self.root(place), rows.T, lower=True).T / self._lengths)
 
-    def least(self, place: Place) -> float:
+    def root(self, place: Start) -> Matrix:
+        """(n, n) of the mass, lower triangular; the identity for a singular one: rows tell as well in other units."""
+        mass = dense(self.projection.mass(place.t, place.q))
+        if not np.isfinite(mass).all():
+            raise linalg.LinAlgError("the mass is not finite")
+        try:
+            return np.asarray(linalg.cholesky(mass, lower=True))
+        except linalg.LinAlgError:
+            return np.eye(len(mass))
+
+    def least(self, place: Start) -> float:
         """The least singular value there."""
         return float(linalg.svdvals(self.at(place))[-1])
+
+
+def seconds_of_look(dynamics: Dynamics) -> float:
+    """What it takes to find the singular values at a place [s], about."""
+    s = dynamics.structure
+    return LOOK + PER_PRODUCT * s.n**2 * (s.m + s.p)
 
 
 def dense(matrix: Any) -> Matrix:
@@ -102,24 +122,26 @@ def dense(matrix: Any) -> Matrix:
     return np.asarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
 
 
-def singular_position(dynamics: Dynamics, places: list[Place], reach: float) -> SingularPosition | None:
-    """What ends a run at the last of ``places`` if that is a singular position; None if not.
+def singular_position(dynamics: Dynamics, start: Start, places: list[Place], reach: float) -> SingularPosition | None:
+    """What ends a run from ``start`` at the last of ``places`` if that is a singular position; None if not.
 
     ``reach`` [s] is what it may be away, at least.  The place is found from the last one that is not too close to it.
     """
-    s = dynamics.structure
-    if not s.constrained or s.n > LARGEST:
+    if not dynamics.structure.constrained or seconds_of_look(dynamics) > LONGEST:
         return None
     last = places[-1]
     try:
-        rows = UnitRows(dynamics, places[0])
-        clear = next((x for x in reversed(places) if rows.least(x) >= CLEAR), None)
-        found = _vanishing(rows, clear) if clear is not None else last
-    except (BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):  # no rank where something is not finite
+        rows = UnitRows(dynamics, start)
+        elsewhere = max([start, *places[::APART]], key=rows.least)
+        bound = CLEAR * rows.least(elsewhere)
+        fallen = bisect_left(places, True, key=lambda place: rows.least(place) < bound)
+        clear = places[fallen - 1] if fallen else None
+        found = last if clear is None else _vanishing(rows, clear)
+    except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
     if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
         return None
-    return _told(rows, clear or last, found)
+    return _told(rows, clear or elsewhere, found)
 
 
 def _vanishing(rows: UnitRows, place: Place) -> Place | None:
@@ -140,11 +162,11 @@ def _vanishing(rows: UnitRows, place: Place) -> Place | None:
     return found if rows.least(found) <= LOST * start else None
 
 
-def _told(rows: UnitRows, clear: Place, found: Place) -> SingularPosition:
-    """What is lost at ``found``, by the left singular vectors there; at ``clear`` it was not."""
-    before = linalg.svdvals(rows.at(clear))
+def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition:
+    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``."""
+    were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
-    lost = sizes <= np.maximum(LOST * before, CLEAR)
+    lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
     null = left[:, : sizes.size][:, lost]
     pivots = linalg.qr(null.T, mode="r", pivoting=True)[1][: null.shape[1]]
     s, out = rows.dynamics.structure, redundant_rows(rows.dynamics)
@@ -166,7 +188,7 @@ def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularP
     if failure.status not in MAY_BE_SINGULAR or not places:
         return None
     reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
-    return singular_position(engine.dynamics, places, reach)
+    return singular_position(engine.dynamics, engine.place, places, reach)
 
 
 def told(position: SingularPosition, why: str) -> Failure:

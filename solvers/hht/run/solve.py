@@ -21,7 +21,7 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
-from solvers.hht.run.beside import Beside
+from solvers.hht.run.beside import keep
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -96,13 +96,13 @@ class Integration:
         engine = stepper.engine
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        before = None if rows.between is None else (rows.q[rows.between], rows.v[rows.between])
+        before = (rows.q, rows.v) if rows.between is None else (rows.q.copy(), rows.v.copy())
         unmet, remarks = self._put_on_constraints(engine, rows), list[str]()
 
         def recover() -> Any:
             done = recovered(engine, rows.rows)
-            if before is not None and engine.method.coefficients.both_levels:
-                remarks.append(Beside(engine.dynamics, rows, *before).keep(done))
+            if rows.t.size and engine.method.coefficients.both_levels:
+                remarks.append(keep(engine.dynamics, rows, before, done, self.history.kink))
             return done
 
         own, carried = own_multipliers(rows), None

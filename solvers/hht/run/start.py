@@ -120,7 +120,7 @@ def make_engine(
     ready: Engine | None = None,
 ) -> Engine:
     """The engine for runs that begin at ``place``, without a look at the start: ``ready`` if it was made for the same."""
-    dynamics = dynamics_for(system, place)
+    dynamics = dynamics_for(system, place, options.without)
     if ready is not None and ready.dynamics is dynamics:
         return ready.again(place, work)
     return Engine(dynamics, place, work, options, controlled=controlled)

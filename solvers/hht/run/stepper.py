@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
+from solvers.hht.run.beside import Beside
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.noise import noise
@@ -220,9 +222,16 @@ class Stepper:
     def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
         """q and v (n,) at ``t`` of the dense output of one step, on the constraints as its ends are; what to say of them."""
         q, v = (np.atleast_2d(x) for x in output(t))
-        inside = t not in output.t
-        note = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v)) if inside else ""
-        return q[0], v[0], str(note)
+        if t in output.t:
+            return q[0], v[0], ""
+        at, before = np.array([t]), (q.copy(), v.copy())
+        unmet = put_on_constraints(self.engine, at, q, v, sizes_from(output.q, output.v))
+        _, kept = self._beside.put_back([0], at, (q, v), before)
+        return q[0], v[0], f"{unmet} {kept}".strip()
+
+    @cached_property
+    def _beside(self) -> Beside:
+        return Beside(self.engine.dynamics, (self.engine.place,))
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:

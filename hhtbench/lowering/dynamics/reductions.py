@@ -1,0 +1,24 @@
+"""Reductions that are read off a system, by name, and what its structure is without them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+from hhtbench.lowering.dynamics.dynamics import Structure
+
+REDUCTIONS: Mapping[str, Mapping[str, Any]] = {
+    "mass": {"mass": "variable"},  # one inverse, no derivative of M x; reactions of M^-1 that is known are eliminated
+    "force": {"force_uses_q": True, "force_uses_v": True},  # no F_q, no F_v
+    "time": {"rheonomic": True},  # no g_t
+    "reaction": {"linear_reaction": False},  # one linear solve for the multipliers
+    "velocity": {"velocity_reaction_uses_v": True},  # no derivative of the velocity reaction by v
+    "zeros": {"known_entries": False},  # of a step's matrix only what varies is computed, only what is not zero is kept
+}
+
+
+def generalised(structure: Structure, without: Collection[str]) -> Structure:
+    """``structure`` as that of a system of which the reductions named in ``without`` cannot be read off."""
+    changes = {name: value for reduction in without for name, value in REDUCTIONS[reduction].items()}
+    return replace(structure, **changes) if changes else structure

@@ -1,0 +1,168 @@
+"""Calls, time and memory of one scene's steps: differences of a longer and a shorter run, so that no start is in them."""
+
+from __future__ import annotations
+
+import sys
+import time
+import tracemalloc
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+
+import hhtbench as hb
+from hhtbench.errors import ProblemError
+from hhtbench.lowering.dynamics.foreign import FUNCTIONS
+from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
+from hhtbench.protocol import SIGNATURES, NumpySystem, declared
+from hhtbench.studies.parts.scenes import H, Scene
+
+COUNTED = 20  # steps of the shorter of two runs whose calls are counted
+TIMED, START = 40_000, 2  # steps of runs that are timed: the latter is hardly more than a start
+TRACED = 500, 8200  # steps of two runs: room for steps grows fourfold from 513, both fill theirs
+ENDS = (hb.Status.success, hb.Status.max_steps)  # of runs that are measured
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a scene costs."""
+
+    calls: Mapping[str, float]  #: a step, by name: of functions that are declared and of terms that are derived from them
+    once: Mapping[str, float]  #: the same of start and end together
+    seconds: float  #: of processor time a step, in machine code
+    memory: int  #: bytes of the arrays that the loop works in
+    allocated: float  #: bytes a step
+
+
+def height(t: Any, q: Any, v: Any) -> Any:
+    """Of the event that is looked for, [m]: it is never met, so that what looking costs is measured."""
+    return q[2] - 100.0
+
+
+def run(scene: Scene, steps: int, *, system: Any = None, event: Callable[..., Any] = height, **options: Any) -> hb.Solution:
+    """``steps`` steps of the scene.
+
+    Raises
+    ------
+    ProblemError
+        They were not made.
+    """
+    span, request = scene.request(steps)
+    found = scene.integrator(event, system, **options).solve(span, scene.q0, scene.v0, **request)
+    if found.status not in ENDS or found.counters.steps_accepted != steps:
+        raise ProblemError(f"{type(scene.system).__name__}: {found.status.label}: {found.message}")
+    return found
+
+
+def calls_of(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
+    """Calls by name of a system of plain callables that declares what the scene's does: a step, and of start and end."""
+    counted(scene, 2)  # what is looked at once in a process
+    short, long = counted(scene, COUNTED), counted(scene, 2 * COUNTED)
+    step = {name: (long[name] - short[name]) / COUNTED for name in long}
+    return step, {name: short[name] - COUNTED * step[name] for name in long}
+
+
+def counted(scene: Scene, steps: int) -> Counter[str]:
+    """Calls by name in one run of the scene in plain callables, with those of the terms that are derived from them."""
+    calls: Counter[str] = Counter()
+
+    def told(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            calls[name] += 1
+            return function(*arguments)
+
+        return call
+
+    functions = {name: told(name, value) if callable(value) else value for name, value in plain(scene.system).items()}
+
+    def look(frame: Any, event: str, _: Any) -> None:
+        name = frame.f_code.co_name
+        if (
+            event == "call"
+            and name in FUNCTIONS
+            and name not in functions
+            and isinstance(frame.f_locals.get("self"), NumpyDynamics)
+        ):
+            calls[name] += 1
+
+    system, before = NumpySystem(**functions), sys.getprofile()
+    sys.setprofile(look)
+    try:
+        run(scene, steps, system=system, event=told("event", height))
+    finally:
+        sys.setprofile(before)
+    return calls
+
+
+def plain(system: hb.System) -> dict[str, Any]:
+    """What ``system`` declares, as functions that take and give NumPy's arrays."""
+
+    def called(name: str) -> Callable[..., Any]:
+        function = jax.jit(lambda *arguments: getattr(system, name)(*arguments))
+        return lambda *arguments: np.array(function(*arguments))
+
+    given = {name: declared(system, name) for name in SIGNATURES}
+    return {name: called(name) if callable(value) else np.array(value) for name, value in given.items() if value is not None}
+
+
+def seconds_of(actions: Mapping[str, Callable[[int], object]], rounds: int) -> dict[str, float]:
+    """Processor time [s] a step of every action, which takes a number of steps: from the shortest of each length.
+
+    In turn, so that all see the same machine.
+    """
+    found: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for action in actions.values():
+        action(TIMED)
+    for _ in range(rounds):
+        for name, action in actions.items():
+            for steps in (START, TIMED):
+                found[name, steps].append(_seconds(action, steps))
+    return {name: (min(found[name, TIMED]) - min(found[name, START])) / (TIMED - START) for name in actions}
+
+
+def _seconds(action: Callable[[int], object], steps: int) -> float:
+    began = time.process_time()
+    action(steps)
+    return time.process_time() - began
+
+
+def memory_of(scene: Scene) -> int:
+    """Bytes of the arrays that the loop works in."""
+    hht, accuracy = scene.integrator(height), {"rtol": 1e-4} if scene.controlled else {"step": H}
+    hht.init_step(0.0, scene.q0, scene.v0, **accuracy)
+    return int(hht.memory)
+
+
+def allocated_by(scene: Scene) -> float:
+    """Bytes a step by which the most that a run holds at a time grows with its length."""
+    short, long = TRACED
+    run(scene, short)
+    return (_peak(scene, long) - _peak(scene, short)) / (long - short)
+
+
+def _peak(scene: Scene, steps: int) -> int:
+    tracemalloc.start()
+    try:
+        run(scene, steps)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def costs_of(scenes: Mapping[str, Scene], rounds: int) -> dict[str, Cost]:
+    """Of every scene; their times side by side."""
+    seconds = seconds_of({name: partial(run, scene) for name, scene in scenes.items()}, rounds)
+    found = {}
+    for name, scene in scenes.items():
+        step, once = calls_of(scene)
+        found[name] = Cost(step, once, seconds[name], memory_of(scene), allocated_by(scene))
+    return found
+
+
+def own(calls: Mapping[str, float], terms: Collection[str]) -> float:
+    """Calls of ``terms`` together."""
+    return sum(calls.get(name, 0.0) for name in terms)

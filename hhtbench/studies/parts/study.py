@@ -1,0 +1,263 @@
+"""``hhtbench study parts``: what a part costs that is there, that what is absent costs nothing, what reductions gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from tabulate import tabulate
+
+import hhtbench as hb
+from hhtbench.arguments import Matrix
+from hhtbench.description import Statement, describe
+from hhtbench.studies.parts.measure import Cost, costs_of, own, run, seconds_of
+from hhtbench.studies.parts.scenes import (
+    Breathing,
+    ConstantMass,
+    Cubic,
+    Damped,
+    Measured,
+    Scene,
+    Skate,
+    Sphere,
+    Spring,
+    VariableMass,
+    chain,
+)
+
+SAME = 1e-12  #: largest difference of what is computed with and without a reduction, of the largest entry
+COMPARED = 200  # steps after which that is looked at
+ROUNDING = 0.5  # bytes a step below which a run's arrays do not grow
+
+POSITION = ("constraint", "constraint_jacobian", "constraint_velocity", "constraint_velocity_jacobian")
+MULTIPLIERS = ("constraint_acceleration", "reaction", "reaction_jacobians")
+VELOCITY = (
+    *("velocity_constraint", "velocity_constraint_jacobian", "velocity_constraint_position_jacobian"),
+    *("velocity_constraint_acceleration", "velocity_reaction", "velocity_reaction_jacobians"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """What a scene may have or not."""
+
+    name: str
+    absent: Scene
+    present: Scene
+    terms: tuple[str, ...] = ()  #: functions that are called for it alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reduction:
+    """What is found not to be required, and is not computed."""
+
+    name: str
+    switch: dict[str, Any]  #: options of HHT that do without it
+    scene: Scene
+
+
+SPRING, SPHERE = Scene(system=Spring()), Scene(system=Sphere())
+PARTS = (
+    Part(
+        name="mass, constant",
+        absent=SPRING,
+        present=Scene(system=ConstantMass()),
+        terms=("mass_matrix", "mass_product_jacobian"),
+    ),
+    Part(
+        name="mass, variable",
+        absent=Scene(system=ConstantMass()),
+        present=Scene(system=VariableMass()),
+        terms=("mass_matrix", "mass_product_jacobian"),
+    ),
+    Part(name="force of v", absent=SPRING, present=Scene(system=Damped())),
+    Part(name="g", absent=SPRING, present=SPHERE, terms=(*POSITION, *MULTIPLIERS)),
+    Part(name="k", absent=SPRING, present=Scene(system=Skate()), terms=VELOCITY),
+    Part(
+        name="time in g",
+        absent=SPHERE,
+        present=Scene(system=Breathing(), v0=np.array([0.1, 0.5, 0.0])),
+    ),
+    Part(name="nonlinear reaction", absent=SPHERE, present=Scene(system=Cubic())),
+    Part(name="events", absent=SPRING, present=Scene(system=Spring(), watched=True), terms=("event",)),
+    Part(
+        name="energy",
+        absent=SPRING,
+        present=Scene(system=Measured()),
+        terms=("energy", "power", "invariants"),
+    ),
+    Part(name="error control", absent=SPHERE, present=Scene(system=Sphere(), controlled=True)),
+    Part(name="rows between steps", absent=SPRING, present=Scene(system=Spring(), rows="between")),
+    Part(name="rows with multipliers", absent=SPHERE, present=Scene(system=Sphere(), rows="between")),
+    Part(name="dense output", absent=SPRING, present=Scene(system=Spring(), rows="steps")),
+)
+COUPLED, LONG = chain(6, coupled=True), chain(60)
+REDUCTIONS = (
+    Reduction(name="constant mass, one inverse", switch={"without": "mass"}, scene=COUPLED),
+    Reduction(name="no F_v", switch={"without": "force"}, scene=SPHERE),
+    Reduction(name="no g_t", switch={"without": "time"}, scene=SPHERE),
+    Reduction(name="linear reaction", switch={"without": "reaction"}, scene=Scene(system=Sphere(), rows="between")),
+    Reduction(name="velocity reaction free of v", switch={"without": "velocity"}, scene=Scene(system=Skate())),
+    Reduction(name="zeros and constants of the matrix", switch={"without": "zeros"}, scene=LONG),
+    Reduction(name="bands and blocks", switch={"linsolver": "dense"}, scene=replace(LONG, uneven=True)),
+    Reduction(name="kept inverse of few unknowns", switch={"linsolver": "dense"}, scene=replace(SPHERE, uneven=True)),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartCost:
+    """What was measured of one part."""
+
+    part: Part
+    absent: Cost
+    present: Cost
+
+    @property
+    def fault(self) -> str:
+        """What is called for the part where it is absent; empty: nothing."""
+        once, step = (own(calls, self.part.terms) for calls in (self.absent.once, self.absent.calls))
+        return f"{self.part.name}: {once:g} calls and {step:g} a step where it is absent" if once or step else ""
+
+    def row(self) -> list[str]:
+        """Of the table: absent and present, of calls, time and memory."""
+        sides, terms = (self.absent, self.present), self.part.terms
+        return [
+            self.part.name,
+            _both(own(x.calls, terms) for x in sides) if terms else "",
+            _both(sum(x.calls.values()) for x in sides),
+            *(f"{1e6 * x.seconds:.2f}" for x in sides),
+            *(str(x.memory) for x in sides),
+            _both(x.allocated if x.allocated > ROUNDING else 0.0 for x in sides),
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "name": self.part.name,
+            "terms": self.part.terms,
+            "absent": asdict(self.absent),
+            "present": asdict(self.present),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """What was measured of one reduction."""
+
+    reduction: Reduction
+    seconds: float  #: a step, with it
+    seconds_without: float
+    difference: float  #: of q, v, lam and mu, relative to the largest entry of each
+    line: str  #: of ``describe`` that names the switch; empty: there is none
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it, in words; empty: nothing."""
+        if not self.difference <= SAME:
+            return f"{self.reduction.name}: without it the answer differs by {self.difference:.1e}"
+        return "" if self.line else f"{self.reduction.name}: describe does not tell of it"
+
+    def row(self) -> list[str]:
+        """Of the table."""
+        times = [f"{1e6 * x:.2f}" for x in (self.seconds, self.seconds_without)]
+        ratio = f"{self.seconds_without / self.seconds:.2f}"
+        return [self.reduction.name, _switch(self.reduction), *times, ratio, f"{self.difference:.0e}", self.line]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        given = {name: value for name, value in vars(self).items() if name != "reduction"}
+        return {"name": self.reduction.name, "switch": _switch(self.reduction), **given}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What :func:`study_parts` found."""
+
+    parts: tuple[PartCost, ...] = field(default=())
+    gains: tuple[Gain, ...] = field(default=())
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What does not hold."""
+        found = [x.fault for x in self.parts] + [x.fault for x in self.gains]
+        return tuple(filter(None, found))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        parts, gains = [x.as_dict() for x in self.parts], [x.as_dict() for x in self.gains]
+        return {"schema": "hhtbench.parts/1", "parts": parts, "reductions": gains}
+
+    def __str__(self) -> str:
+        parts = ["part", "its calls", "all calls", "us absent", "us present", "B absent", "B present", "B a step"]
+        gains = ["reduction", "switch", "us with", "us without", "gain", "apart", "describe"]
+        tables = [
+            tabulate([x.row() for x in self.parts], headers=parts, disable_numparse=True),
+            tabulate([x.row() for x in self.gains], headers=gains, disable_numparse=True, maxcolwidths=[None] * 6 + [60]),
+        ]
+        return "\n\n".join([*tables, NOTES, *self.faults])
+
+
+NOTES = """A step in the mean, `absent -> present` where there is one column: calls of a system of plain callables, whose
+derivatives are differences, with the terms that are derived; microseconds of processor time in machine code; bytes of the
+arrays that the loop works in, and bytes a step by which a run grows. Room for error control and steps of up to 24 MB are
+kept in any case. Code of a reduction that is switched off still lacks what its compiler sees to be zero."""
+
+
+def study_parts(rounds: int = 9, tell: Callable[[int, int], None] = lambda done, total: None) -> Study:
+    """Measure every part and every reduction; ``tell`` hears how many of how many are done."""
+    total, parts, gains = len(PARTS) + len(REDUCTIONS), list[PartCost](), list[Gain]()
+    for part in PARTS:
+        tell(len(parts), total)
+        parts.append(PartCost(part=part, **costs_of({"absent": part.absent, "present": part.present}, rounds)))
+    for reduction in REDUCTIONS:
+        tell(len(parts) + len(gains), total)
+        gains.append(gain_of(reduction, rounds))
+    tell(total, total)
+    return Study(parts=tuple(parts), gains=tuple(gains))
+
+
+def gain_of(reduction: Reduction, rounds: int) -> Gain:
+    """What ``reduction`` saves in its scene."""
+    scene, switch = reduction.scene, reduction.switch
+    actions = {"with": partial(run, scene), "without": partial(run, scene, **switch)}
+    seconds = seconds_of(actions, rounds)
+    return Gain(
+        reduction=reduction,
+        seconds=seconds["with"],
+        seconds_without=seconds["without"],
+        difference=difference(reduction),
+        line=line_of(reduction),
+    )
+
+
+def difference(reduction: Reduction) -> float:
+    """Largest difference of what is found with and without it, over the largest entry of q, v, lam, mu each."""
+    runs = (run(reduction.scene, COMPARED, **options) for options in ({}, reduction.switch))
+    pairs = zip(*((x.q, x.v, x.lam, x.mu) for x in runs), strict=True)
+    return max(_apart(one, other) for one, other in pairs if one.size)
+
+
+def _apart(one: Matrix, other: Matrix) -> float:
+    return float(np.abs(one - other).max() / np.abs(one).max())
+
+
+def line_of(reduction: Reduction) -> str:
+    """What ``describe`` says where it names the switch."""
+    scene = reduction.scene
+    problem = hb.Problem(name="scene", system=scene.system, t_span=(0.0, 1.0), q0=scene.q0, v0=scene.v0)
+    return next((_text(x) for x in describe(problem).statements if f"hht({_switch(reduction)})" in x.reason), "")
+
+
+def _text(statement: Statement) -> str:
+    return f"{statement.subject}: {statement.text}"
+
+
+def _switch(reduction: Reduction) -> str:
+    return ", ".join(f"{name}={value}" for name, value in reduction.switch.items())
+
+
+def _both(numbers: Any) -> str:
+    return " -> ".join(f"{x:.3g}" for x in numbers)

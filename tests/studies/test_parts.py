@@ -1,0 +1,129 @@
+"""Absent parts cost nothing, reductions do not change the answer, and the study says so where one does."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from hhtbench.cli import main
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import REDUCTIONS as SWITCHES
+from hhtbench.studies.parts import measure, study
+from hhtbench.studies.parts.measure import Cost, counted, height, memory_of, run
+from hhtbench.studies.parts.scenes import Measured, Scene
+from hhtbench.studies.parts.study import PARTS, REDUCTIONS, SPHERE, SPRING, Gain, PartCost, Study, difference, line_of
+from solvers.hht.loops import memory as mem
+
+NAMED = {x.name: x for x in PARTS}
+EMPTY = {  # sections of the loops' memory, by the part whose absence leaves them without a place
+    "g": (mem.LAM, mem.LEVELS, mem.ROW_SIZES),
+    "k": (mem.MU, mem.LEVELS, mem.ROW_SIZES),
+    "mass, variable": (mem.INVERSE_MASS, mem.END_INVERSE_MASS),
+    "events": (mem.EVENT_VALUES, mem.SAMPLE_TIMES, mem.SAMPLE_VALUES),
+}
+COST = Cost(calls={"force": 3.0}, once={"force": 2.0}, seconds=1e-6, memory=100, allocated=0.0)
+GAIN = Gain(reduction=REDUCTIONS[0], seconds=1e-6, seconds_without=2e-6, difference=1e-15, line="M: factorised once")
+
+
+def test_a_scene_of_a_force_alone_calls_nothing_else():
+    assert counted(SPRING, 3).keys() == {"force", "force_jacobians"}
+
+
+def test_of_a_pendulum_no_part_is_called_that_it_has_not():
+    calls = counted(SPHERE, 3)
+    absent = {"mass, constant", "k", "events", "energy"}
+    assert {name: calls[name] for part in absent for name in NAMED[part].terms if calls[name]} == {}
+    assert calls["constraint"] > 0
+
+
+@pytest.mark.parametrize("name", ["mass, variable", "g", "k", "events"])
+def test_the_terms_of_a_part_are_called_where_it_is_there(name):
+    calls = counted(NAMED[name].present, 3)
+    assert sum(calls[term] for term in NAMED[name].terms) > 0
+
+
+def test_what_is_only_measured_is_never_called():
+    assert counted(Scene(system=Measured()), 3).keys() == {"force", "force_jacobians"}
+
+
+@pytest.mark.parametrize("name", EMPTY)
+def test_an_absent_part_has_no_place_in_the_memory(name):
+    def lengths(scene):
+        hht = scene.integrator(height)
+        hht.init_step(0.0, scene.q0, scene.v0, step=0.01)
+        return [mem.view(hht._engine.loops.z, section).size for section in EMPTY[name]]
+
+    assert lengths(NAMED[name].absent) == [0] * len(EMPTY[name])
+    assert all(lengths(NAMED[name].present))
+    assert memory_of(NAMED[name].absent) < memory_of(NAMED[name].present)
+
+
+@pytest.mark.parametrize("reduction", REDUCTIONS, ids=lambda x: x.name)
+def test_without_a_reduction_the_answer_is_the_same_and_describe_names_the_switch(reduction):
+    assert difference(reduction) <= study.SAME
+    assert line_of(reduction)
+
+
+@pytest.mark.parametrize("reduction", REDUCTIONS, ids=lambda x: x.name)
+def test_a_switch_takes_effect(reduction):
+    def used(**options):
+        hht = reduction.scene.integrator(height, **options)
+        hht.init_step(0.0, reduction.scene.q0, reduction.scene.v0, step=0.01)
+        return hht._engine.structure, hht._engine.why, hht._engine.functions.analysis.rows.size
+
+    (whole, kind, entries), (general, other, more) = used(), used(**reduction.switch)
+    changes = SWITCHES.get(reduction.switch.get("without"), {})
+    assert {name: getattr(general, name) for name in changes} == changes
+    assert changes or kind != other
+    assert whole != general or not changes
+    assert more > entries or reduction.switch != {"without": "zeros"}
+
+
+def test_every_reduction_that_is_read_off_a_system_is_measured():
+    assert {x.switch["without"] for x in REDUCTIONS if "without" in x.switch} == set(SWITCHES)
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (PartCost(part=NAMED["g"], absent=COST, present=COST), ""),
+        (
+            PartCost(part=NAMED["g"], absent=replace(COST, calls={"constraint": 2.0}), present=COST),
+            "g: 0 calls and 2 a step",
+        ),
+        (PartCost(part=NAMED["k"], absent=replace(COST, once={"velocity_reaction": 1.0}), present=COST), "k: 1 calls"),
+        (GAIN, ""),
+        (replace(GAIN, difference=2e-12), "the answer differs by 2.0e-12"),
+        (replace(GAIN, difference=np.nan), "the answer differs by nan"),
+        (replace(GAIN, line=""), "describe does not tell"),
+    ],
+)
+def test_the_study_says_what_does_not_hold(found, words):
+    assert words in found.fault
+    assert bool(found.fault) == bool(words)
+    made = Study(parts=(found,)) if isinstance(found, PartCost) else Study(gains=(found,))
+    assert made.faults == ((found.fault,) if words else ())
+    assert found.fault in str(made)
+
+
+def test_the_command_prints_both_tables_and_writes_them(monkeypatch, tmp_path):
+    monkeypatch.setattr(measure, "TIMED", 20)
+    monkeypatch.setattr(study, "PARTS", (NAMED["events"],))
+    monkeypatch.setattr(study, "REDUCTIONS", (REDUCTIONS[-1],))
+    file = tmp_path / "parts.json"
+    done = CliRunner().invoke(main, ["study", "parts", "--rounds", "1", "--json", str(file)])
+    assert done.exit_code == 0, done.output
+    written = json.loads(file.read_text())
+    assert written["parts"][0]["absent"]["calls"].get("event", 0.0) == 0.0
+    assert written["parts"][0]["present"]["calls"]["event"] > 0
+    assert written["reductions"][0]["difference"] <= study.SAME
+    assert all(name in done.output for name in ("events", "kept inverse of few unknowns", "linsolver=dense"))
+
+
+def test_a_run_that_ends_early_is_not_measured():
+    with pytest.raises(ProblemError, match="Sphere: inconsistent_initial"):
+        run(replace(SPHERE, q0=np.array([2.0, 0.0, 0.0])), 3)
