@@ -162,6 +162,15 @@ def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(r
     assert max(errors) < 20.0 * rtol
 
 
+def test_rows_that_are_all_beside_a_singular_position_are_known_by_the_start():
+    zoomed = np.linspace(ITS_FLAT - 1e-7, ITS_FLAT + 1e-7, 40)
+    for t_eval in ([ITS_FLAT], zoomed):
+        solution = hb.solve(NARROW, rtol=1e-6, t_eval=t_eval)
+        assert solution.success, solution.message
+        assert np.isnan(solution.lam).all()
+        assert f"At {len(t_eval)} rows" in solution.message
+
+
 def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch):
     monkeypatch.setattr(solve, "recovered", lambda engine, rows: np.zeros(len(rows), dtype=bool))
     solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, ITS_FLAT, 0.9])
@@ -248,9 +257,9 @@ def test_a_budget_that_ends_between_looks_keeps_what_they_have_found(looks, monk
     assert "The time budget ended before 6 rows were looked at" in solution.message
 
 
-@pytest.mark.parametrize(("engine", "most"), [("compiled", 0), ("python", 51)])
+@pytest.mark.parametrize(("engine", "most"), [("compiled", 7), ("python", 51)])
 def test_many_rows_of_a_regular_motion_cost_few_looks(looks, monkeypatch, engine, most):
-    """None where multipliers come from the loops; else as many as there is time for."""
+    """Three where multipliers come from the loops, and four tell what is usual; else as many as there is time for."""
     monkeypatch.setattr(run.beside, "SECONDS", 0.01)
     solution = hb.HHT(SYSTEMS["jax"], engine=engine).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=np.linspace(0.0, 0.8, 400))
     assert np.isfinite(solution.lam).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -21,10 +21,17 @@ from solvers.hht.run.singular import UnitRows, seconds_of_look
 
 FALLEN = 1e-3  # of what it is elsewhere: below that a singular value falls towards zero
 LOUD = 10.0  # times the median: so much further such states are moved, or so much larger are multipliers there
-ALL_UP_TO = 64  # states that are all looked at; of more, only those that are loud
+FEW, MOST = 3, 64  # states that are looked at in any case, evenly spread; and where one is put back, with all others
 SECONDS = 1.0  # of looks at the states of one array, about
 
 States = tuple[Matrix, Matrix]  # q and v, (k, n) each
+
+
+class Looks(NamedTuple):
+    """Which states to look at: the ``first`` of them in any case, the others where one of these was put back."""
+
+    states: list[int]
+    first: int
 
 
 @dataclass(frozen=True)
@@ -35,15 +42,16 @@ class Beside:
     places: Sequence[Place]  #: some of the run, which tell what singular values are elsewhere
 
     def put_back(
-        self, looks: Sequence[int], t: Vector, after: States, before: States, moved: Callable[[int], Vector] | None = None
+        self, looks: Looks, t: Vector, after: States, before: States, moved: Callable[[int], Vector] | None = None
     ) -> tuple[list[int], str]:
         """Which states at ``t`` (k,) are ``before`` again, since ``after`` their projection no digit is left; and in words.
 
-        Looked at are the first of ``looks``, as many as there is time for.  ``moved(i)`` (n,) of v where the projection does
-        not tell.
+        Looked at are as many of ``looks`` as there is time for.  ``moved(i)`` (n,) of v where the projection does not tell.
         """
         (q, v), found, worst, late = after, list[int](), 0.0, 0
-        for count, i in enumerate(looks[: self._affordable]):
+        for count, i in enumerate(looks.states[: self._affordable]):
+            if count >= looks.first and not found:
+                break
             place = Place(float(t[i]), q[i], v[i])  # views
             try:
                 if self._undetermined(place, moved(i) if moved else v[i] - before[1][i]):
@@ -51,7 +59,7 @@ class Beside:
                     found.append(i)
                     worst = max(worst, self._violated(place))
             except BudgetSpent:
-                late = len(looks) - count
+                late = len(looks.states) - count
                 break
             except (NonFiniteValue, linalg.LinAlgError):  # no rank where something is not finite
                 continue
@@ -74,7 +82,7 @@ class Beside:
 
     def _undetermined(self, place: Place, moved: Vector) -> bool:
         """Whether at ``place``, to which a projection has ``moved`` (n,) v, no digit of the multipliers is known."""
-        _, sizes, right = linalg.svd(self._unit.at(place), full_matrices=False)
+        _, sizes, right = np.linalg.svd(self._unit.at(place), full_matrices=False)
         weak = sizes <= FALLEN * self._elsewhere
         if not weak.any():
             return False
@@ -89,7 +97,9 @@ class Beside:
         return self._unit.projection.violated(place.t, place.q, place.v, sizes)
 
 
-def keep(dynamics: Dynamics, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]) -> str:
+def keep(
+    dynamics: Dynamics, start: Place, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]
+) -> str:
     """:meth:`Beside.put_back` of ``rows``, which lose their multipliers; what is to be said of it.
 
     ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others, found
@@ -99,28 +109,26 @@ def keep(dynamics: Dynamics, rows: OutputRows, before: States, done: Any, kink: 
     loud = _over_median(multipliers)
     with np.errstate(invalid="ignore"):  # infinite ones, which are looked at
         bent[1:-1] = ~(np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) <= 1.0)
-    if rows.between is None:
-        also |= bent
-    else:
-        also |= np.where(rows.between, np.count_nonzero(rows.between) <= ALL_UP_TO, bent)
+    between = np.zeros_like(done) if rows.between is None else rows.between
+    if rows.between is not None:
         loud = np.maximum(loud, _over_median(rows.v - before[1]))
-    looks = _loudest(loud, also)
-    if not looks:
+    looks = _looks(loud, also | bent, between)
+    if not looks.first:
         return ""
 
     def moved(i: int) -> Vector:
-        at_end = rows.between is None or not rows.between[i]
-        return kink(float(rows.t[i])) if at_end else np.asarray(rows.v[i] - before[1][i])
+        return np.asarray(rows.v[i] - before[1][i]) if between[i] else kink(float(rows.t[i]))
 
-    beside = Beside(dynamics, some_of(rows.t, rows.q, rows.v))
+    beside = Beside(dynamics, [start, *some_of(rows.t, rows.q, rows.v)[1:]])
     which, text = beside.put_back(looks, rows.t, (rows.q, rows.v), before, moved)
     multipliers[which], done[which] = np.nan, True
     return text
 
 
-def most_moved(v: Matrix, before: Matrix) -> list[int]:
+def most_moved(v: Matrix, before: Matrix) -> Looks:
     """Which of the states with ``v`` (k, n) are to be looked at, those first that are furthest from ``before``."""
-    return _loudest(_over_median(v - before), len(v) <= ALL_UP_TO)
+    every = np.ones(len(v), dtype=bool)
+    return _looks(_over_median(v - before), ~every, every)
 
 
 def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
@@ -129,11 +137,15 @@ def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
     return [Place(float(t[i]), q[i], v[i]) for i in sorted({0, last // 2, last})]
 
 
-def _loudest(loud: Vector, also: Any) -> list[int]:
-    """Of rows those that are ``loud``, and ``also`` others; the loudest first."""
-    looks = np.flatnonzero((loud > LOUD) | also)
-    found: list[int] = looks[np.argsort(-loud[looks])].tolist() if looks.size else []
-    return found
+def _looks(loud: Vector, also: Any, between: Any) -> Looks:
+    """Of states those that are ``loud``, ``also`` others, and a few ``between`` steps; then more of these."""
+    inside, first = np.flatnonzero(between), (loud > LOUD) | also
+    first[inside[np.unique(np.linspace(0, inside.size - 1, min(FEW, inside.size)).astype(int))]] = True
+    if not first.any():
+        return Looks([], 0)
+    order = np.argsort(-loud)
+    wanted = order[first[order]].tolist()
+    return Looks([*wanted, *order[(between & ~first)[order]].tolist()[: max(MOST - len(wanted), 0)]], len(wanted))
 
 
 def _over_median(x: Matrix) -> Vector:

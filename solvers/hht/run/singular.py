@@ -94,7 +94,7 @@ class UnitRows:
         rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
         if not (np.isfinite(rows).all() and (self._lengths > 0.0).all()):
             raise linalg.LinAlgError("the constraints have no rank, where something is not finite or a row is zero")
-        return np.asarray(linalg.solve_triangular(self.root(place), rows.T, lower=True).T / self._lengths)
+        return np.asarray(linalg.lapack.dtrtrs(self.root(place), rows.T, lower=1)[0].T / self._lengths)
 
     def root(self, place: Start) -> Matrix:
         """(n, n) of the mass, lower triangular; the identity for a singular one: rows tell as well in other units."""
@@ -102,13 +102,13 @@ class UnitRows:
         if not np.isfinite(mass).all():
             raise linalg.LinAlgError("the mass is not finite")
         try:
-            return np.asarray(linalg.cholesky(mass, lower=True))
+            return np.asarray(np.linalg.cholesky(mass), dtype=np.float64)
         except linalg.LinAlgError:
             return np.eye(len(mass))
 
     def least(self, place: Start) -> float:
         """The least singular value there."""
-        return float(linalg.svdvals(self.at(place))[-1])
+        return float(np.linalg.svd(self.at(place), compute_uv=False)[-1])
 
 
 def seconds_of_look(dynamics: Dynamics) -> float:

@@ -102,7 +102,7 @@ class Integration:
         def recover() -> Any:
             done = recovered(engine, rows.rows)
             if rows.t.size and engine.method.coefficients.both_levels:
-                remarks.append(keep(engine.dynamics, rows, before, done, self.history.kink))
+                remarks.append(keep(engine.dynamics, self.place, rows, before, done, self.history.kink))
             return done
 
         own, carried = own_multipliers(rows), None

@@ -21,7 +21,7 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.beside import Beside
+from solvers.hht.run.beside import Beside, Looks
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.noise import noise
@@ -226,7 +226,7 @@ class Stepper:
             return q[0], v[0], ""
         at, before = np.array([t]), (q.copy(), v.copy())
         unmet = put_on_constraints(self.engine, at, q, v, sizes_from(output.q, output.v))
-        _, kept = self._beside.put_back([0], at, (q, v), before)
+        _, kept = self._beside.put_back(Looks([0], 1), at, (q, v), before)
         return q[0], v[0], f"{unmet} {kept}".strip()
 
     @cached_property
