@@ -1,4 +1,4 @@
-"""README's table "When it fails" has a row for every status, and each of them can be provoked."""
+"""README's table "When it fails" has every status and a row for each of its causes, and each of them can be provoked."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 import pytest
@@ -14,6 +14,8 @@ import pytest
 import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 ASKED = {"rtol": None, "atol": None, "step": None, "steps": 10, "outputs": 3, "max_seconds": 10.0, "counting": False}
@@ -35,10 +37,10 @@ solver = Aborts()
 """
 
 
-def labels() -> list[str]:
-    """The first cells of the table's rows."""
+def rows() -> list[tuple[str, str]]:
+    """The status, empty where it is that of the row above, and what happened, of the table's rows."""
     section = README.split("## When it fails")[1].split("\n## ")[0]
-    return re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
+    return re.findall(r"^\| (?:`(\w+)` )?\| (.*?) \|", section.split("|---|")[-1], re.MULTILINE)
 
 
 def weight(**functions: Any) -> hb.NumpySystem:
@@ -73,14 +75,14 @@ def slow(t: float, q: Any, v: Any) -> Any:
     return np.full(1, -9.81)
 
 
-def hoop(q0: Any = (1.0, 0.0), **functions: Any) -> Any:
+def hoop(q0: Any = (1.0, 0.0), functions: Mapping[str, Any] | None = None, **request: Any) -> Any:
     """A weight on a hoop of radius one."""
     physics: dict[str, Any] = {
         "mass_matrix": [1.0, 1.0],
         "force": lambda t, q, v: np.array([0.0, -9.81]),
         "constraint": lambda t, q: np.array([q @ q - 1.0]),
     }
-    return hb.HHT(hb.NumpySystem(**physics | functions)).solve((0.0, 1.0), q0, (0.0, 0.0), step=0.01)
+    return hb.HHT(hb.NumpySystem(**physics | dict(functions or {}))).solve((0.0, 1.0), q0, (0.0, 0.0), **request)
 
 
 class Lies:
@@ -123,38 +125,112 @@ def ends(function: Any) -> hb.Event:
     return hb.Event(function, terminal=True)
 
 
-PROVOKED: dict[str, Callable[[Path], Any]] = {
-    "success": lambda _: fall(),
-    "event": lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]),
-    "max_steps": lambda _: fall(step=0.01, max_num_steps=3),
-    "step_too_small": lambda _: fall(weight(force=lambda t, q, v: -1e4 * q), rtol=1e-6, options={"min_step": 0.1}),
-    "newton_failed": lambda _: fall(weight(force=lambda t, q, v: -1e8 * np.sign(q - 0.5)), step=0.1),
-    "singular_iteration_matrix": lambda _: fall(weight(mass_matrix=[0.0])),
-    "redundant_constraints": lambda _: hoop(
-        constraint=lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
-        reaction=lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
-    ),
-    "nonfinite_callback": lambda _: fall(weight(force=lambda t, q, v: np.full(1, np.nan if t > 0.5 else 1.0))),
-    "inconsistent_initial": lambda _: hoop(q0=(1.1, 0.0)),
-    "time_resolution": lambda _: hb.HHT(weight()).solve((1e9, 1e9 + 1e-6), [1.0], [0.0], step=1e-9),
-    "evaluation_budget": lambda _: fall(step=0.01, max_evaluations=5),
-    "deadline": lambda _: fall(weight(force=slow), step=0.01, max_seconds=0.1),
-    "accuracy_not_shown": lambda _: hb.solve(problem(), "hht", accuracy=1e-3, events=[ends(lambda t, q, v: q[0])]),
-    "interrupted": lambda _: left_over(KeyboardInterrupt()),
-    "declined": lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3),
-    "unreliable": lambda _: cell(Lies()),
-    "user_exception": lambda _: left_over(ZeroDivisionError()),
-    "crashed": crash,
-    "out_of_memory": lambda _: cell(Eats()),
+class Case(NamedTuple):
+    """One cause of a status: a row of the table."""
+
+    row: str  #: what its row says of it
+    words: str  #: what the message says
+    provoke: Callable[[Path], Any]
+
+
+def stiff(t: float, q: Any, v: Any) -> Any:
+    return -1e4 * q
+
+
+def noisy(t: float, q: Any, v: Any) -> Any:
+    return np.full(1, -9.81 * (1.0 + 1e-5 * RANDOM.standard_normal()))
+
+
+def rods(ratio: float, **request: Any) -> Any:
+    """A light body between two taut rods."""
+    return hb.HHT(DoublePendulum(ratio=ratio)).solve((0.0, 1.0), *DoublePendulum.straight(0.5), **request)
+
+
+def flat_bars() -> Any:
+    """A run that fails beside a position of lost rank; it has an event, and so does not go across."""
+    with pytest.MonkeyPatch.context() as patch:
+        stop_runs(patch, FLAT - 1e-4)
+        hht = hb.HHT(BARS.system, events=[hb.Event(lambda t, q, v: t - 2.0)])
+        return hht.solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
+
+
+def leaving_a_rail() -> Any:
+    """Two rails that touch at the start, and nowhere else."""
+    rails = hb.NumpySystem(force=lambda t, q, v: np.zeros(2), constraint=lambda t, q: np.array([q[1], q[1] - q[0] ** 2]))
+    return hb.HHT(rails).solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], steps=10)
+
+
+def bouncing() -> Any:
+    floor = hb.Event(lambda t, q, v: q[0], direction=-1, change=lambda t, q, v: (q, -0.5 * v), name="floor")
+    return hb.HHT(weight(), events=floor).solve((0.0, 10.0), [1.0], [0.0], step=0.01)
+
+
+RANDOM = np.random.default_rng(3)
+DUPLICATED = {
+    "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
+    "reaction": lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
 }
+PROVOKED: dict[str, list[Case]] = {
+    "success": [Case("", "", lambda _: fall())],
+    "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
+    "max_steps": [
+        Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
+        Case("vibration", "forces carry a vibration", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
+    ],
+    "step_too_small": [
+        Case("jump", "jump", lambda _: fall(weight(force=lambda t, q, v: np.full(1, 1e12 * (t > 0.5))), rtol=1e-4)),
+        Case("min_step", "0.1", lambda _: fall(weight(force=stiff), rtol=1e-6, options={"min_step": 0.1})),
+        Case("roundoff", "roundoff is reached", lambda _: hoop(rtol=0.0, atol=1e-14)),
+        Case("noise", "noise: two calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8)),
+    ],
+    "newton_failed": [
+        Case("prescribed", "smaller", lambda _: fall(weight(force=lambda t, q, v: -1e8 * np.sign(q - 0.5)), step=0.1)),
+        Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
+    ],
+    "singular_iteration_matrix": [
+        Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),
+        Case("lose rank", "lose rank", lambda _: flat_bars()),
+    ],
+    "redundant_constraints": [
+        Case("depend on others", "rank", lambda _: hoop(functions=DUPLICATED, step=0.01)),
+        Case("violated later", "left out", lambda _: leaving_a_rail()),
+    ],
+    "nonfinite_callback": [
+        Case("", "force[0]", lambda _: fall(weight(force=lambda t, q, v: np.full(1, np.nan if t > 0.5 else 1.0)))),
+    ],
+    "inconsistent_initial": [Case("", "g[0]", lambda _: hoop(q0=(1.1, 0.0), step=0.01))],
+    "time_resolution": [
+        Case("floating-point", "time", lambda _: hb.HHT(weight()).solve((1e9, 1e9 + 1e-6), [1.0], [0.0], step=1e-9)),
+        Case("pile up", "pile up", lambda _: bouncing()),
+    ],
+    "evaluation_budget": [Case("", "evaluations", lambda _: fall(step=0.01, max_evaluations=5))],
+    "deadline": [Case("", "seconds", lambda _: fall(weight(force=slow), step=0.01, max_seconds=0.1))],
+    "accuracy_not_shown": [
+        Case("event", "event", lambda _: hb.solve(problem(), "hht", accuracy=1e-3, events=[ends(lambda t, q, v: q[0])])),
+    ],
+    "interrupted": [Case("", "", lambda _: left_over(KeyboardInterrupt()))],
+    "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],
+    "unreliable": [Case("", "", lambda _: cell(Lies()))],
+    "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],
+    "crashed": [Case("", "", crash)],
+    "out_of_memory": [Case("", "", lambda _: cell(Eats()))],
+}
+CASES = [(label, case) for label, cases in PROVOKED.items() for case in cases]
 
 
-def test_the_table_has_one_row_for_every_status():
-    assert labels() == [status.label for status in hb.Status] == list(PROVOKED)
+def test_the_table_has_every_status_and_a_row_for_every_cause():
+    labels = [label for label, _ in rows() if label]
+    assert labels == [status.label for status in hb.Status] == list(PROVOKED)
+    named = [label if case is PROVOKED[label][0] else "" for label, case in CASES]
+    assert [label for label, _ in rows()] == named
+    assert [case.row in text for (_, text), (_, case) in zip(rows(), CASES, strict=True)] == [True] * len(CASES)
 
 
-@pytest.mark.parametrize("label", list(PROVOKED))
-def test_every_status_is_provoked(label: str, tmp_path: Path):
-    found = PROVOKED[label](tmp_path)
-    status = found["status"] if isinstance(found, dict) else found.status.label
-    assert status == label
+@pytest.mark.parametrize(("label", "case"), CASES, ids=[f"{label}-{case.row}".rstrip("-") for label, case in CASES])
+def test_every_row_is_provoked(label: str, case: Case, tmp_path: Path):
+    found = case.provoke(tmp_path)
+    if isinstance(found, dict):
+        assert found["status"] == label
+    else:
+        assert found.status.label == label, found.message
+        assert case.words in found.message

@@ -37,10 +37,10 @@ def stability_command(
     folder: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Measure solvers along every axis of the extremes: arrived rightly, ended with a cause, out of budget, silently wrong.
+    """Measure solvers along every axis of the extremes: arrived rightly, ended early, out of budget, silently wrong.
 
-    A letter a cell, along the parameter: r right, n a named cause, b out of budget, W silently wrong, C crashed or hung,
-    - declined.
+    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, W silently wrong, C crashed
+    or hung, - declined.
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():

@@ -143,8 +143,10 @@ class HHT:
             if isinstance(started, Failure):
                 self._message = started.message
                 return started.status
-            self._engine, self._message = started.engine, f"{started.note} {note}".strip()
+            self._engine = started.engine
             tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
+            unseen = "" if tolerances is None else tolerances.warn(started.state.size_q)
+            self._message = " ".join(filter(None, (started.note, note, unseen)))
             self._integrator = begun(place, started.state, h, tolerances, len(self.events))
         return Status.success
 

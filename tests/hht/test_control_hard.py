@@ -158,6 +158,27 @@ def test_an_absolute_tolerance_above_the_size_of_the_solution_is_warned_of():
         HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, rtol=1e-3)
 
 
+def shaken(atol=None, size=1e-9):
+    """From rest at zero, where nothing tells how small the vibration stays: some ``size`` over 1e4."""
+    system = NumpySystem(force=lambda t, q, v: size * np.sin(50.0 * t) - 1e4 * q)
+    return HHT(system).solve((0.0, 0.3), [0.0], [0.0], rtol=1e-4, atol=atol)
+
+
+@pytest.mark.parametrize("atol", [None, 1e-6])
+def test_a_vibration_from_rest_that_stays_below_the_absolute_tolerance_is_warned_of(atol):
+    """Every error passed, and nothing was said of it."""
+    with pytest.warns(UserWarning, match="exceeds the size of q"):
+        solution = shaken(atol)
+    assert f"atol={atol or 1e-4:g} exceeds the size of q" in solution.message
+
+
+@pytest.mark.parametrize("given", [{"atol": 1e-15}, {"size": 1.0}], ids=str)
+def test_a_vibration_from_rest_that_the_absolute_tolerance_sees_is_not(given):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "exceeds" not in shaken(**given).message
+
+
 def test_prescribed_steps_cost_nothing_of_error_control():
     """Model only what is asked for: no estimate, no probe."""
     plain = HHT(JAX_PENDULUM).solve((0.0, 0.1), Q0, V0, steps=10)

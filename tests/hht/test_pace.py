@@ -1,5 +1,7 @@
 """A run that will not arrive ends early, with its cause (rows J3, P10, P12 of the acceptance matrix)."""
 
+from itertools import count
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ import pytest
 from hhtbench.protocol import System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
+from solvers.hht.run import pace, solve
+from solvers.hht.run.stepper import Stepper
 from tests.hht.scenes import Q0, V0, Pendulum, pendulum
 
 
@@ -26,9 +30,15 @@ class Heavy(Pendulum):
         return jnp.array([0.0, -1e308])
 
 
+@pytest.fixture(autouse=True)
+def by_steps(monkeypatch):
+    """Looks come after so many steps, however slow the machine is."""
+    monkeypatch.setattr(pace, "SECONDS", np.inf)
+
+
 def test_a_jump_that_a_motion_sticks_to_is_told_and_not_crawled_along():
     solution = HHT(Sliding()).solve((0.0, 1.0), [0.0], [1.0], rtol=1e-5, max_seconds=60.0)
-    assert solution.status is Status.newton_failed
+    assert solution.status is Status.step_too_small
     assert "will not arrive" in solution.message
     assert "jump" in solution.message
     assert solution.t[-1] == pytest.approx(1 / 3, abs=1e-5)
@@ -78,7 +88,7 @@ def noisy(size):
 def test_a_force_with_noise_above_the_tolerance_is_told_and_not_crawled_along():
     solution = HHT(noisy(1e-6)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=600)
     assert solution.status is Status.step_too_small
-    assert "two calls of the force" in solution.message
+    assert "noise: two calls of force" in solution.message
     assert solution.counters.steps_accepted == 500
 
 
@@ -100,3 +110,65 @@ def test_a_force_whose_noise_takes_too_many_steps_is_told_at_default_budgets():
     solution = HHT(noisy(1e-5)).solve((0.0, 1.0), Q0, V0, rtol=1e-8)
     assert solution.status is Status.step_too_small
     assert "200000 do not lead to the end" in solution.message
+
+
+def shaken(name, size):
+    """The pendulum with one function that is off by a random part of ``size`` at every call, reactions after the start."""
+    functions = {
+        "mass_matrix": lambda t, q: np.eye(2),
+        "constraint": lambda t, q: np.array([(q @ q - 1.0) / 2.0]),
+        "constraint_jacobian": lambda t, q: q[None, :].copy(),
+        "reaction": lambda t, q, lam: -lam[0] * q,
+    }
+    random, known, begin = np.random.default_rng(3), functions[name], 0.01 if name == "reaction" else -1.0
+
+    def off(t, *x):
+        value = known(t, *x)
+        return value + (t > begin) * size * random.standard_normal() * (1.0 if name == "constraint" else value)
+
+    return pendulum(**{name: off}, constraint_time_derivative=lambda t, q: np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("mass_matrix", 1e-6), ("constraint", 1e-9), ("constraint_jacobian", 1e-6), ("reaction", 1e-6)]
+)
+def test_the_function_with_noise_is_named(name, size, monkeypatch):
+    monkeypatch.setattr(pace, "FIRST", 200)
+    solution = HHT(shaken(name, size)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=400, t_eval=[1.0])
+    assert solution.status is Status.step_too_small, solution.message
+    assert f"noise: two calls of {name} with" in solution.message
+    assert ("There is" in solution.message) is (name == "reaction"), "beside another cause, or as the cause"
+
+
+def test_a_jump_is_not_blamed_on_noise_far_below_the_error_that_it_makes():
+    random = np.random.default_rng(3)
+
+    def force(t, q, v):
+        return np.array([0.0, -9.81 * (1.0 + 1e-12 * random.standard_normal()) - (1e12 if t > 0.4321 else 0.0)])
+
+    solution = HHT(pendulum(force=force)).solve((0.0, 1.0), Q0, V0, rtol=1e-5)
+    assert solution.status is Status.step_too_small
+    assert "jump" in solution.message
+    assert "noise" not in solution.message
+
+
+@pytest.mark.parametrize(("system", "first"), [(Pendulum(), 500), (pendulum(), 20)], ids=["machine code", "callables"])
+def test_steps_that_may_be_slow_are_made_few_at_a_time_at_first(system, first, monkeypatch):
+    """Between calls the user's interrupt is seen; a call of quick ones would cost as much as they do."""
+    asked, advance = [], Stepper.advance
+    monkeypatch.setattr(Stepper, "advance", lambda self, *x: asked.append(len(x[3])) or advance(self, *x))
+    HHT(system).solve((0.0, 1.0), Q0, V0, rtol=1e-4)
+    assert asked[0] == first
+
+
+def test_a_slow_run_is_looked_at_by_the_clock(monkeypatch):
+    """Every look at the clock is a second later than the last: of a run that will not arrive the second look is the end."""
+    seconds = count()
+    monkeypatch.setattr(pace, "SECONDS", 3.0)
+    monkeypatch.setattr(pace.time, "perf_counter", lambda: float(next(seconds)))
+    monkeypatch.setattr(solve, "QUICK", 0)
+    monkeypatch.setattr(solve, "MOST", 20)
+    solution = HHT(Sliding()).solve((0.0, 1.0), [0.0], [1.0], rtol=1e-5)
+    assert solution.status is Status.step_too_small
+    assert "will not arrive" in solution.message
+    assert solution.counters.steps_accepted < 500

@@ -72,7 +72,7 @@ class Stability:
         return text + (f" Misleading on {'; '.join(unsafe)}." if unsafe else "")
 
     def _arrived(self, axis: str, solver: str) -> float:
-        """Share of right cells: an end out of budget is as far from it as one with a cause."""
+        """Share of right cells: an end out of budget is as far from it as any other early one."""
         counts = self.counts(axis, solver)
         return counts[Kind.right] / (counts.total() - counts[Kind.declined])
 
@@ -110,7 +110,7 @@ class Stability:
 
 WORDS = {
     Kind.right: "right",
-    Kind.named: "ended with a cause",
+    Kind.named: "ended early and said so",
     Kind.budget: "out of budget",
     Kind.wrong: "silently wrong",
     Kind.crashed: "crashed or hung",
@@ -143,6 +143,7 @@ def _plain(x: Measured) -> dict[str, Any]:
         "share": o.share,
         "steps": o.steps,
         "evaluations": o.evaluations,
+        "newton_iterations": o.newton_iterations,
         "seconds": o.seconds,
     }
 

@@ -32,7 +32,7 @@ class Kind(enum.Enum):
     """How a cell ended; ``letter`` stands for it where room is short."""
 
     right = ("right", "r", "arrived, the error as small as is expected")
-    named = ("named", "n", "ended early with a cause")
+    named = ("named", "n", "ended early and said so")
     budget = ("budget", "b", "out of its budget of time or steps")
     wrong = ("wrong", "W", "arrived with a larger error and did not say so")
     crashed = ("crashed", "C", "raised an exception, ended its process or ran on beyond its budget")
@@ -88,6 +88,7 @@ class Outcome:
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None
+    newton_iterations: int | None = None
     seconds: float = 0.0  #: on the clock, compilation included
 
 
@@ -162,6 +163,7 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
         message=found.message,
         steps=found.counters.steps_accepted,
         evaluations=found.counters.residual_evaluations,
+        newton_iterations=found.counters.newton_iterations,
     )
     if not found.success:
         return ended

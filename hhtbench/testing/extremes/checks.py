@@ -21,7 +21,7 @@ def extreme_checks() -> list[tuple[str, str, Callable[[Subject], None]]]:
 
 
 def _holds(cell: Cell, subject: Subject) -> None:
-    """It arrives within the expected error, ends with a cause, or is out of its budget and says so."""
+    """It arrives within the expected error, or ends early, out of its budget too, and says so."""
     if not cell.is_about(subject.spec):
         raise Declined(f"it is about {' and '.join(cell.families)}.")
     found = measure(cell, subject.spec)

@@ -29,6 +29,19 @@ class Tolerances:
         """The smallest relative one."""
         return float(np.minimum.reduce(self.rtol))
 
+    @cached_property
+    def least(self) -> float:
+        """The smallest absolute one of q."""
+        return float(np.minimum.reduce(self.atol[: self.atol.size // 2]))
+
+    def warn(self, size_q: float) -> str:
+        """Warn where q is no larger than ``size_q``, so that every error of it is allowed; the words, or none."""
+        if not 0.0 < size_q < self.least:
+            return ""
+        text = f"atol={self.least:g} exceeds the size of q, {size_q:.3g}: none of its digits is known to be right."
+        warnings.warn(text, UserWarning, stacklevel=2)
+        return text
+
     def size(self, before: State, after: State, error: Vector) -> float:
         """Of the ``error`` (2n,) of q and v of a step over what is allowed, (H26)."""
         n, weights = after.q.size, np.empty_like(self.rtol)
@@ -79,11 +92,7 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
         absolute[:n] *= typical
         absolute[n:] *= max(start.size_v, math.sqrt(float(np.maximum.reduce(np.abs(vdot))) * typical)) or 1.0
         return Tolerances(relative, absolute)
-    given = components("atol", atol, n)
-    if size_q > 0 and given[:n].min() > size_q:
-        text = f"atol={given[:n].min():g} exceeds the size of q, {size_q:g}: no digit of it will be right."
-        warnings.warn(text, UserWarning, stacklevel=2)
-    return Tolerances(relative, given)
+    return Tolerances(relative, components("atol", atol, n))
 
 
 def components(name: str, value: Any, n: int) -> Vector:

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import math
+import time
 from operator import itemgetter
 from typing import NamedTuple
 
-import numpy as np
-
-from hhtbench.counting import uncounted
-from hhtbench.errors import NonFiniteValue
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.run.engine import Engine
+from solvers.hht.run.noise import noise
+from solvers.hht.run.stepper import JUMP, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
+from solvers.hht.run.tension import followed
 from solvers.hht.step.state import State
 
-LOOK = 500  # accepted steps before the first look: about those of a first call
-SETTLED = 1_000  # accepted steps after which step control has long found its length
+FIRST = 500  # accepted steps before the first look, after which step control has long found its length
+MOST = 65_536  # steps between two looks
+SECONDS = 3.0  # between two looks at a slow run: its end comes with the second one
+FEWEST = 20  # steps between two looks, however slow they are
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 STANDSTILL = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
 COUNTED = itemgetter("steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations")
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
-MANY = 200_000  # steps through a noisy force, unless max_num_steps allows others: half an hour of calls in Python
-NOISY = 0.01  # of what a step's error may be: noise that lengths of steps are found by; two calls may differ by little
+MANY = 200_000  # steps through a noisy function, unless max_num_steps allows others: half an hour of calls in Python
 
 
 class Pace(NamedTuple):
@@ -43,6 +44,37 @@ def pace_of(engine: Engine, taken: int, t: float) -> Pace:
     return Pace(taken, t, *COUNTED(engine.work.tally))
 
 
+class Looks:
+    """Looks at a run under error control after so many steps or so much time, which tell whether it will arrive."""
+
+    def __init__(self, stepper: Stepper, state: State, stop: float, most: int | None) -> None:
+        """Of a run from ``state`` to ``stop`` [s] that may take ``most`` steps."""
+        self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
+        self._first = self._before = pace_of(stepper.engine, 0, state.t)
+        self._next, self._at = FIRST if self._by_error else math.inf, time.perf_counter()
+
+    def room(self, count: int, taken: int) -> int:
+        """``count`` steps, or as many as are left of those before the next look, after ``taken`` ones."""
+        return int(min(count, self._next - taken))
+
+    def ended(self, taken: int, state: State) -> Failure | None:
+        """Why the run ends at ``state`` after ``taken`` steps, None where it goes on or it is no time for a look."""
+        late = time.perf_counter() - self._at > SECONDS and taken - self._before.taken >= FEWEST
+        if self._by_error is None or not (late or taken >= self._next):
+            return None
+        paces = self._first, self._before, pace_of(self._engine, taken, state.t)
+        self._before, self._next = paces[-1], taken + min(max(taken, FIRST - taken), MOST)
+        ended = hopeless(self._engine, paces, state, self._stop, self._by_error.tolerances, self._most)
+        self._at = time.perf_counter()
+        return ended
+
+    def many(self, taken: int, state: State) -> str:
+        """Why ``taken`` steps do not lead further than to ``state``, as far as that is known, in words."""
+        h = (state.t - self._first.t) / taken
+        vibration = followed(self._engine, state, h) if self._by_error and taken >= FIRST else ""
+        return f"{Status.max_steps.text} {vibration}".strip()
+
+
 def hopeless(
     engine: Engine, paces: tuple[Pace, Pace, Pace], state: State, stop: float, tolerances: Tolerances, most: int | None
 ) -> Failure | None:
@@ -53,14 +85,19 @@ def hopeless(
     come.
     """
     first, before, now = paces
+    if before is first and now.taken < FIRST:  # steps are short at a start
+        return None
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)
     allowed = MANY if most is None or most == MAX_STEPS else most
     late = steps * left > (allowed - now.taken) * made
-    if late and uneven(before, now) and (text := noisy_force(engine, state, tolerances)):
+    error = (state.memory and state.memory.error) or 1.0
+    found = noise(engine, state, tolerances, state.h or 0.0, error) if late and uneven(before, now) else None
+    if found and found.decides:
         needed = f"at the pace of the last {steps} steps {allowed} do not lead to the end"
-        return Failure(Status.step_too_small, f"at t = {state.t:.17g} {needed}: {text}")
-    if now.taken < SETTLED or refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
+        text = f"at t = {state.t:.17g} {needed}: {found.text}, loosen the tolerances, or allow more steps."
+        return Failure(Status.step_too_small, text)
+    if before is first or refused < REFUSED * (steps + refused) or steps * left <= HOPELESS * made:
         return None
     if nonfinite < refused and steps * abs(now.t - first.t) <= STANDSTILL * made:
         return None
@@ -72,29 +109,10 @@ def hopeless(
     cause = engine.explain(state, now.t) if nonfinite >= refused else None
     if nonfinite >= refused:
         return Failure(Status.nonfinite_callback, f"{cause or 'a value is not finite'}, again and again; {text}.")
-    return Failure(Status.newton_failed, f"{text}; look for a jump in the forces, or a wrong derivative.")
+    return Failure(Status.step_too_small, f"{text}; {JUMP}.")
 
 
 def uneven(before: Pace, now: Pace) -> bool:
     """Whether many steps were rejected, or each took a matrix of its own: so it is where a force is no smooth function."""
     steps, rejected = now.taken - before.taken, now.rejected - before.rejected
     return rejected >= REFUSED * (steps + rejected) or now.matrices - before.matrices >= steps
-
-
-def noisy_force(engine: Engine, state: State, tolerances: Tolerances) -> str:
-    """That two calls of the force with the same arguments differ by as much as steps are short for, in words; else empty.
-
-    Noise enters v with h and q with h^2: every noise has steps that are short enough, but they may be too many.
-    """
-    h = abs(state.h or 0.0)
-    with suppress(NonFiniteValue), uncounted():
-        one, other = (engine.bare_force(state.t, state.q, state.v)[: state.q.size] for _ in range(2))
-        noise = np.abs(one - other)
-        if tolerances.size(state, state, np.concatenate([h * h * noise, h * noise])) > NOISY:
-            relative = float(noise.max()) / (float(np.abs(one).max()) or 1.0)
-            return (
-                f"two calls of the force, or of the mass, with the same arguments differ by {relative:.2g} of their size, "
-                f"which takes steps of {h:.2g} s: make them functions of t, q and v alone, loosen the tolerances, "
-                "or allow more steps."
-            )
-    return ""

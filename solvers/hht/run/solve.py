@@ -25,7 +25,7 @@ from solvers.hht.run.beside import keep
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
-from solvers.hht.run.pace import LOOK, hopeless, pace_of
+from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.singular import LOOKED_AT, cause_of, places_of, told
@@ -37,9 +37,13 @@ from solvers.hht.step.state import State
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 ARRIVED = Failure(Status.success, Status.success.text)
-FIRST, MOST = 512, 65_536  # steps of one call: fewer at first, so that one that is slow can be interrupted
+FEW, FIRST, MOST = (
+    20,
+    512,
+    65_536,
+)  # steps of one call: few at first, but for quick ones, so that slow ones can be interrupted
+QUICK = 64  # unknowns up to which a step in machine code takes less than 0.1 ms: a call of FEW costs as much
 CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
-FEW = 20  # the same with a time budget
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
 
 
@@ -75,7 +79,8 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, most)
         engine.raise_left_over()
-        solution = self._assembled(self.stepper, self._checked(end), started.note)
+        note = f"{started.note} {self._unseen(self.stepper, state.size_q)}".strip()
+        solution = self._assembled(self.stepper, self._checked(end), note)
         idle.put_back(started.purpose, engine)
         return solution
 
@@ -112,6 +117,13 @@ class Integration:
         found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, carried=carried, **more)
         return found.but(message=f"{found.message} {remarks[0]}") if any(remarks) else found
 
+    def _unseen(self, stepper: Stepper, at_start: float) -> str:
+        """That the tolerances allow every error of q, which was ``at_start`` large at the start, in words; or none."""
+        by_error = stepper.plan.by_error
+        if by_error is None or by_error.tolerances.least <= at_start:
+            return ""
+        return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))
+
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
         which = rows.between
@@ -144,14 +156,13 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     Returns how it ended.
     """
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
-    count = FIRST if clock.limit is None else FEW
-    first = pace = pace_of(stepper.engine, taken, state.t)
-    look, crossed = LOOK, 0
+    crossed, looks = 0, Looks(stepper, state, stop, max_num_steps)
+    count = FIRST if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
-            message = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
-            return Failure(Status.max_steps, message)
-        room = min(count, look - taken, count if max_num_steps is None else max_num_steps - taken)
+            text = looks.many(taken, state)
+            return Failure(Status.max_steps, f"{taken} steps were taken and t = {state.t:.17g} reached; {text}")
+        room = min(looks.room(count, taken), count if max_num_steps is None else max_num_steps - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
@@ -169,12 +180,14 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             if isinstance(beyond, Failure):
                 return beyond
             state, taken, crossed = beyond, taken + 1, crossed + 1
-        if taken >= look:
-            before, pace, look = pace, pace_of(stepper.engine, taken, state.t), taken + min(taken, MOST)
-            by_error, paces = stepper.plan.by_error, (first, before, pace)
-            if by_error and (ended := hopeless(stepper.engine, paces, state, stop, by_error.tolerances, max_num_steps)):
-                return ended
+        if ended := looks.ended(taken, state):
+            return ended
     return ARRIVED
+
+
+def is_quick(engine: Engine) -> bool:
+    """Whether steps take less time than a call of them."""
+    return engine.functions.alone and not engine.plain and engine.layout.size <= QUICK
 
 
 def go_beyond(

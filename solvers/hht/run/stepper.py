@@ -24,12 +24,15 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.run.beside import Beside, Looks
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
+from solvers.hht.run.noise import noise
 from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
+from solvers.hht.run.tension import unstable
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
+JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
 PILED_UP = "let the change end the motion there, or make the event terminal."
 
@@ -251,16 +254,34 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
-        off = off_at_start(engine, state)
-        return off or _too_large(by_error, state, numbers, roundoff=ended == mem.ROUNDOFF_REACHED)
+        roundoff = ended == mem.ROUNDOFF_REACHED
+        failure = off_at_start(engine, state) or _too_large(by_error, state, numbers, roundoff)
+        return _or_noise(engine, by_error, state, failure)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
     if ended == mem.SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
-    near = abs(engine.method.coefficients.b - 0.5) < NEAR_HALF
-    remedy = "b is close to the singular value 1/2, take b = 0" if near else "take a smaller step"
-    return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
+    status, remedy = (Status.newton_failed, "take a smaller step") if by_error is None else (Status.step_too_small, JUMP)
+    if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
+        remedy = "b is close to the singular value 1/2, take b = 0"
+    elif text := unstable(engine, state, h):
+        remedy = f"{text}, or a smaller step"
+    failure = Failure(status, f"Newton's iteration did not converge, {where}; {remedy}")
+    return failure if by_error is None else _or_noise(engine, by_error, state, failure)
+
+
+def _or_noise(engine: Engine, plan: ByError, state: State, failure: Failure) -> Failure:
+    """``failure`` of a step from ``state``, or where a function is noisy one that says so."""
+    first, size = engine.loops.section(mem.ATTEMPT)[[mem.FIRST_H, mem.FIRST_ERROR]].tolist()
+    h, error = (first, size) if first else (state.h or 0.0, 1.0)  # the first that was tried, or the last that was made
+    found = noise(engine, state, plan.tolerances, h, error) if h else None
+    if found is None:
+        return failure
+    if not found.decides:
+        return replace(failure, message=f"{failure.message.removesuffix('.')}. There is {found.text}.")
+    text = f"at t = {state.t:.17g} the error of a step does not shrink with it for {found.text}, or loosen the tolerances."
+    return Failure(Status.step_too_small, text)
 
 
 def off_at_start(engine: Engine, state: State) -> Failure | None:
@@ -275,7 +296,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
     return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or ask for calc_initcond=True")
 
 
-def _too_large(plan: ByError, before: State, numbers: np.ndarray, *, roundoff: bool) -> Failure:
+def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:
     """The error of the last step that was tried is more than what is allowed."""
     o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
     text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"

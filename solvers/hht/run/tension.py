@@ -1,0 +1,109 @@
+"""Vibrations that constraint forces carry, as of a light body on a taut rod: what they ask of a step, (H33)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from scipy import linalg
+
+from hhtbench.arguments import Vector
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol import declared
+from solvers._projection import Projection
+from solvers.hht.equations.formulas import EPS
+from solvers.hht.run.engine import Engine
+from solvers.hht.run.singular import dense
+from solvers.hht.step.state import State
+
+LARGEST = 1_000  # coordinates: full matrices of that size take a second
+ROUNDS = 20  # of a power iteration: the frequency is then right to some per cent, from below
+LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
+FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
+FASTER = 100.0  # than the motion crosses its own size
+
+
+def unstable(engine: Engine, state: State, h: float) -> str:
+    """For which vibration steps of ``h`` [s] are too long by (H33), in words with a remedy; or none."""
+    b = engine.method.coefficients.b
+    if engine.method.equations != "hht" or b >= 0.5:
+        return ""
+    omega, limit = fastest(engine, state), LIMIT / math.sqrt(1.0 - 2.0 * b)
+    if not abs(h) * omega > limit:
+        return ""
+    return (
+        f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s "
+        f"with b = {b:g}, h omega = {limit:.3g}; take b = 1"
+    )
+
+
+def followed(engine: Engine, state: State, h: float) -> str:
+    """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none."""
+    if engine.method.equations != "hht" or engine.method.coefficients.b >= 0.5:
+        return ""
+    omega = fastest(engine, state)
+    if not (abs(h) * omega > FOLLOWED and omega * state.size_q > FASTER * state.size_v):
+        return ""
+    return (
+        f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
+        "follow it; b = 1 takes longer ones."
+    )
+
+
+def fastest(engine: Engine, state: State) -> float:
+    """omega [1/s] of the fastest small vibration about ``state`` that reactions alone carry; 0 where there is none known.
+
+    omega^2 is the largest eigenvalue of ``M^-1 d(C^T lam)/dq`` between changes of q that the rows C = [g_q; k_v] allow.
+    """
+    dynamics, s = engine.dynamics, engine.structure
+    reactions = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
+    if not s.constrained or s.n > LARGEST or reactions:
+        return 0.0
+    with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
+        pulled, start = _stiffness(engine, state)
+        value = _outermost(pulled, start)
+        if value < 0.0:  # what falls over hides what vibrates
+            value += _outermost(lambda y: pulled(y) - value * y, start)
+        return math.sqrt(max(value, 0.0))
+    return 0.0
+
+
+def _stiffness(engine: Engine, state: State) -> tuple[Callable[[Vector], Vector], Vector]:
+    """y -> L^-1 d(C^T lam)/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,)."""
+    t, q, v, work = state.t, state.q, state.v, engine.work
+    projection, found = Projection(engine.dynamics), engine.acceleration.solve(t, q, v, state.lam, state.mu)
+    multipliers = np.concatenate([found.lam, found.mu])
+    root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
+    size = EPS ** (1 / 3) * (float(np.abs(q).max()) or 1.0)
+
+    def rows_at(x: Vector) -> Vector:
+        work.check_time()
+        return dense(projection.levels.at(t, x, v).rows)
+
+    normal, _ = linalg.qr(linalg.solve_triangular(root, rows_at(q).T, lower=True), mode="economic")
+
+    def tangent(y: Vector) -> Vector:
+        return np.asarray(y - normal @ (normal.T @ y))
+
+    def pulled(y: Vector) -> Vector:
+        along = linalg.solve_triangular(root, y, lower=True, trans="T")
+        step = size / float(np.abs(along).max())
+        change = (rows_at(q + step * along) - rows_at(q - step * along)).T @ multipliers / (2.0 * step)
+        return tangent(linalg.solve_triangular(root, change, lower=True))
+
+    return pulled, tangent(np.random.default_rng(0).standard_normal(q.size))
+
+
+def _outermost(apply: Callable[[Vector], Vector], y: Vector) -> float:
+    """The eigenvalue of largest magnitude, by power iteration from ``y`` (n,)."""
+    value = 0.0
+    for _ in range(ROUNDS):
+        size = float(np.linalg.norm(y))
+        if not size > 0.0:
+            return value
+        y = y / size
+        image = apply(y)
+        value, y = float(y @ image), image
+    return value

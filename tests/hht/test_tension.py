@@ -1,0 +1,85 @@
+"""Vibrations that constraint forces carry are told where they make steps unstable, (H33), or too many (row P2)."""
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.protocol import NumpySystem
+from hhtbench.result import Status
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from hhtbench.testing.scenes import GRAVITY
+from solvers.hht.run.tension import fastest
+from tests.hht.scenes import pendulum
+
+HANGING = np.array([0.0, -1.0])
+
+
+def frequency(system, q, v=None):
+    """Of the fastest vibration about a state of rest [rad/s]."""
+    hht = hb.HHT(system)
+    hht.init_step(0.0, q, np.zeros(np.size(q)) if v is None else v, step=1e-3)
+    return fastest(hht._engine, hht.state)
+
+
+def test_a_hanging_pendulum_vibrates_as_it_does():
+    assert frequency(pendulum(), HANGING) == pytest.approx(np.sqrt(9.81), rel=1e-6)
+
+
+def test_a_standing_one_does_not():
+    """What falls over has no frequency."""
+    assert frequency(pendulum(), -HANGING) == 0.0
+
+
+def test_what_falls_over_does_not_hide_what_vibrates():
+    """A standing pendulum and a hanging one that is half as fast: the unit rod, and one of 4 m."""
+
+    def constraint(t, q):
+        return np.array([q[:2] @ q[:2] - 1.0, q[2:] @ q[2:] - 16.0]) / 2.0
+
+    def rows(t, q):
+        return np.array([[q[0], q[1], 0.0, 0.0], [0.0, 0.0, q[2], q[3]]])
+
+    system = NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -9.81, 0.0, -9.81]), constraint=constraint, constraint_jacobian=rows
+    )
+    assert frequency(system, np.array([0.0, 1.0, 0.0, -4.0])) == pytest.approx(np.sqrt(9.81) / 2.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e4, 1e8])
+def test_rods_with_a_light_body_between_them_vibrate_by_their_tension(ratio):
+    """Linearised by hand: (1 + r) g (x/l) above, r g below; eigenvalues of the straight double pendulum of unit rods."""
+    q, v = DoublePendulum.straight(0.0)
+    fast = np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()
+    assert frequency(DoublePendulum(ratio=ratio), q, v) == pytest.approx(np.sqrt(fast), rel=1e-3)
+
+
+def rods(ratio, **request):
+    options = {"b": request.pop("b", 0.0)}
+    return hb.HHT(DoublePendulum(ratio=ratio), **options).solve((0.0, 1.0), *DoublePendulum.straight(0.5), **request)
+
+
+def test_prescribed_steps_beyond_the_bound_are_told_with_it():
+    solution = rods(1e6, step=1e-3)
+    assert solution.status is Status.newton_failed
+    assert "constraint forces carry a vibration of" in solution.message
+    assert rods(1e6, step=1e-3, b=1.0).success
+
+
+def test_too_many_steps_by_error_that_follow_a_vibration_are_told_so():
+    few, fewer = (rods(1e8, rtol=1e-4, max_num_steps=3_000, b=b) for b in (0.0, 1.0))
+    assert few.status is fewer.status is Status.max_steps
+    assert "Constraint forces carry a vibration of" in few.message
+    assert fewer.t[-1] > 3 * few.t[-1], "the remedy"
+
+
+def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration():
+    solution = hb.HHT(pendulum()).solve((0.0, 1e3), HANGING, [1.0, 0.0], rtol=1e-3, max_num_steps=600)
+    assert solution.status is Status.max_steps
+    assert "vibration" not in solution.message
+
+
+def test_other_failures_at_prescribed_steps_do_not_speak_of_vibrations():
+    jump = pendulum(force=lambda t, q, v: np.array([0.0, -9.81 - 1e8 * np.sign(q[0] - 0.3)]))
+    solution = hb.HHT(jump).solve((0.0, 1.0), HANGING, [1.0, 0.0], step=1e-2)
+    assert solution.status is Status.newton_failed
+    assert "vibration" not in solution.message
