@@ -112,6 +112,13 @@ def test_a_force_whose_noise_takes_too_many_steps_is_told_at_default_budgets():
     assert "200000 do not lead to the end" in solution.message
 
 
+def test_steps_that_were_asked_for_are_taken_as_many_as_they_are():
+    """The default's number given is not the default."""
+    solution = HHT(noisy(1e-5)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=1_000_000, max_seconds=2.0)
+    assert "200000" not in solution.message
+    assert "1000000 do not lead to the end" in solution.message or solution.status is Status.deadline
+
+
 def shaken(name, size):
     """The pendulum with one function that is off by a random part of ``size`` at every call, reactions after the start."""
     functions = {

@@ -234,3 +234,9 @@ def test_a_start_that_is_off_by_more_than_the_tolerances_allow_is_named_at_the_f
         assert fine.status is Status.inconsistent_initial
         assert "g[0] = 5e-09" in fine.message
         assert "Loosen" not in fine.message
+
+
+def test_a_step_that_may_not_be_shorter_is_not_blamed_on_a_start_of_ten_digits():
+    solution = HHT(Pendulum(), min_step=0.3).solve((0.0, 1.0), Q0 * (1.0 + 2e-11), V0, rtol=1e-6)
+    assert solution.status is Status.step_too_small
+    assert "0.3" in solution.message

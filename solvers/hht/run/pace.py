@@ -13,7 +13,6 @@ from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.noise import noise
 from solvers.hht.run.stepper import JUMP, Stepper
-from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import followed
 from solvers.hht.step.state import State
 
@@ -48,7 +47,7 @@ class Looks:
     """Looks at a run under error control after so many steps or so much time, which tell whether it will arrive."""
 
     def __init__(self, stepper: Stepper, state: State, stop: float, most: int | None) -> None:
-        """Of a run from ``state`` to ``stop`` [s] that may take ``most`` steps."""
+        """Of a run from ``state`` to ``stop`` [s] that may take ``most`` steps; None: nobody has said how many."""
         self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
         self._first = self._before = pace_of(stepper.engine, 0, state.t)
         self._next, self._at = FIRST if self._by_error else math.inf, time.perf_counter()
@@ -89,7 +88,7 @@ def hopeless(
         return None
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)
-    allowed = MANY if most is None or most == MAX_STEPS else most
+    allowed = most or MANY
     late = steps * left > (allowed - now.taken) * made
     error = (state.memory and state.memory.error) or 1.0
     found = noise(engine, state, tolerances, state.h or 0.0, error) if late and uneven(before, now) else None

@@ -68,16 +68,15 @@ class Integration:
         started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=steps is None)
         if isinstance(started, Failure):
             return self._nothing(started)
-        engine, state, events, most = started.engine, started.state, self.solver.events, request.max_num_steps
+        engine, state, events = started.engine, started.state, self.solver.events
         self.history = History(engine.structure, engine.loops.row(state), len(events), request.t_eval)
         if steps is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
             plan: Plan = ByError(tolerances, self.solver.options.control)
-            most = most or MAX_STEPS
         else:
             plan = Prescribed(steps)
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
-        end = integrate(self.stepper, state, self.t1, self.history, most)
+        end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
         note = f"{started.note} {self._unseen(self.stepper, state.size_q)}".strip()
         solution = self._assembled(self.stepper, self._checked(end), note)
@@ -153,10 +152,12 @@ class Integration:
 def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> Failure:
     """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``.
 
-    Returns how it ended.
+    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None.  Returns how it ended.
     """
+    looks = Looks(stepper, state, stop, max_num_steps)
+    max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
-    crossed, looks = 0, Looks(stepper, state, stop, max_num_steps)
+    crossed = 0
     count = FIRST if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:

@@ -255,7 +255,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
         roundoff = ended == mem.ROUNDOFF_REACHED
-        failure = off_at_start(engine, state) or _too_large(by_error, state, numbers, roundoff)
+        off = off_at_start(engine, state) if roundoff or by_times(by_error, t) else None
+        failure = off or _too_large(by_error, state, numbers, roundoff)
         return _or_noise(engine, by_error, state, failure)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
@@ -284,6 +285,12 @@ def _or_noise(engine: Engine, plan: ByError, state: State, failure: Failure) -> 
     return Failure(Status.step_too_small, text)
 
 
+def by_times(plan: ByError, t: float) -> bool:
+    """Whether the spacing of times at ``t`` [s], and not ``min_step``, is what steps cannot be shorter than."""
+    o = plan.options
+    return o.min_step < o.spacings * float(np.spacing(abs(t)))
+
+
 def off_at_start(engine: Engine, state: State) -> Failure | None:
     """That ``state`` is a start off its constraints by what counts as consistent, but not at such tolerances; else None."""
     if state.h is not None or not engine.structure.constrained:
@@ -298,14 +305,13 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
 
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:
     """The error of the last step that was tried is more than what is allowed."""
-    o, t, h, error = plan.options, before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
+    t, h, error = before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
     text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
     first = float(numbers[mem.FIRST_H])
     if roundoff and (remedy := plan.tolerances.reachable(before, first)):
         text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
         return Failure(Status.step_too_small, f"{text}: {remedy}")
-    by_times = o.min_step < o.spacings * float(np.spacing(abs(t)))
     moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
-    if by_times and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
+    if by_times(plan, t) and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
         return Failure(Status.time_resolution, f"{text}; {Status.time_resolution.text}")
     return Failure(Status.step_too_small, f"{text}; {Status.step_too_small.text}")
