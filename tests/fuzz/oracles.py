@@ -189,7 +189,8 @@ def smooth_steps(setting: Setting, s: Solution) -> Iterator[tuple[int, float]]:
     steps = s.t.size - 1
     for i in sorted({first, steps // 2, steps - 1}):
         if first <= i < steps:
-            size = abs(s.t[i + 1] - s.t[i]) * setting.rate * max(1.0, np.abs(s.v[i]).max() / setting.judge.sizes[1])
+            fastest = max(setting.judge.rate(float(s.t[j]), s.q[j], s.v[j]) for j in (i, i + 1))
+            size = abs(s.t[i + 1] - s.t[i]) * max(setting.rate, fastest)
             if size <= 0.5 and all(setting.judge.sigma(float(s.t[j]), s.q[j]) > CLEAR for j in (i, i + 1)):
                 yield i, float(size)
 

@@ -15,7 +15,7 @@ from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
-SECONDS, EVALUATIONS = 60.0, 4_000  # of one solve, unless a case says less: the second ends it on any machine
+SECONDS, EVALUATIONS, HOSTILE = 60.0, 4_000, 1_000  # of one solve; the second ends it on any machine
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
 
 
@@ -99,7 +99,8 @@ class Setting:
     def request(self) -> dict:
         """Steps or tolerance, and budgets."""
         way = self.case.way
-        budget = {"max_seconds": SECONDS, "max_evaluations": EVALUATIONS, **way.budget}
+        most = HOSTILE if self.case.family == "hostile" else EVALUATIONS
+        budget = {"max_seconds": SECONDS, "max_evaluations": most, **way.budget}
         if way.steps == 0:
             return {"rtol": way.rtol, **budget}
         if not way.ratios:

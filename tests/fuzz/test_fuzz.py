@@ -1,4 +1,4 @@
-"""A hundred and fifty random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
+"""A hundred random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
 
 import pytest
 
@@ -6,13 +6,13 @@ from tests.fuzz.cases import MACHINES, Kind, World
 from tests.fuzz.explore import explore, read
 from tests.fuzz.liars import LIARS
 
-CASES = {"steps": 60, "control": 30, "machine": 12, "hostile": 50}
+CASES = {"steps": 40, "control": 30, "machine": 6, "hostile": 24}
 SEED = 20_260
 LIES = 50  # cases within which one is found
 WORLD = World(
-    kinds=(Kind(2, 2, 2, driven=True), Kind(2, 3, 4, blade=True, growing=True)),
+    kinds=(Kind(2, 2, 2, driven=True), Kind(2, 2, 2, blade=True)),
     methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
-    machines=(MACHINES[0], MACHINES[6]),
+    machines=(MACHINES[0],),
 )
 
 
