@@ -49,8 +49,11 @@ class Beside:
         Looked at are as many of ``looks`` as there is time for.  ``moved(i)`` (n,) of v where the projection does not tell.
         """
         (q, v), found, worst, late = after, list[int](), 0.0, 0
-        for count, i in enumerate(looks.states[: self._affordable]):
+        for count, i in enumerate(looks.states):
             if count >= looks.first and not found:
+                break
+            if count >= self._affordable:
+                late = len(looks.states) - count if found else 0
                 break
             place = Place(float(t[i]), q[i], v[i])  # views
             try:
@@ -102,17 +105,17 @@ def keep(
 ) -> str:
     """:meth:`Beside.put_back` of ``rows``, which lose their multipliers; what is to be said of it.
 
-    ``done`` (k,) tells which have their multipliers from the acceleration level: those put back are, and the others, found
-    one by one, cost as much as a look.  ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
+    ``done`` (k,) tells which have their multipliers from the acceleration level, and of those put back that they need none.
+    ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
     """
-    multipliers, bent, also = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done), ~done
+    multipliers, bent = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done)
     loud = _over_median(multipliers)
     with np.errstate(invalid="ignore"):  # infinite ones, which are looked at
         bent[1:-1] = ~(np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) <= 1.0)
     between = np.zeros_like(done) if rows.between is None else rows.between
     if rows.between is not None:
         loud = np.maximum(loud, _over_median(rows.v - before[1]))
-    looks = _looks(loud, also | bent, between)
+    looks = _looks(loud, bent, between)
     if not looks.first:
         return ""
 
@@ -166,5 +169,5 @@ def _told(times: Vector, worst: float, late: int) -> str:
             f"the constraints by up to {worst:.2g} of their size, without multipliers (nan)."
         )
     if late:
-        text += f" The time budget ended before {late} rows were looked at for a singular position beside them."
+        text += f" The time ended before {late} rows were looked at for a singular position beside them."
     return text.strip()
