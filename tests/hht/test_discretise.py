@@ -25,7 +25,8 @@ METHODS = (
     ("name", "method"),
     [
         *(("jay_negrut_test1", method) for method in METHODS),
-        *((name, method) for name in ("andrews", "rolling_disk3d_steady") for method in METHODS[2:4]),
+        ("andrews", METHODS[2]),
+        ("rolling_disk3d_steady", METHODS[3]),
     ],
     ids=str,
 )

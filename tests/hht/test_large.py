@@ -21,6 +21,7 @@ from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import functions, idle, kkt
 from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
+from tests.lowering.xla import compiled
 
 ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
@@ -61,7 +62,8 @@ def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
         shapes = tuple(np.shape(argument) for argument in arguments)
         value = native_call(native(function, products, method, layout, *more, shapes=shapes), shapes)(*arguments)
         flat = flat_function(function, products, method, layout, *more)
-        expected = np.asarray(jitted(flat)(flat.parameters, *arguments))
+        given = flat.parameters, *arguments
+        expected = np.asarray(compiled(jitted(flat), *given)(*given))
         np.testing.assert_allclose(value, expected, rtol=0.0, atol=ROUNDOFF * np.abs(expected).max())
 
 

@@ -30,12 +30,12 @@ from solvers.hht.equations.discretise import step_residual_and_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.run.kkt import force_and_inverse_mass
 from tests.lowering.native import in_loops
+from tests.lowering.xla import compiled
 
 NAMES = sorted({entry.name for entry in entry_points(group="hhtbench.problems")})
 ROUNDOFF = 2e-13  # of the largest entry: sums of many products in another order
 OF_SOLVES = 1e-9  # after a solve with a matrix of condition 1e4
 LARGE = 35  # n + m + p from which the matrices are left out: XLA takes minutes for all of them
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}  # the same operations
 
 
 def dynamics_of(problem):
@@ -113,8 +113,8 @@ def by_xla(dynamics, functions):
 
     parameters = next(iter(flats.values())).parameters
     at = [{name: [np.asarray(x) for x in entry[2][i]] for name, entry in functions.items()} for i in (0, 1)]
-    compiled = jax.jit(everything).lower(parameters, at[0]).compile(compiler_options=QUICKLY)
-    return [jax.tree.map(np.asarray, compiled(parameters, arguments)) for arguments in at]
+    code = compiled(jax.jit(everything), parameters, at[0])
+    return [jax.tree.map(np.asarray, code(parameters, arguments)) for arguments in at]
 
 
 @pytest.mark.parametrize("name", NAMES)
