@@ -18,7 +18,7 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust import doubt_about, frozen, violated
+from hhtbench.trust import doubt_about, frozen, unknown_without_reason, violated
 
 
 def solve(
@@ -107,7 +107,8 @@ def _believed(problem: Problem, request: Request, found: Any, clock: Clock) -> S
     doubt = doubt_about(problem, request, found)
     if not doubt and found.success:
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-        doubt = violated(levels, problem, request, (found.t, found.q, found.v), clock.check)
+        doubt = unknown_without_reason(levels, problem, found, clock.check)
+        doubt = doubt or violated(levels, problem, request, (found.t, found.q, found.v), clock.check)
         doubt = doubt or frozen(problem, found.t, found.q, found.v, clock.check)
     if not doubt:
         return cast("Solution", found)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
@@ -185,6 +186,11 @@ class Solution(Filled):
     def success(self) -> bool:
         """True when the interval's end (or a terminal event) was reached."""
         return self.status in (Status.success, Status.event)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """(n_t,) rows with a multiplier that is nan: they do not exist there, or are not known."""
+        return np.isnan(self.lam).any(axis=1) | np.isnan(self.mu).any(axis=1)
 
     def __call__(self, t: Any, *, project: bool = False) -> DenseOutput:
         """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.

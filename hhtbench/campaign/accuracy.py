@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.protocol import Problem
@@ -32,6 +33,7 @@ class Comparison:
     true: Mapping[str, Matrix]  #: the same
     scale: Mapping[str, Vector]  #: the same -> (size,)
     observables: tuple[str, ...]
+    unknown: NDArray[np.bool_]  #: (k,) where multipliers are nan: they do not exist there
 
     def scaled(self, name: str) -> Vector:
         """Largest scaled error of a component or observable at every time, (k,)."""
@@ -55,11 +57,14 @@ class Comparison:
 
     def _entry(self, name: str) -> dict[str, Any]:
         error, scaled = np.max(np.abs(self.got[name] - self.true[name]), axis=1), self.scaled(name)
+        left_out = self.unknown & np.isnan(error) & (name not in ("q", "v"))
+        kept = slice(None) if left_out.all() else ~left_out  # where nothing is known, no error is either: nan
         return {
             "end": error[-1] if self.at_end else None,
             "end_scaled": scaled[-1] if self.at_end else None,
-            "max": error.max(),
-            "max_scaled": scaled.max(),
+            "max": error[kept].max(),
+            "max_scaled": scaled[kept].max(),
+            **({"unknown": left_out.sum()} if left_out.any() else {}),
         }
 
 
@@ -87,6 +92,7 @@ def compare_multipliers(problem: Problem, t: Vector, carried: Mapping[str, Matri
         true=truth,
         scale={name: _scale(problem, name, values) for name, values in got.items()},
         observables=(),
+        unknown=np.isnan(np.concatenate(list(got.values()), axis=1)).any(axis=1),
     )
     entries = found.metrics()
     return {f"{name}_carried": entries[name] for name in got}
@@ -118,7 +124,15 @@ def compare(problem: Problem, solution: Solution) -> Comparison | None:
     t = np.asarray(solution.t)[rows]
     at_end = _at_end(problem, t)
     return Comparison(
-        against=against, digits=digits, at_end=at_end, t=t, got=got, true=true, scale=scale, observables=tuple(names)
+        against=against,
+        digits=digits,
+        at_end=at_end,
+        t=t,
+        got=got,
+        true=true,
+        scale=scale,
+        observables=tuple(names),
+        unknown=solution.unknown[rows],
     )
 
 

@@ -69,7 +69,7 @@ class Drift:
     energy_note: str | None  #: why there is none although an energy is declared
     invariants: dict[str, Vector]  #: name -> (k,)
     acceleration: Level | None  #: at times at which the solver holds multipliers of its own
-    acceleration_note: str | None  #: why there is none although the system is constrained
+    acceleration_note: str | None  #: why there is none although the system is constrained, or where it is not known
 
     def metrics(self) -> dict[str, Any]:
         """``metrics["drift"]`` of a row."""
@@ -234,7 +234,11 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
         return None, NO_MULTIPLIERS
     if own.t.size == 0 or own.lam.shape != (own.t.size, s.m) or own.mu.shape != (own.t.size, s.p):
         return None, "the solver's own multipliers do not fit its rows"
-    some = np.unique(np.linspace(0, own.t.size - 1, MOST_OWN).astype(int))
+    known = np.flatnonzero(~np.isnan(np.concatenate([own.lam, own.mu], axis=1)).any(axis=1))
+    unknown = f"where its multipliers are nan, in {own.t.size - known.size} of {own.t.size} rows"
+    if not known.size:
+        return None, unknown
+    some = known[np.unique(np.linspace(0, known.size - 1, MOST_OWN).astype(int))]
     try:
         terms = _in_chunks(row_terms, dynamics, (), tuple(part[some] for part in (own.t, own.q, own.v, own.lam, own.mu)))
     except np.linalg.LinAlgError:
@@ -242,7 +246,8 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
     if not np.isfinite(terms).all():
         return None, SINGULAR_MASS
     imbalance, sizes = np.split(terms, 2, axis=1)
-    return Level(own.t[some], np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1)), None
+    value = np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1)
+    return Level(own.t[some], value), unknown if known.size < own.t.size else None
 
 
 def _energy(dynamics: Dynamics, states: tuple[Vector, Matrix, Matrix], energies: Matrix) -> Balance:

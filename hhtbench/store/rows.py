@@ -38,15 +38,16 @@ class RunRow:
         "end_scaled", "max", "max_scaled"}``: largest component of |error| at the end of the interval and over all
         compared times; ``_scaled``: every component over its scale first (``problem.scales``; for an observable the
         largest size of its true value over the compared times).  ``end`` and ``end_scaled`` are null where the end was
-        not reached.
+        not reached.  ``unknown``, absent where it is 0: rows that are left out as multipliers there are nan, which trust
+        allows where the constraints lose rank; where all are, the errors are null.
 
         ``drift``: ``{"position", "velocity", "acceleration", "position_absolute", "velocity_absolute", "energy",
         "invariants", "sampled", "points", "acceleration_note"}``, each a maximum over time.  ``position``: |g_i| /
         sum_j |g_q,ij| s_q,j.  ``velocity``: g_t + g_q v and k, over their row's size with s_v.  ``acceleration``:
         the constraints' second (k: first) derivative with the accelerations that follow from the multipliers the
         solver itself holds, over the largest size of its terms in the run, at every step, of more than 5,000 at as
-        many from the first to the last; null where it holds none, which ``acceleration_note`` says (else null): those
-        recovered from that very level would make it zero.
+        many from the first to the last; null where it holds none, which ``acceleration_note`` says: those recovered
+        from that very level would make it zero.  It says too where some of them are nan, and left out.
         ``_absolute``: max |g_i| and max |g_t + g_q v|_i or |k_i|, in their own units.  ``energy``: change since the
         start over the larger of its own and the kinetic energy's size.  ``invariants``: {name: change over the
         value at the start, or over 1 where that is zero}. Null (or {}) where the system has no such level or

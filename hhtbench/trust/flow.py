@@ -48,7 +48,8 @@ class Equations:
     def begin(self, most: int, multipliers: Any = None) -> None:
         """Allow ``most`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
         self._left = self._most = most
-        if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
+        sizes = None if multipliers is None else tuple(map(np.size, multipliers))
+        if not self.linear and sizes == self._sizes and all(map(all_finite, multipliers)):
             self._multipliers = tuple(multipliers)
 
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:

@@ -20,6 +20,7 @@ from hhtbench.trust.allowed import allowed_errors
 from hhtbench.trust.flow import Equations, NotJudged
 from hhtbench.trust.levels import spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
+from hhtbench.trust.rank import unknown_without_reason
 from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
 from hhtbench.trust.rows import doubt_about
 from hhtbench.trust.sizes import sizes_of
@@ -62,7 +63,8 @@ def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None
         return Judgement(doubt)
     try:
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-        doubt = _multipliers(levels, solution) or violated(levels, problem, request, (solution.t, solution.q, solution.v))
+        doubt = _multipliers(levels, solution) or unknown_without_reason(levels, problem, solution)
+        doubt = doubt or violated(levels, problem, request, (solution.t, solution.q, solution.v))
         if steps is not None and not doubt:
             some = spread(steps.t.size)
             doubt = violated(levels, problem, request, (steps.t[some], *steps.states(some)))
@@ -121,7 +123,8 @@ def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
     if count < 2:
         return []
     drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
-    return sorted({0, count - 2, *drawn, *stand_out(solution.t, lambda some: (solution.q[some], solution.v[some]), size)})
+    found = {0, count - 2, *drawn, *stand_out(solution.t, lambda some: (solution.q[some], solution.v[some]), size)}
+    return [i for i in sorted(found) if not solution.unknown[i]]
 
 
 def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:

@@ -2,8 +2,10 @@
 
 At a row's own state the acceleration level determines the reaction; multipliers of redundant constraints are not unique,
 their reaction is.  What the row's multipliers leave of the equations of motion may be as large as what errors of the state
-make of the reaction, as often those allowed of a step as elsewhere, and a part of the reaction that follows the tolerance:
-of the row's own reaction, or of that of half the rows where it is larger.
+make of the reaction, as often those allowed of a step as elsewhere, and what the reaction changes in a step: the multipliers
+of many methods are those of a stage, or of the step before.  A step of h whose error, of second order, is of relative size e
+turns the motion by about sqrt(e), and so much of the reaction is believed: of the row's own, or of that of half the rows
+where it is larger.
 """
 
 from __future__ import annotations
@@ -15,10 +17,11 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.result import Solution
 from hhtbench.trust.flow import NotJudged
-from hhtbench.trust.levels import believable
+from hhtbench.trust.levels import BELIEVABLE
 from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 
 ROUNDOFF = 1e-8  # of the largest force
+LAG = 5.0  # times the square root of the error allowed of a step, in typical sizes
 DISTURBED = 2  # states beside that of the row
 
 
@@ -35,9 +38,9 @@ class Row:
 
 
 def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row]:
-    """The rows ``some`` of ``solution`` at which accelerations are determined."""
+    """The rows ``some`` of ``solution`` that have multipliers, and at which accelerations are determined."""
     rows = []
-    for i in some:
+    for i in (i for i in some if not solution.unknown[i]):
         t, y = float(solution.t[i]), np.concatenate([solution.q[i], solution.v[i]])
         multipliers = Multipliers(solution.lam[i], solution.mu[i])
         follower.equations.begin(MOST_EVALUATIONS, multipliers)
@@ -59,13 +62,18 @@ def _wrong_reaction(follower: Follower, row: Row, typical: float) -> str:
     equations, t, y, reaction = follower.equations, row.t, row.y, row.reaction
     off = float(np.max(np.abs(equations.reaction(t, y, row.multipliers) - reaction)))
     size = max(typical, float(np.max(np.abs(reaction))))
-    bound = believable(follower.request) * size + ROUNDOFF * max(size, float(np.max(np.abs(equations.force(t, y)))))
-    if off <= bound:
+    roundoff = ROUNDOFF * max(size, float(np.max(np.abs(equations.force(t, y)))))
+
+    def lagging(allowed: Vector) -> float:
+        return roundoff + size * min(BELIEVABLE, LAG * float(np.sqrt(np.max(allowed / follower.size))))
+
+    if off <= lagging(follower.allowed):
         return ""
     try:
         allowed = follower.allowed_at(t, y)
     except NotJudged:
         return ""
+    bound = lagging(allowed)
     equations.begin(MOST_EVALUATIONS, row.multipliers)
     for _, sign in zip(range(DISTURBED), signs(y.size), strict=False):
         beside = equations.needed(t, y + sign * allowed)

@@ -1,6 +1,7 @@
 """What a solution's rows and counters show without any physics: types, shapes, times, finiteness, the start, the work.
 
-Each check gives the empty text or what speaks against a success, beginning with the name of the check.
+Each check gives the empty text or what speaks against a success, beginning with the name of the check.  Whether multipliers
+may be nan, :mod:`hhtbench.trust.rank` tells.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
     complete = solution.status is Status.success
     return (
         _shapes(problem, solution)
-        or _finite({"lam": solution.lam, "mu": solution.mu})
+        or _finite({name: np.where(np.isnan(x), 0.0, x) for name, x in (("lam", solution.lam), ("mu", solution.mu))})
         or doubt_about_motion(problem, request, motion, complete=complete)
         or _counters(solution.counters, complete)
     )

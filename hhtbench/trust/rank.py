@@ -1,0 +1,70 @@
+"""Are multipliers that are nan where the constraints lose rank?  Elsewhere they exist, and a solver that has none has failed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import ConstraintLevels
+from hhtbench.protocol import Problem
+from hhtbench.result import Solution
+from hhtbench.trust.levels import spread
+from hhtbench.trust.sizes import sizes_of
+
+LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known; (H51) gives them up at 1e-3
+ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
+FEW = 20  # rows that tell what singular values are elsewhere
+
+
+def unknown_without_reason(
+    levels: ConstraintLevels, problem: Problem, solution: Solution, check_time: Callable[[], None] = lambda: None
+) -> str:
+    """Which row has nan for a multiplier although no constraint there depends on others, in words; "" where none has.
+
+    Looked at are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
+    run, beside the largest of the same order at a few rows and at the start.
+
+    Raises
+    ------
+    BudgetSpent
+        By ``check_time``, which is called at every row that is looked at.
+    """
+    unknown = np.flatnonzero(solution.unknown)
+    if not unknown.size:
+        return ""
+    size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
+
+    def rows_at(i: int) -> Matrix:
+        check_time()
+        rows = levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows
+        return _full(rows) * size
+
+    try:
+        start = _full(levels.at(problem.t_span[0], problem.q0, problem.v0).rows) * size
+        places = [start, *map(rows_at, np.linspace(0, solution.t.size - 1, FEW).round().astype(int).tolist())]
+        largest = np.max([np.max(np.abs(rows), axis=1) for rows in places], axis=0)[:, None]
+        over = np.where(largest > 0.0, largest, 1.0)
+        elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
+        some = elsewhere > ALWAYS * elsewhere[0]
+        for i in unknown[spread(unknown.size)].tolist():
+            least = float(np.min((_singular_values(rows_at(i) / over) / elsewhere)[some]))
+            if least > LOST:
+                return (
+                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where the constraints keep their rank: "
+                    f"every singular value is at least {least:.2g} of what it is elsewhere; below {LOST:g} is believed."
+                )
+    except NonFiniteValue as error:
+        return f"constraints: {error}."
+    return ""
+
+
+def _full(rows: Matrix) -> Matrix:
+    return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)
+
+
+def _singular_values(rows: Matrix) -> Vector:
+    """In falling order."""
+    return np.linalg.svd(rows, compute_uv=False)
