@@ -219,7 +219,7 @@ def _judged(
     """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
-    if outcome.status is Status.event:  # a campaign asks for none
+    if outcome.status is Status.event or any(map(np.size, outcome.solution.t_events)):  # a campaign asks for none
         return Judged({"status": Status.unreliable.label, "message": "end: an event is reported, and none was asked for."})
     if not succeeded(work):
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})

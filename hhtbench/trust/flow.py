@@ -48,8 +48,7 @@ class Equations:
     def begin(self, most: int, multipliers: Any = None) -> None:
         """Allow ``most`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
         self._left = self._most = most
-        sizes = None if multipliers is None else tuple(map(np.size, multipliers))
-        if not self.linear and sizes == self._sizes and all(map(all_finite, multipliers)):
+        if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
 
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
@@ -117,12 +116,14 @@ class Equations:
 class Flow:
     """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for."""
 
-    def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
-        """``rtol``, of the ``size`` (2n,) of y."""
+    def __init__(
+        self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector, longest: float = np.inf
+    ) -> None:
+        """``rtol``, of the ``size`` (2n,) of y; ``longest`` step [s]."""
         rtol = min(max(rtol, FINEST), COARSEST)
         self._t, self._y, self._forward = t, y, end > t
         with np.errstate(all="ignore"):
-            self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
+            self._steps: Any = DOP853(equations, t, y, end, longest, rtol, rtol * size)  # type: ignore[arg-type] # one a component
         if not np.isfinite(self._steps.f).all():
             raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
         self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``

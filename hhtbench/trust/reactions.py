@@ -4,7 +4,7 @@ At a row's own state the acceleration level determines the reaction; multipliers
 their reaction is.  What the row's multipliers leave of the equations of motion may be as large as what errors of the state
 make of the reaction, as often those allowed of a step as elsewhere, and what the reaction changes in a step: the multipliers
 of many methods are those of a stage, or of the step before.  A step of h whose error, of second order, is of relative size e
-turns the motion by about sqrt(e), and so much of the reaction is believed: of the row's own, or of that of half the rows
+turns the motion by about sqrt(e), and so much of every component is believed: of the row's own, or of that of half the rows
 where it is larger.
 """
 
@@ -22,6 +22,7 @@ from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers
 
 ROUNDOFF = 1e-8  # of the largest force
 LAG = 5.0  # times the square root of the error allowed of a step, in typical sizes
+BESIDE = 1e-3  # of the largest component: errors of small ones are measured by what is beside them
 DISTURBED = 2  # states beside that of the row
 
 
@@ -54,20 +55,21 @@ def wrong_reactions(follower: Follower, rows: list[Row]) -> str:
     """How far the reaction of the multipliers of one of ``rows`` is off what is needed, in words; "" where all can be."""
     if not rows:
         return ""
-    typical = float(np.median([np.max(np.abs(row.reaction)) for row in rows]))
+    typical = np.median([np.abs(row.reaction) for row in rows], axis=0)
     return next(filter(None, (_wrong_reaction(follower, row, typical) for row in rows)), "")
 
 
-def _wrong_reaction(follower: Follower, row: Row, typical: float) -> str:
+def _wrong_reaction(follower: Follower, row: Row, typical: Vector) -> str:
     equations, t, y, reaction = follower.equations, row.t, row.y, row.reaction
-    off = float(np.max(np.abs(equations.reaction(t, y, row.multipliers) - reaction)))
-    size = max(typical, float(np.max(np.abs(reaction))))
-    roundoff = ROUNDOFF * max(size, float(np.max(np.abs(equations.force(t, y)))))
+    off = np.abs(equations.reaction(t, y, row.multipliers) - reaction)
+    size = np.maximum(typical, np.abs(reaction))
+    size = np.maximum(size, BESIDE * np.max(size))
+    roundoff = ROUNDOFF * max(float(np.max(size)), float(np.max(np.abs(equations.force(t, y)))))
 
-    def lagging(allowed: Vector) -> float:
+    def lagging(allowed: Vector) -> Vector:
         return roundoff + size * min(BELIEVABLE, LAG * float(np.sqrt(np.max(allowed / follower.size))))
 
-    if off <= lagging(follower.allowed):
+    if np.all(off <= lagging(follower.allowed)):
         return ""
     try:
         allowed = follower.allowed_at(t, y)
@@ -79,10 +81,11 @@ def _wrong_reaction(follower: Follower, row: Row, typical: float) -> str:
         beside = equations.needed(t, y + sign * allowed)
         if beside is None:
             return ""
-        bound += BOUND * float(np.max(np.abs(beside[1] - reaction)))
-    if off <= bound:
+        bound += BOUND * np.abs(beside[1] - reaction)
+    if np.all(off <= bound):
         return ""
+    i = int(np.argmax(off / bound))
     return (
-        f"multipliers: at t = {t:.17g} the reaction of those given is {off:.2g} off what the acceleration level needs, of "
-        f"size {size:.2g}; up to {bound:.2g} is believed."
+        f"multipliers: at t = {t:.17g} the reaction of those given on q[{i}] is {off[i]:.2g} off what the acceleration level "
+        f"needs, of size {size[i]:.2g}; up to {bound[i]:.2g} is believed."
     )

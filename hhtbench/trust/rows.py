@@ -37,7 +37,8 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
         _shapes(problem, solution)
         or _finite({name: np.where(np.isnan(x), 0.0, x) for name, x in (("lam", solution.lam), ("mu", solution.mu))})
         or doubt_about_motion(problem, request, motion, complete=complete)
-        or _counters(solution.counters, complete)
+        or ("" if complete else _event(problem, solution))
+        or _counters(request, solution)
     )
 
 
@@ -144,7 +145,13 @@ def _start(problem: Problem, request: Request, motion: Motion) -> str:
     return ""
 
 
-def _counters(counters: Counters, complete: bool) -> str:
+def _event(problem: Problem, solution: Solution) -> str:
+    at_end = [np.any(np.abs(times - solution.t[-1:]) <= SAME_TIME * _span(problem)) for times in solution.t_events]
+    return "" if any(at_end) else "end: a terminal event is reported, and none is told at the last row."
+
+
+def _counters(request: Request, solution: Solution) -> str:
+    counters, complete = solution.counters, solution.status is Status.success
     values = [(field.name, getattr(counters, field.name)) for field in fields(Counters) if field.name != "provenance"]
     for name, value in values:
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -154,6 +161,8 @@ def _counters(counters: Counters, complete: bool) -> str:
     if complete and evaluations is not None and evaluations < least:
         told = f"{evaluations} evaluations of the forces are too few for {least} steps"
         return f"counters: {told}; None stands for what is not reported."
+    if request.t_eval is None and counters.steps_accepted is not None and solution.t.size - 1 > counters.steps_accepted:
+        return f"counters: {solution.t.size} rows at the ends of steps are too many for {counters.steps_accepted} steps."
     return ""
 
 

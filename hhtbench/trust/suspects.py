@@ -19,6 +19,7 @@ APART = 1e-9  # of the interval: the way between rows nearer to one another is r
 BLOCK = 1000  # rows whose states are held at once
 
 States = Callable[[Any], tuple[Matrix, Matrix]]  # q and v (len, n) at some indices
+Between = Callable[[Vector, Matrix, Matrix], Matrix]  # vdot (k, n) at t (k,), q and v (k, n)
 
 
 def stand_out(t: Vector, states: States, size: Vector) -> list[int]:
@@ -40,12 +41,34 @@ def stand_out(t: Vector, states: States, size: Vector) -> list[int]:
     return sorted(found | set(_largest(left)))
 
 
-def bends(t: Vector, v: Matrix, vdot: Matrix, size: Vector) -> list[int]:
-    """The row i, if any, whose change of ``v`` (k, n) per time to row i + 1 the accelerations ``vdot`` (k, n) make least."""
-    dt = np.diff(t)[:, None]
+def bends(t: Vector, y: Matrix, vdot: Matrix, between: Between, parts: Matrix, size: Vector) -> list[int]:
+    """Rows i whose way to row i + 1 the accelerations make least, of rows y = [q, v] (k, 2n) at ``t`` (k,).
+
+    Three leave something of it: for v the trapezoidal rule, for q that with end corrections, and the accelerations
+    ``between``, at ``parts`` (p, k - 1) of each way, where cubic Hermite polynomials lead.  A force that acts in between,
+    and that neither row knows of, shows in these only.
+    """
+    if t.size < 4:
+        return []
+    n, dt = size.size // 2, np.diff(t)[:, None]
+    q, v = y[:, :n], y[:, n:]
     with np.errstate(all="ignore"):
-        left = np.diff(v, axis=0) / dt - (vdot[1:] + vdot[:-1]) / 2
-    return _largest(np.nan_to_num(np.max(np.abs(left) / size[v.shape[1] :], axis=1), posinf=0.0)) if len(dt) > 2 else []
+        left_of_q = np.diff(q, axis=0) - dt * (v[1:] + v[:-1]) / 2 + dt**2 * np.diff(vdot, axis=0) / 12
+        left_of_v = np.diff(v, axis=0) / dt - (vdot[1:] + vdot[:-1]) / 2
+        inside = []
+        for s in parts[:, :, None]:
+            there = (1 - s) * vdot[:-1] + s * vdot[1:] + 6 * s * (1 - s) * left_of_v
+            found = between(t[:-1] + s[:, 0] * np.diff(t), _hermite(s, dt, q, v), _hermite(s, dt, v, vdot))
+            inside.append(np.abs(found - there))
+        left = left_of_q / size[:n], left_of_v / size[n:], np.max(inside, axis=0) / size[n:]
+        worst = [np.nan_to_num(np.max(np.abs(one), axis=1), posinf=0.0) for one in left]
+    return sorted({i for one in worst for i in _largest(one)})
+
+
+def _hermite(s: Matrix, dt: Matrix, x: Matrix, rate: Matrix) -> Matrix:
+    """The cubic Hermite polynomials through ``x`` (k, n) with ``rate`` (k, n), at ``s`` (k - 1, 1) of each way; (k - 1, n)."""
+    way = np.diff(x, axis=0)
+    return x[:-1] + s * way + s * (1 - s) * ((1 - s) * (dt * rate[:-1] - way) - s * (dt * rate[1:] - way))
 
 
 def _largest(left: Vector) -> list[int]:

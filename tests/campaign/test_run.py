@@ -307,9 +307,10 @@ def test_a_plugin_may_not_do_less_where_nobody_looks(monkeypatch: pytest.MonkeyP
 
 
 def test_an_event_that_nobody_asked_for_and_an_answer_that_is_no_text_are_not_believed(monkeypatch: pytest.MonkeyPatch):
-    ended = replace(line(np.array([0.0])), status=Status.event)
-    monkeypatch.setattr(Line, "solve", lambda self, problem, request: ended)
-    assert run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)["message"].startswith("end: an event is reported")
+    ended = replace(line(np.array([0.0])), status=Status.event, t_events=(np.zeros(1),))
+    for told in (lambda t: ended, lambda t: line(t, t_events=(t,))):
+        monkeypatch.setattr(Line, "solve", lambda self, problem, request, told=told: told(request.t_eval))
+        assert run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)["message"].startswith("end: an event is reported")
     monkeypatch.setattr(Line, "accepts", lambda self, problem, request: True)
     row = run_cell(PROBLEM, Line(), ASKED, {}, lambda _: None)
     assert (row["status"], row["message"][:8]) == ("unreliable", "accepts:")

@@ -179,7 +179,7 @@ def test_rows_that_freeze_or_leap_anywhere_among_hundreds_are_found(rows: np.nda
     assert swing(rows).doubt.startswith("equations of motion: ")
 
 
-@pytest.mark.parametrize(("factor", "rtol"), [(0.0, 1e-3), (-1.0, 1e-3), (2.0, 1e-3), (1.01, 1e-8)])
+@pytest.mark.parametrize(("factor", "rtol"), [(0.0, 1e-3), (-1.0, 1e-3), (2.0, 1e-3), (1.009, 1e-6), (1.001, 1e-8)])
 @pytest.mark.parametrize("name", ["simple_pendulum", "redundant_pendulum", "andrews"])
 def test_multipliers_that_do_not_make_the_accelerations_are_found(name: str, factor: float, rtol: float):
     problem = load_problem(name)
@@ -205,7 +205,7 @@ def test_multipliers_of_any_row_are_looked_at(rows: slice, factor: float):
         assert judge(problem, request, replace(made, lam=lam), draw=draw).doubt.startswith("multipliers: ")
 
 
-@pytest.mark.parametrize("asked", [{"rtol": 1e-2}, {"rtol": 1e-4}, {"steps": 400}], ids=str)
+@pytest.mark.parametrize("asked", [{"rtol": 1e-2}, {"rtol": 1e-4}, {"rtol": 1e-8}, {"steps": 400}, {"steps": 4000}], ids=str)
 @pytest.mark.parametrize("name", ["simple_pendulum", "knife_edge", "jay_negrut_test1"])
 def test_multipliers_may_be_those_of_the_step_before(name: str, asked: dict[str, Any]):
     problem = load_problem(name)
