@@ -116,14 +116,12 @@ class Equations:
 class Flow:
     """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for."""
 
-    def __init__(
-        self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector, longest: float = np.inf
-    ) -> None:
-        """``rtol``, of the ``size`` (2n,) of y; ``longest`` step [s]."""
+    def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
+        """``rtol``, of the ``size`` (2n,) of y."""
         rtol = min(max(rtol, FINEST), COARSEST)
         self._t, self._y, self._forward = t, y, end > t
         with np.errstate(all="ignore"):
-            self._steps: Any = DOP853(equations, t, y, end, longest, rtol, rtol * size)  # type: ignore[arg-type] # one a component
+            self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
         if not np.isfinite(self._steps.f).all():
             raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
         self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``

@@ -5,7 +5,7 @@ The adapters of libraries make the cheap checks themselves (:mod:`hhtbench.trust
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,6 @@ from hhtbench.trust.sizes import sizes_of
 from hhtbench.trust.suspects import bends, stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
-PIECES = 8  # in which the way between two rows is followed at least, where accelerations between them do not fit
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
 
 
@@ -89,10 +88,10 @@ def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
     looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
-    longest = {start: np.inf for start in starts} | _bent(follower, looked_at, draw)
+    starts += _bent(follower, looked_at, draw)
     windows = []
-    for rows, multipliers, step in _windows(problem, solution, steps, size, longest):
-        windows.append(follower.follow(rows, multipliers, step))
+    for rows, multipliers in _windows(problem, solution, steps, size, starts):
+        windows.append(follower.follow(rows, multipliers))
         if windows[-1].failed:
             break
     found = tuple(windows)
@@ -133,38 +132,38 @@ def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:
     return [i for i in some if i == solution.t.size - 1 or solution.t[i] not in jumps]
 
 
-def _bent(follower: Follower, rows: list[Row], draw: int) -> dict[int, float]:
-    """Rows at which accelerations, the rows' own and some between them, fit least, with the longest step [s] from there."""
+def _bent(follower: Follower, rows: list[Row], draw: int) -> list[int]:
+    """Those at which accelerations, the rows' own and some between them, fit least."""
     if len(rows) < 2:
-        return {}
+        return []
     t, size, equations = np.array([row.t for row in rows]), follower.size, follower.equations
 
     def between(t: Vector, q: Matrix, v: Matrix) -> Matrix:
         found = []
-        for row, *state in zip(rows, t.tolist(), np.concatenate([q, v], axis=1), strict=False):
+        for row, at, y in zip(rows, t.tolist(), np.concatenate([q, v], axis=1), strict=False):
             equations.begin(1, row.multipliers)
-            needed = equations.needed(*state)
-            found.append(0.0 * row.vdot + np.nan if needed is None else needed[0])
+            found.append(equations(at, y)[size.size // 2 :])
         return np.array(found)
 
     places = max(1, CHECKED_ROWS // t.size)
     parts = (np.arange(places)[:, None] + np.random.default_rng(draw).random((places, t.size - 1))) / places
     y, vdot = np.array([row.y for row in rows]), np.array([row.vdot for row in rows])
-    return {rows[i].i: abs(t[i + 1] - t[i]) / PIECES for i in bends(t, y, vdot, between, parts, size)}
+    return [rows[i].i for i in bends(t, y, vdot, between, parts, size)]
 
 
 def _windows(
-    problem: Problem, solution: Solution, steps: Steps | None, size: Vector, starts: Mapping[int, float]
-) -> Iterator[tuple[Rows, Multipliers, float]]:
+    problem: Problem, solution: Solution, steps: Steps | None, size: Vector, starts: list[int]
+) -> Iterator[tuple[Rows, Multipliers]]:
     """Rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin with.
 
-    They begin at the rows ``starts``, which have a longest step [s] that comes third, and where steps stand out from the
-    others; they end at events, which may change the state.
+    They begin at the rows ``starts`` and where steps stand out from the others; they end at events, which may change the
+    state.
     """
     direction = -1.0 if problem.t_span[1] < problem.t_span[0] else 1.0
     jumps = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
-    times = {} if steps is None else {float(steps.t[k]): np.inf for k in stand_out(steps.t, steps.states, size)}
-    times |= {float(solution.t[i]): longest for i, longest in starts.items()}
+    times = {float(solution.t[i]) for i in starts}
+    if steps is not None:
+        times |= {float(steps.t[k]) for k in stand_out(steps.t, steps.states, size)}
     for start in sorted(times, key=lambda t: -direction * t):
         rows = _rows(solution, steps, start, direction)
         after = jumps[jumps >= direction * rows.t[0]]
@@ -172,7 +171,7 @@ def _windows(
         rows = Rows(*(part[kept] for part in rows))
         if rows.t.size > 1:
             i = max(0, int(np.searchsorted(direction * solution.t, direction * start, "right")) - 1)
-            yield rows, Multipliers(solution.lam[i], solution.mu[i]), times[start]
+            yield rows, Multipliers(solution.lam[i], solution.mu[i])
 
 
 def _rows(solution: Solution, steps: Steps | None, start: float, direction: float) -> Rows:

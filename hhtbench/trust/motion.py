@@ -83,15 +83,12 @@ class Follower:
     size: Vector  #: (2n,) typical sizes of y = [q, v]
     allowed: Vector  #: (2n,) the errors allowed of a step, of prescribed steps: of the first ones
 
-    def follow(self, rows: Rows, multipliers: Multipliers | None = None, longest: float = np.inf) -> Window:
-        """The motion from the first of ``rows`` beside the others, by steps that are no longer than ``longest`` [s].
-
-        Disturbed ones too where these do not follow it.
-        """
+    def follow(self, rows: Rows, multipliers: Multipliers | None = None) -> Window:
+        """The motion from the first of ``rows`` beside the others; disturbed ones too where these do not follow it."""
         t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
         self.equations.begin(MOST_EVALUATIONS, multipliers)
         try:
-            motion, allowed_until = self._begin(float(t[0]), y[0], longest)
+            motion, allowed_until = self._begin(float(t[0]), y[0])
         except NotJudged as reason:
             return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=str(reason))
         line = y[0] + (t - t[0])[:, None] * np.concatenate([rows.v[0], 0.0 * rows.v[0]])
@@ -124,15 +121,15 @@ class Follower:
                 break
             self.equations.begin(MOST_EVALUATIONS, multipliers)
             change = self.equations.along_constraints(float(t[0]), y[0], sign * allowed[-1], self.size)
-            beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed[-1], longest), t[: len(states)])
+            beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed[-1]), t[: len(states)])
             states, carried, allowed = states[: len(beside)], carried[: len(beside)], allowed[: len(beside)]
             carried = np.maximum(carried, np.abs(beside - states) / SMALL)
             window = self._window(t, y, states, line, bound, allowed + np.maximum.accumulate(carried), why)
         return window
 
-    def _begin(self, t: float, y: Vector, longest: float) -> tuple[Flow, Callable[[float], Vector]]:
+    def _begin(self, t: float, y: Vector) -> tuple[Flow, Callable[[float], Vector]]:
         """The motion from (t, y), and the errors allowed of a step (2n,) until a time."""
-        motion = self._flow(t, y, self.allowed, longest)
+        motion = self._flow(t, y, self.allowed)
         if not self.request.fixed:
             return motion, lambda _: self.allowed
         missed = Missed(motion, (t, self.problem.t_span[1]), self.problem, self.request, self.size)
@@ -151,9 +148,9 @@ class Follower:
         """How often an ``allowed`` error (2n,) rows may be off."""
         return float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
 
-    def _flow(self, t: float, y: Vector, allowed: Vector, longest: float) -> Flow:
+    def _flow(self, t: float, y: Vector, allowed: Vector) -> Flow:
         rtol = ACCURACY * float(np.min(allowed / self.size))
-        return Flow(self.equations, t, y, self.problem.t_span[1], rtol, self.size, longest)
+        return Flow(self.equations, t, y, self.problem.t_span[1], rtol, self.size)
 
     def _window(
         self, t: Vector, y: Matrix, states: Matrix, line: Matrix, bound: float, allowed: Matrix | Vector, why: str

@@ -1,4 +1,4 @@
-"""Are multipliers that are nan where the constraints lose rank?  Elsewhere they exist, and a solver that has none has failed."""
+"""Do the constraints lose rank where multipliers are nan?  Elsewhere these exist, and a solver that has none has failed."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ def unknown_without_reason(
         elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
         some = elsewhere > ALWAYS * elsewhere[0]
         for i in unknown[spread(unknown.size)].tolist():
-            least = float(np.min((_singular_values(rows_at(i) / over) / elsewhere)[some]))
+            least = float(np.min(_singular_values(rows_at(i) / over)[some] / elsewhere[some]))
             if least > LOST:
                 return (
-                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where the constraints keep their rank: "
+                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where constraints keep their rank: "
                     f"every singular value is at least {least:.2g} of what it is elsewhere; below {LOST:g} is believed."
                 )
     except NonFiniteValue as error:

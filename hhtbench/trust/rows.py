@@ -146,8 +146,9 @@ def _start(problem: Problem, request: Request, motion: Motion) -> str:
 
 
 def _event(problem: Problem, solution: Solution) -> str:
-    at_end = [np.any(np.abs(times - solution.t[-1:]) <= SAME_TIME * _span(problem)) for times in solution.t_events]
-    return "" if any(at_end) else "end: a terminal event is reported, and none is told at the last row."
+    last = solution.t[-1] if solution.t.size else np.nan
+    at_last = [np.any(np.abs(times - last) <= SAME_TIME * _span(problem)) for times in solution.t_events]
+    return "" if any(at_last) else "end: a terminal event is reported, and none is told at the last row."
 
 
 def _counters(request: Request, solution: Solution) -> str:

@@ -66,7 +66,7 @@ def bends(t: Vector, y: Matrix, vdot: Matrix, between: Between, parts: Matrix, s
 
 
 def _hermite(s: Matrix, dt: Matrix, x: Matrix, rate: Matrix) -> Matrix:
-    """The cubic Hermite polynomials through ``x`` (k, n) with ``rate`` (k, n), at ``s`` (k - 1, 1) of each way; (k - 1, n)."""
+    """Cubic Hermite polynomials through ``x`` (k, n) with ``rate`` (k, n), at ``s`` (k - 1, 1) of each way; (k - 1, n)."""
     way = np.diff(x, axis=0)
     return x[:-1] + s * way + s * (1 - s) * ((1 - s) * (dt * rate[:-1] - way) - s * (dt * rate[1:] - way))
 
