@@ -58,7 +58,7 @@ class Comparison:
     def _entry(self, name: str) -> dict[str, Any]:
         error, scaled = np.max(np.abs(self.got[name] - self.true[name]), axis=1), self.scaled(name)
         left_out = self.unknown & np.isnan(error) & (name not in ("q", "v"))
-        kept = slice(None) if left_out.all() else ~left_out  # where nothing is known, no error is either: nan
+        kept = ~left_out | left_out.all()  # where nothing is known, no error is either: nan
         return {
             "end": error[-1] if self.at_end else None,
             "end_scaled": scaled[-1] if self.at_end else None,
