@@ -190,7 +190,7 @@ class Solution(Filled):
     @property
     def unknown(self) -> NDArray[np.bool_]:
         """(n_t,) rows with a multiplier that is nan: they do not exist there, or are not known."""
-        return np.isnan(self.lam).any(axis=1) | np.isnan(self.mu).any(axis=1)
+        return np.asarray(np.isnan(self.lam).any(axis=1) | np.isnan(self.mu).any(axis=1))
 
     def __call__(self, t: Any, *, project: bool = False) -> DenseOutput:
         """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.

@@ -67,4 +67,4 @@ def _full(rows: Matrix) -> Matrix:
 
 def _singular_values(rows: Matrix) -> Vector:
     """In falling order."""
-    return np.linalg.svd(rows, compute_uv=False)
+    return np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64)

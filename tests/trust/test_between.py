@@ -1,4 +1,4 @@
-"""Between rows that fit the motion before and after: a force that no row knows of, a leap.  Small multipliers beside large."""
+"""Between rows that fit the motion before and after: a force that no row knows of, a leap.  Small multipliers, too."""
 
 from __future__ import annotations
 
