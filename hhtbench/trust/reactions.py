@@ -40,8 +40,8 @@ class Row:
 
 def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row]:
     """The rows ``some`` of ``solution`` that have multipliers, and at which accelerations are determined."""
-    rows = []
-    for i in (i for i in some if not solution.unknown[i]):
+    rows, unknown = [], solution.unknown
+    for i in (i for i in some if not unknown[i]):
         t, y = float(solution.t[i]), np.concatenate([solution.q[i], solution.v[i]])
         multipliers = Multipliers(solution.lam[i], solution.mu[i])
         follower.equations.begin(MOST_EVALUATIONS, multipliers)
