@@ -17,11 +17,11 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.result import Solution
 from hhtbench.trust.flow import NotJudged
-from hhtbench.trust.levels import BELIEVABLE
 from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 
 ROUNDOFF = 1e-8  # of the largest force
 LAG = 5.5  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4
+MOST = 0.5  # of the reaction: what is further off has no digit
 BESIDE = 1e-3  # of the largest component: errors of small ones are measured by what is beside them
 DISTURBED = 2  # states beside that of the row
 
@@ -67,7 +67,7 @@ def _wrong_reaction(follower: Follower, row: Row, typical: Vector) -> str:
     roundoff = ROUNDOFF * max(float(np.max(size)), float(np.max(np.abs(equations.force(t, y)))))
 
     def lagging(allowed: Vector) -> Vector:
-        return roundoff + size * min(BELIEVABLE, LAG * float(np.sqrt(np.max(allowed / follower.size))))
+        return roundoff + size * min(MOST, LAG * float(np.sqrt(np.max(allowed / follower.size))))
 
     if np.all(off <= lagging(follower.allowed)):
         return ""
