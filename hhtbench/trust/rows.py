@@ -162,8 +162,9 @@ def _counters(request: Request, solution: Solution) -> str:
     if complete and evaluations is not None and evaluations < least:
         told = f"{evaluations} evaluations of the forces are too few for {least} steps"
         return f"counters: {told}; None stands for what is not reported."
-    if request.t_eval is None and counters.steps_accepted is not None and solution.t.size - 1 > counters.steps_accepted:
-        return f"counters: {solution.t.size} rows at the ends of steps are too many for {counters.steps_accepted} steps."
+    steps = counters.steps_accepted or solution.t.size  # 0 where a plugin has left it as it was
+    if request.t_eval is None and solution.t.size - 1 > steps:
+        return f"counters: {solution.t.size} rows at the ends of steps are too many for {steps} steps."
     return ""
 
 
