@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.linear.matrix import renew, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled
@@ -188,10 +187,10 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
         return ALL_AGAIN
     if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, mem.C_RESIDUAL, EPS, i.size, counts):
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, mem.C_RESIDUAL, i.size, counts):
         if not i.stagnated:
             return STALL  # else with a matrix at the very iterate too: roundoff is left, or noise
-        return NOISE_LEFT if is_noise(z, i.slot, i.size, counts) else DONE
+        return NOISE_LEFT if is_noise(z, i.slot, mem.C_RESIDUAL, i.size, counts) else DONE
     if i.taken == 0:
         return GO_ON
     if i.fresh:
@@ -246,8 +245,8 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         noisy, rate = False, moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
         ends = converged(z, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
         if not ends and rate >= o[mem.STALLED]:
-            ends = is_roundoff(z, spare, mem.C_RESIDUAL, EPS, moved, counts)
-            noisy = ends and is_noise(z, spare, moved, counts)
+            ends = is_roundoff(z, spare, mem.C_RESIDUAL, moved, counts)
+            noisy = ends and is_noise(z, spare, mem.C_RESIDUAL, moved, counts)
         if ends:
             step_back(z)
             if noisy and not onto_constraints(z, spare, counts):

@@ -133,20 +133,21 @@ def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
 
 
 @compiled
-def is_roundoff(z: Any, slot: Any, code: Any, change: Any, moved: Any, counts: Any) -> Any:
+def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
     """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30).
 
-    Of the rows that ``code`` computes, measured by such a ``change``.
+    Of the rows that ``code`` computes.
     """
-    return moved <= part(z, mem.CONSTANTS)[mem.STAGNATION] or moved <= measured(z, slot, code, change, counts)
+    return moved <= part(z, mem.CONSTANTS)[mem.STAGNATION] or moved <= measured(z, slot, code, EPS, counts)
 
 
 @compiled
-def is_noise(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
-    """Whether such an increment is noise of no function, and not roundoff, so that the constraint rows have to go on."""
+def is_noise(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
+    """Whether such an increment of constrained motion is noise of no function, and not roundoff."""
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= part(z, mem.CONSTANTS)[mem.STAGNATION]:
         return False
-    return moved > UNLIKE * measured(z, slot, mem.C_RESIDUAL, WIDER * EPS, counts)
+    most = UNLIKE * measured(z, slot, code, WIDER * EPS, counts)
+    return moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
 
 
 @compiled
@@ -211,9 +212,10 @@ def onto_constraints(z: Any, slot: Any, counts: Any) -> Any:
         counts[mem.NEWTON] += 1
         in_q, in_v = corrected(z, slot, mem.C_CONSTRAINTS, False, counts)
         moved = scaled(z, in_q, in_v)
-        met = moved <= o[mem.TOLERANCE]
-        stalls = not moved < o[mem.STALLED] * last
-        met = met or (stalls and is_roundoff(z, slot, mem.C_CONSTRAINTS, WIDER * EPS, moved, counts))
+        met, stalls = moved <= o[mem.TOLERANCE], not moved < o[mem.STALLED] * last
+        if stalls and not met:
+            met = is_roundoff(z, slot, mem.C_CONSTRAINTS, moved, counts)
+            met = met and not is_noise(z, slot, mem.C_CONSTRAINTS, moved, counts)
         step_back(z)
         if met or stalls:
             return met
