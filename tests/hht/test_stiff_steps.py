@@ -9,7 +9,7 @@ import pytest
 import hhtbench as hb
 from problems.stiff_spring_pendulum import problem
 from solvers.hht import HHT
-from solvers.hht.loops.memory import COUNTS, EVALUATIONS, Q, Sizes, allocate
+from solvers.hht.loops.memory import C_RESIDUAL, COUNTS, EVALUATIONS, Q, Sizes, allocate
 from solvers.hht.step import stopping
 
 TURNING = [(1e10, 100), (1e12, 200), (1e12, 20), (1e12, 10), (1e13, 27)]  # stiffness [N/m], steps in a second
@@ -64,7 +64,7 @@ def test_of_any_two_coordinates_one_is_disturbed_alone(monkeypatch, n):
     monkeypatch.setattr(stopping, "early", lambda z: None)
     monkeypatch.setattr(stopping, "correct", lambda *_: seen.append(state.copy()))
     monkeypatch.setattr(stopping, "moved_by", lambda *_: (0.0, 0.0))
-    stopping.is_roundoff(z, 0, 1.0, np.zeros(len(COUNTS), dtype=np.int64))
+    stopping.measured(z, 0, C_RESIDUAL, np.finfo(float).eps, np.zeros(len(COUNTS), dtype=np.int64))
     changes = np.array(seen).reshape(-1, 4, n) - 1.0
     assert set(changes.ravel()) <= {0.0, np.finfo(float).eps}
     for moved in np.moveaxis(changes > 0.0, 1, 0):

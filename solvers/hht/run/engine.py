@@ -219,9 +219,13 @@ class Engine:
         for name, values in zip(ATTEMPTED, attempt, strict=True):
             self.loops.section(name)[:] = values
 
-    def give_up_derivatives(self, state: State) -> bool:
-        """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
-        if not self.fallible:
+    def give_up_derivatives(self, state: State, *, noisy: bool = False) -> bool:
+        """Whether the step that was tried last is made without the declared derivatives, which then are given up.
+
+        Of functions that are ``noisy`` derived ones are worse.
+        """
+        if not self.fallible or noisy:
+            self._not_suspect = state
             return False
         declared_ones = self.functions, self.loops
         h, t1 = self.loops.section(mem.ATTEMPT)[[mem.H_TRIED, mem.T_END]].tolist()

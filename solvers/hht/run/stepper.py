@@ -101,7 +101,7 @@ class Stepper:
         if ended == mem.CONVERGED:
             return Accepted(state, watch, made)
         if ended == mem.SUSPECT:
-            engine.give_up_derivatives(before)
+            engine.give_up_derivatives(before, noisy=noise(engine, before, None, 0.0, 0.0) is not None)
             return self._advance(before, watch, stop, rows, horizon)
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
@@ -268,6 +268,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         remedy = "b is close to the singular value 1/2, take b = 0"
     elif text := unstable(engine, state, h):
         remedy = f"{text}, or a smaller step"
+    elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
+        remedy = found.text
     failure = Failure(status, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)
 

@@ -19,8 +19,10 @@ from solvers.hht.step.stopping import (
     corrected,
     enough,
     force_rows_end,
+    is_noise,
     is_roundoff,
-    noise,
+    measure_once,
+    onto_constraints,
     scaled,
     spend,
     unmeasured,
@@ -55,7 +57,7 @@ class NewtonOptions:
 
 # What is iterated: all rows to roundoff; or all rows until the force rows may stop, (H35), then the constraint rows alone.
 ALL_ROWS, UNTIL_ALLOWED, CONSTRAINTS = range(3)
-DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN = range(8)  # after an increment
+DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN, NOISE_LEFT = range(9)  # after an increment
 
 
 class Iteration(NamedTuple):
@@ -108,7 +110,9 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
             return mem.DIVERGED, -1, 0.0
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
-        if decision == DONE:
+        if decision == NOISE_LEFT and not onto_constraints(z, i.slot, counts):
+            return mem.DIVERGED, -1, 0.0
+        if decision in (DONE, NOISE_LEFT):
             part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, lagged, i.fresh, taken + 1.0 if kept else 0.0)
             return mem.CONVERGED, i.slot, i.worst
         i = after(i, decision)
@@ -183,8 +187,10 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
         return ALL_AGAIN
     if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, i.size, counts):
-        return DONE if i.stagnated else STALL  # with a matrix at the very iterate too: roundoff is left
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, mem.C_RESIDUAL, i.size, counts):
+        if not i.stagnated:
+            return STALL  # else with a matrix at the very iterate too: roundoff is left, or noise
+        return NOISE_LEFT if is_noise(z, i.slot, mem.C_RESIDUAL, i.size, counts) else DONE
     if i.taken == 0:
         return GO_ON
     if i.fresh:
@@ -197,12 +203,10 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 @compiled
 def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     """Whether the increment may be roundoff, which then is measured, at most once a step: that costs an iteration."""
-    found, o = part(z, mem.NOISE), part(z, mem.CONSTANTS)
-    shrinks = i.rate < o[mem.STALLED] and i.size > o[mem.BLINDED]
-    if not z.i[mem.NOISY] or i.taken == 0 or found[0] >= 0.0 or shrinks or not spend(z, counts):
+    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > part(z, mem.CONSTANTS)[mem.BLINDED]
+    if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
-    counts[mem.SOLVES] += 1
-    found[0], found[1] = noise(z, i.slot, -1, 0)
+    measure_once(z, i.slot, counts)
     return True
 
 
@@ -238,10 +242,15 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
         moved = scaled(z, in_q, in_v)
-        rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
+        noisy, rate = False, moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
         ends = converged(z, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
-        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, moved, counts)):
+        if not ends and rate >= o[mem.STALLED]:
+            ends = is_roundoff(z, spare, mem.C_RESIDUAL, moved, counts)
+            noisy = ends and is_noise(z, spare, mem.C_RESIDUAL, moved, counts)
+        if ends:
             step_back(z)
+            if noisy and not onto_constraints(z, spare, counts):
+                return mem.DIVERGED, -1, 0.0
             return mem.CONVERGED, spare, 0.0
         if damped:
             halvings = halved(z, spare, moved, counts)

@@ -9,12 +9,14 @@ import math
 from typing import Any
 
 from solvers.hht.equations.formulas import EPS, NOTHING
-from solvers.hht.linear.matrix import correct, early, move, moved_by
+from solvers.hht.linear.matrix import correct, early, move, moved_by, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, digits, has_digit, relative_part, relative_tolerance
 from solvers.hht.loops.sections import largest, part, put, view
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
+WIDER = 1024.0  # roundoffs: what is smooth makes as many times as much of an increment as of one, noise does not
+UNLIKE = 8.0  # times what roundoff makes of increments, by the wider change: larger ones are noise
 
 
 @compiled
@@ -131,23 +133,42 @@ def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
 
 
 @compiled
-def is_roundoff(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
-    """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30)."""
-    o, evaluations = part(z, mem.CONSTANTS), 2 * digits(z.i[mem.N])
-    if moved <= o[mem.STAGNATION] or counts[mem.RESIDUALS] + evaluations >= z.i[mem.EVALUATIONS]:
-        return moved <= o[mem.STAGNATION]
-    counts[mem.RESIDUALS] += evaluations
-    counts[mem.SOLVES] += evaluations
-    in_q, in_v = noise(z, slot, 0, evaluations)
-    return moved <= o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v)
+def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
+    """Whether an increment that a matrix at the iterate did not shrink is of the size that roundoff makes it, (H30).
+
+    Of the rows that ``code`` computes.
+    """
+    return moved <= part(z, mem.CONSTANTS)[mem.STAGNATION] or moved <= measured(z, slot, code, EPS, counts)
 
 
 @compiled
-def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
-    """The largest that roundoff of some entries of q, v, a, f changes in the increment, by its changes of q1 and of v1.
+def is_noise(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
+    """Whether such an increment of constrained motion is noise of no function, and not roundoff."""
+    if z.i[mem.M] + z.i[mem.P] == 0 or moved <= part(z, mem.CONSTANTS)[mem.STAGNATION]:
+        return False
+    most = UNLIKE * measured(z, slot, code, WIDER * EPS, counts)
+    return moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
 
-    Looked at is one roundoff of those entries whose number has the binary digit k // 2 equal to k % 2, (H30), for every k
-    from ``first`` to ``end``, or for k = -1 a random subset of them; all away from zero, since the roundoff of
+
+@compiled
+def measured(z: Any, slot: Any, code: Any, change: Any, counts: Any) -> Any:
+    """What increments over typical sizes have of noise, by :func:`noise` of every digit; 0 where no evaluations are left."""
+    evaluations = 2 * digits(z.i[mem.N])
+    if counts[mem.RESIDUALS] + evaluations >= z.i[mem.EVALUATIONS]:
+        return 0.0
+    counts[mem.RESIDUALS] += evaluations
+    counts[mem.SOLVES] += evaluations
+    in_q, in_v = noise(z, slot, code, change, 0, evaluations)
+    return part(z, mem.CONSTANTS)[mem.NOISE_MARGIN] * scaled(z, in_q, in_v)
+
+
+@compiled
+def noise(z: Any, slot: Any, code: Any, change: Any, first: Any, end: Any) -> Any:
+    """The largest that a ``change`` of some entries of q, v, a, f makes of the increment's q1 and v1, times EPS over it.
+
+    Of the increment by the rows that ``code`` computes.  What is smooth gives the same for every change, roundoff, and what
+    has noise less for larger ones, (H30).  Changed are those entries whose number has the binary digit k // 2 equal to k % 2
+    for every k from ``first`` to ``end``, or for k = -1 a random subset of them; all away from zero, since the roundoff of
     regular values is not of both signs alike.
     """
     n, state, before = z.i[mem.N], view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED)
@@ -157,9 +178,9 @@ def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
     for k in range(first, end):
         for i in range(state.size):
             moves = (i * DRAWN[0] >> DRAWN[1]) % 2 == 1 if k < 0 else has_digit(i % n, k // 2, k % 2)
-            state[i] = before[i] * (1.0 + EPS) if moves else before[i]
+            state[i] = before[i] * (1.0 + change) if moves else before[i]
         early(z)
-        correct(z, slot, mem.C_RESIDUAL, False)
+        correct(z, slot, code, False)
         for i in range(part(z, mem.X).size):
             increment[i] -= full[i]
         of_q, of_v = moved_by(z, slot, increment)
@@ -167,7 +188,39 @@ def noise(z: Any, slot: Any, first: Any, end: Any) -> Any:
     put(state, 0, before)
     put(increment, 0, full)
     early(z)
-    return in_q, in_v
+    return in_q * (EPS / change), in_v * (EPS / change)
+
+
+@compiled
+def measure_once(z: Any, slot: Any, counts: Any) -> None:
+    """Put what roundoff makes of increments into NOISE, by one evaluation; of noise that is much by a wider one."""
+    found, o = part(z, mem.NOISE), part(z, mem.CONSTANTS)
+    counts[mem.SOLVES] += 1
+    found[0], found[1] = noise(z, slot, mem.C_RESIDUAL, EPS, -1, 0)
+    if enough(z) > o[mem.STAGNATION] and spend(z, counts):
+        counts[mem.SOLVES] += 1
+        in_q, in_v = noise(z, slot, mem.C_RESIDUAL, WIDER * EPS, -1, 0)
+        if enough(z) > UNLIKE * o[mem.NOISE_MARGIN] * scaled(z, in_q, in_v):
+            found[0], found[1] = in_q, in_v
+
+
+@compiled
+def onto_constraints(z: Any, slot: Any, counts: Any) -> Any:
+    """Whether the constraint rows alone, with the matrix in ``slot``, go to roundoff of their own, (H30)."""
+    o, last = part(z, mem.CONSTANTS), math.inf
+    for _ in range(z.i[mem.MAX_ITERATIONS]):
+        counts[mem.NEWTON] += 1
+        in_q, in_v = corrected(z, slot, mem.C_CONSTRAINTS, False, counts)
+        moved = scaled(z, in_q, in_v)
+        met, stalls = moved <= o[mem.TOLERANCE], not moved < o[mem.STALLED] * last
+        if stalls and not met:
+            met = is_roundoff(z, slot, mem.C_CONSTRAINTS, moved, counts)
+            met = met and not is_noise(z, slot, mem.C_CONSTRAINTS, moved, counts)
+        step_back(z)
+        if met or stalls:
+            return met
+        last = moved
+    return False
 
 
 @compiled
