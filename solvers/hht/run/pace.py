@@ -7,6 +7,8 @@ import time
 from operator import itemgetter
 from typing import NamedTuple
 
+import numpy as np
+
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.control.tolerances import Tolerances
@@ -51,6 +53,7 @@ class Looks:
         self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
         self._first = self._before = pace_of(stepper.engine, 0, state.t)
         self._next, self._at = FIRST if self._by_error else math.inf, time.perf_counter()
+        self._low = self._high = state.q  # of the places that were seen
 
     def room(self, count: int, taken: int) -> int:
         """``count`` steps, or as many as are left of those before the next look, after ``taken`` ones."""
@@ -58,8 +61,11 @@ class Looks:
 
     def ended(self, taken: int, state: State) -> Failure | None:
         """Why the run ends at ``state`` after ``taken`` steps, None where it goes on or it is no time for a look."""
+        if self._by_error is None:
+            return None
+        self._low, self._high = np.minimum(self._low, state.q), np.maximum(self._high, state.q)
         late = time.perf_counter() - self._at > SECONDS and taken - self._before.taken >= FEWEST
-        if self._by_error is None or not (late or taken >= self._next):
+        if not (late or taken >= self._next):
             return None
         paces = self._first, self._before, pace_of(self._engine, taken, state.t)
         self._before, self._next = paces[-1], taken + min(max(taken, FIRST - taken), MOST)
@@ -70,7 +76,8 @@ class Looks:
     def many(self, taken: int, state: State) -> str:
         """Why ``taken`` steps do not lead further than to ``state``, as far as that is known, in words."""
         h = (state.t - self._first.t) / taken
-        vibration = followed(self._engine, state, h) if self._by_error and taken >= FIRST else ""
+        covered = float((self._high - self._low).max())
+        vibration = followed(self._engine, state, h, covered) if self._by_error and taken >= FIRST else ""
         return f"{Status.max_steps.text} {vibration}".strip()
 
 
