@@ -218,11 +218,12 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
     readings: dict[str, list[dict[str, Any]]] = {key: [] for key in pending}
     machine = clock_of(machine_facts())
     for count in range(repeats):
-        tell("timing", count * len(pending), repeats * len(pending))
         short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
-        timed = []
+        done, timed = (count + 1) * len(pending) - len(short), []
+        tell("timing", done, repeats * len(pending))
         try:
             for key, reading in _one_a_core(short, pool):
+                tell("timing", done := done + 1, repeats * len(pending))
                 readings[key].append(reading)
                 if count == repeats - 1 or enough(readings[key]):
                     cell, row = pending[key]
