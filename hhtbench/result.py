@@ -38,7 +38,7 @@ class Status(enum.Enum):
     newton_failed = (
         "newton_failed",
         -4,
-        "Newton's iteration did not converge; take a smaller step, look for a jump, check derivatives with `hhtbench check`.",
+        "Newton's iteration did not converge; take a smaller step, look for a jump, check derivatives by `hhtbench check`.",
     )
     singular_iteration_matrix = (
         "singular_iteration_matrix",

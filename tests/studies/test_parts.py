@@ -76,8 +76,9 @@ def test_a_switch_changes_code_or_the_kind_of_matrix(reduction):
     def made(**options):
         hht = reduction.scene.integrator(height, **options)
         hht.init_step(0.0, reduction.scene.q0, reduction.scene.v0, step=0.01)
-        codes = hht._engine.functions._codes
-        return hht._engine.why, {name: code.operations for name, code in codes.items()}, hht._engine.functions.analysis.rows.size
+        functions = hht._engine.functions
+        operations = {name: code.operations for name, code in functions._codes.items()}
+        return hht._engine.why, operations, functions.analysis.rows.size
 
     assert made() != made(**reduction.switch)
 

@@ -140,8 +140,8 @@ class AccelerationLevel:
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
         """Whether roundoff is left of the equations at ``x``.
 
-        Multipliers near zero beside large forces are roundoff, and so are accelerations near zero, as in equilibrium: rows of
-        constraints may be off by what the forces on their own bodies would do to these.
+        Multipliers near zero beside large forces are roundoff, and so are accelerations near zero, as in equilibrium: rows
+        of constraints may be off by what forces on their own bodies would do to these.
         """
         residual, matrix = self.terms(t, q, v, x)
         sizes = abs(matrix) @ np.abs(x) + np.abs(self.terms(t, q, v, 0.0 * x)[0])

@@ -200,7 +200,7 @@ def _sliding(law: Any) -> hb.Problem:
 @row(
     "P12",
     "force flips undeclared; sign(v) sticking; tanh(v/1e-3)",
-    "bounded: result or step_too_small; newton_failed, which the page has not, of prescribed steps; the regularised one right",
+    "bounded: result or step_too_small; newton_failed, not on the page, of prescribed steps; the regularised one right",
 )
 def undeclared_flip(asked: Asked) -> Finding:
     """Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.

@@ -199,9 +199,10 @@ class Study:
 
 NOTES = """A step in the mean, `absent -> present` where there is one column: calls of a system of plain callables, whose
 derivatives are differences, with the terms that are derived; microseconds of processor time in machine code; bytes of the
-arrays that the loop works in, and bytes a step by which a run grows, to some hundred: its arrays grow fourfold. That an absent
-part costs nothing is judged by its calls; of one that has none of its own (none) there are prices only. Room for error control
-and steps of up to 24 MB are kept in any case. Derivatives that are zero are no reduction: the compiler leaves them out."""
+arrays that the loop works in, and bytes a step by which a run grows, to some hundred: its arrays grow fourfold. That an
+absent part costs nothing is judged by its calls; of one that has none of its own (none) there are prices only. Room for
+error control and steps of up to 24 MB are kept in any case. Derivatives that are zero are no reduction: the compiler leaves
+them out."""
 
 
 def study_parts(rounds: int = 9, tell: Callable[[int, int], None] = lambda done, total: None) -> Study:

@@ -95,7 +95,7 @@ class DoublePendulum(System):
 
     @staticmethod
     def fastest(ratio: float) -> float:
-        """Of the two small vibrations about hanging straight [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2."""
+        """Of small vibrations about hanging straight [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2 = 0."""
         return float(np.sqrt(np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()))
 
 

@@ -38,7 +38,8 @@ def unstable(engine: Engine, state: State, h: float) -> str:
     if engine.method.equations != "hht" or b >= 0.5:
         return ""
     omega, limit, until = 0.0, LIMIT / math.sqrt(1.0 - 2.0 * b), time.perf_counter() + SECONDS
-    for at in (*engine.passed(), state):
+    places: list[State | Place] = [*engine.passed(), state]
+    for at in places:
         omega = max(omega, fastest(engine, at))
         if time.perf_counter() > until:
             break
