@@ -156,18 +156,16 @@ def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
     if declared(dynamics.system, "force_jacobians") is None:
         for uses, letter in ((s.force_uses_q, "q"), (s.force_uses_v, "v")):
             if not uses:
-                reason = _switch(f"the force does not depend on {letter}", "force")
+                reason = f"the force does not depend on {letter}"
                 rows.append(Statement("not computed", f"F_{letter}", f"F_{letter} is zero", reason))
     if s.m and not s.rheonomic:
-        reason = _switch("the constraint does not depend on t", "time")
-        rows.append(Statement("not computed", "g_t", "g_t is zero", reason))
+        rows.append(Statement("not computed", "g_t", "g_t is zero", "the constraint does not depend on t"))
     if s.reaction_uses_v:
         text = "the reaction takes v: the end reaction of HHT's steps is an unknown, its velocity that of the end"
         rows.append(Statement("computed", "Q_v", text, "reaction is declared as a function of (t, q, v, lam)"))
     if s.p and not s.velocity_reaction_uses_v:
         text = "the velocity reaction's derivative by v is zero"
-        reason = _switch("the velocity reaction does not depend on v", "velocity")
-        rows.append(Statement("not computed", "Q_v", text, reason))
+        rows.append(Statement("not computed", "Q_v", text, "the velocity reaction does not depend on v"))
     if route_of(dynamics) == "numpy":
         reason = "plain callables cannot be read: every function may depend on all its arguments"
         rows.append(Statement("computed", "dependencies", "no derivative is taken to be zero", reason))

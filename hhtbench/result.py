@@ -34,12 +34,12 @@ class Status(enum.Enum):
     step_too_small = (
         "step_too_small",
         -3,
-        "The error test fails at the smallest step; loosen the tolerances or look for a jump in the forces.",
+        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces.",
     )
     newton_failed = (
         "newton_failed",
         -4,
-        "Newton's iteration did not converge; take a smaller step, check the derivatives with `hhtbench check`.",
+        "Newton's iteration did not converge; take a smaller step, look for a jump, check derivatives by `hhtbench check`.",
     )
     singular_iteration_matrix = (
         "singular_iteration_matrix",

@@ -137,6 +137,10 @@ def stiff(t: float, q: Any, v: Any) -> Any:
     return -1e4 * q
 
 
+def wall(t: float, q: Any, v: Any) -> Any:
+    return -1e8 * np.sign(q - 0.5)
+
+
 def noisy(t: float, q: Any, v: Any) -> Any:
     return np.full(1, -9.81 * (1.0 + 1e-5 * RANDOM.standard_normal()))
 
@@ -189,7 +193,8 @@ PROVOKED: dict[str, list[Case]] = {
         Case("noise", "noise: two calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8)),
     ],
     "newton_failed": [
-        Case("prescribed", "smaller", lambda _: fall(weight(force=lambda t, q, v: -1e8 * np.sign(q - 0.5)), step=0.1)),
+        Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),
+        Case("smallest step", "look for a jump", lambda _: fall(weight(force=wall), rtol=1e-4, options={"min_step": 0.1})),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
         Case("noise", "noise: two calls of constraint", lambda _: hoop(functions=ROUGH, step=0.01)),
     ],

@@ -54,9 +54,8 @@ class HHTOptions:
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
     without
-        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "force" (it does not
-        depend on q or v), "time" (g does not), "reaction" (it is linear in the multipliers), "velocity" (the velocity
-        reaction does not depend on v), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
+        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "reaction" (it is
+        linear in the multipliers), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
         without inverse, bands and blocks.  ``hhtbench study parts`` measures all of them.
     engine
         "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.

@@ -226,12 +226,6 @@ class HHT:
             return self._engine.work.counters()
         return Counters() if self._integrator is None else _work_of(self._integrator).counters()
 
-    @property
-    def memory(self) -> int:
-        """Bytes of the arrays that the loop works in while it steps by hand; 0 before :meth:`init_step`."""
-        z = None if self._engine is None else self._engine.loops.z
-        return 0 if z is None else z.w.nbytes + z.i.nbytes
-
     def checkpoint(self) -> bytes:
         """Where stepping by hand stands, for :meth:`resume` in another process.
 

@@ -36,7 +36,7 @@ def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
         ({"calc_initcond": "yes"}, TypeError, "calc_initcond must be True or False; got 'yes'"),
         ({"first_step": 1, "max_step": 0.5}, ProblemError, "must hold; got first_step=1, max_step=0.5"),
         ({"linsolver": "lu"}, ProblemError, "linsolver must be one of auto, dense, band, sparse; got 'lu'"),
-        ({"without": "masses"}, ProblemError, "without must hold names of mass, force, .*; got 'masses'"),
+        ({"without": "masses"}, ProblemError, "without must hold names of mass, reaction, zeros; got 'masses'"),
         ({"without": 1}, ProblemError, "without must hold names of .*; got 1"),
         ({"without": [[]]}, ProblemError, "without must hold names of .*; got"),
         ({"engine": None}, ProblemError, "engine must be one of compiled, python; got None"),
@@ -77,6 +77,6 @@ def test_help_of_the_solver_names_every_option_and_where_each_is_described():
 
 
 def test_reductions_to_do_without_are_one_name_or_several_in_any_order():
-    assert HHTOptions(without="time").without == ("time",)
+    assert HHTOptions(without="reaction").without == ("reaction",)
     assert HHTOptions(without=["zeros", "mass", "zeros"]).without == ("mass", "zeros")
     assert HHTOptions().without == ()

@@ -112,11 +112,16 @@ def test_a_force_whose_noise_takes_too_many_steps_is_told_at_default_budgets():
     assert "200000 do not lead to the end" in solution.message
 
 
-def test_steps_that_were_asked_for_are_taken_as_many_as_they_are():
+@pytest.mark.parametrize(("asked", "allowed"), [(None, 1_000), (5_000, 5_000)])
+def test_steps_that_were_asked_for_are_taken_as_many_as_they_are(asked, allowed, monkeypatch):
     """The default's number given is not the default."""
-    solution = HHT(noisy(1e-5)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=1_000_000, max_seconds=2.0)
-    assert "200000" not in solution.message
-    assert "1000000 do not lead to the end" in solution.message or solution.status is Status.deadline
+    monkeypatch.setattr(pace, "SETTLED", 50)
+    monkeypatch.setattr(pace, "MANY", 1_000)
+    monkeypatch.setattr(solve, "MAX_STEPS", 5_000)
+    solution = HHT(noisy(1e-5)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=asked)
+    assert solution.status is Status.step_too_small
+    assert f" {allowed} do not lead to the end" in solution.message
+    assert solution.counters.steps_accepted == 50
 
 
 def shaken(name, size):
@@ -140,7 +145,7 @@ def shaken(name, size):
     ("name", "size"), [("mass_matrix", 1e-6), ("constraint", 1e-9), ("constraint_jacobian", 1e-6), ("reaction", 1e-6)]
 )
 def test_the_function_with_noise_is_named(name, size, monkeypatch):
-    monkeypatch.setattr(pace, "FIRST", 200)
+    monkeypatch.setattr(pace, "SETTLED", 200)
     solution = HHT(shaken(name, size)).solve((0.0, 1.0), Q0, V0, rtol=1e-8, max_num_steps=400, t_eval=[1.0])
     assert solution.status is Status.step_too_small, solution.message
     assert f"noise: two calls of {name} with" in solution.message

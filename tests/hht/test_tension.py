@@ -1,5 +1,7 @@
 """Vibrations that constraint forces carry are told where they make steps unstable, (H33), or too many (row P2)."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ import hhtbench as hb
 from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
-from hhtbench.testing.scenes import GRAVITY
+from solvers.hht.run import tension
+from solvers.hht.run.singular import LONGEST
 from solvers.hht.run.tension import fastest
 from tests.hht.scenes import pendulum
 
@@ -49,8 +52,31 @@ def test_what_falls_over_does_not_hide_what_vibrates():
 def test_rods_with_a_light_body_between_them_vibrate_by_their_tension(ratio):
     """Linearised by hand: (1 + r) g (x/l) above, r g below; eigenvalues of the straight double pendulum of unit rods."""
     q, v = DoublePendulum.straight(0.0)
-    fast = np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()
-    assert frequency(DoublePendulum(ratio=ratio), q, v) == pytest.approx(np.sqrt(fast), rel=1e-3)
+    assert frequency(DoublePendulum(ratio=ratio), q, v) == pytest.approx(DoublePendulum.fastest(ratio), rel=1e-3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e5, 6.4e6])
+def test_a_vibration_is_the_same_wherever_places_are_told_from(offset):
+    """Unit rows, which change by as much as they are large over a difference that is as long as the rod."""
+    pivot = np.array([offset, 0.0])
+
+    def rows(t, q):
+        return ((q - pivot) / np.hypot(*(q - pivot)))[None, :]
+
+    far = pendulum(constraint=lambda t, q: np.array([np.hypot(*(q - pivot)) - 1.0]), constraint_jacobian=rows)
+    assert frequency(far, pivot + HANGING) == pytest.approx(np.sqrt(9.81), rel=1e-4)
+
+
+def test_a_look_that_takes_long_is_not_taken(monkeypatch):
+    monkeypatch.setattr(tension, "seconds_of_look", lambda dynamics: 2 * LONGEST)
+    assert frequency(pendulum(), HANGING) == 0.0
+
+
+def test_a_look_at_slow_functions_ends_with_what_is_known(monkeypatch):
+    """The first estimate of the iteration, from below."""
+    monkeypatch.setattr(tension, "SECONDS", 0.0)
+    system, fast = DoublePendulum(ratio=1e4), DoublePendulum.fastest(1e4)
+    assert 0.0 < frequency(system, *DoublePendulum.straight(0.0)) < 0.99 * fast
 
 
 def rods(ratio, **request):
@@ -72,8 +98,19 @@ def test_too_many_steps_by_error_that_follow_a_vibration_are_told_so():
     assert fewer.t[-1] > 3 * few.t[-1], "the remedy"
 
 
-def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration():
-    solution = hb.HHT(pendulum()).solve((0.0, 1e3), HANGING, [1.0, 0.0], rtol=1e-3, max_num_steps=600)
+@pytest.mark.parametrize("times", [1.8, 2.05, 4.0, 8.0])
+@pytest.mark.parametrize("ratio", [1e2, 1e6])
+def test_prescribed_steps_that_fail_beyond_the_bound_are_told_with_it_wherever_they_fail(ratio, times):
+    """h omega at the start, from which it grows as the rods swing down; where it ends they are bent by what has grown."""
+    solution = rods(ratio, step=times / (DoublePendulum.fastest(ratio) * math.sqrt(math.cos(0.5))))
+    assert solution.status is Status.newton_failed
+    assert "constraint forces carry a vibration of" in solution.message
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.02, 1.0])
+def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration(speed):
+    """However little it moves beside the length of its rod: this vibration is the motion."""
+    solution = hb.HHT(pendulum()).solve((0.0, 1e3), HANGING, [speed, 0.0], rtol=1e-3, max_num_steps=600)
     assert solution.status is Status.max_steps
     assert "vibration" not in solution.message
 

@@ -159,6 +159,25 @@ def test_a_chain_that_hangs_at_rest_has_tensions_though_its_accelerations_are_ro
     np.testing.assert_allclose(found.vdot, 0.0, atol=1e-12)
 
 
+def test_a_light_body_beside_a_heavy_one_loosens_nothing_of_its_rows():
+    """Of 1e-8 kg on a rod, pushed by 1 N, which alone is 1e8 m/s^2, beside one of 1 kg on a rod."""
+    rods = lambda t, q: np.array([[q[0], q[1], 0.0, 0.0], [0.0, 0.0, q[2], q[3]]])  # noqa: E731
+    bodies = NumpySystem(
+        mass_matrix=np.diag([1.0, 1.0, 1e-8, 1e-8]),
+        force=lambda t, q, v: np.array([0.0, -9.81, 0.0, -1.0]),
+        constraint=lambda t, q: np.array([q[:2] @ q[:2] - 1.0, q[2:] @ q[2:] - 1.0]) / 2.0,
+        constraint_jacobian=rods,
+        reaction=lambda t, q, lam: -rods(t, q).T @ lam,
+    )
+    q, v = np.array([0.0, -1.0, 0.0, -1.0]), np.zeros(4)
+    level = AccelerationLevel(derive(bodies, 0.0, q, v))
+    found = level.solve(0.0, q, v)
+    x = np.concatenate([found.vdot, found.lam])
+    off = 1e-7 * np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0])  # forces stay in balance, the heavy one leaves its circle
+    assert level._in_balance(0.0, q, v, x)
+    assert not level._in_balance(0.0, q, v, x + off)
+
+
 def test_an_acceleration_level_without_root_says_so():
     class Rootless(Quadratic):
         def reaction(self, t, q, lam):

@@ -1,4 +1,7 @@
-"""Reductions that are read off a system, by name, and what its structure is without them."""
+"""Reductions that are read off a system, by name, and what its structure is without them.
+
+Derivatives by what a function does not depend on are none of them: the compiler sees that they are zero, whoever asks.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,7 @@ from hhtbench.lowering.dynamics.dynamics import Structure
 
 REDUCTIONS: Mapping[str, Mapping[str, Any]] = {
     "mass": {"mass": "variable"},  # one inverse, no derivative of M x; reactions of M^-1 that is known are eliminated
-    "force": {"force_uses_q": True, "force_uses_v": True},  # no F_q, no F_v
-    "time": {"rheonomic": True},  # no g_t
     "reaction": {"linear_reaction": False},  # one linear solve for the multipliers
-    "velocity": {"velocity_reaction_uses_v": True},  # no derivative of the velocity reaction by v
     "zeros": {"known_entries": False},  # of a step's matrix only what varies is computed, only what is not zero is kept
 }
 

@@ -200,12 +200,13 @@ def _sliding(law: Any) -> hb.Problem:
 @row(
     "P12",
     "force flips undeclared; sign(v) sticking; tanh(v/1e-3)",
-    "bounded: result or step_too_small, newton_failed where steps are prescribed; the regularised one right",
+    "bounded: result or step_too_small; newton_failed, not on the page, of prescribed steps; the regularised one right",
 )
 def undeclared_flip(asked: Asked) -> Finding:
     """Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.
 
-    A fixed step of 0.01 that knows of no flip is off by its length, and is asked for an end alone there.
+    A prescribed step has no shorter one to be too small: where Newton's iteration finds no root of it, that is the status.
+    One of 0.01 that knows of no flip is off by its length, and is asked for an end alone there.
     """
     faults, slowest, worst = {}, 0.0, 0.0
     cases: dict[str, Any] = {

@@ -134,7 +134,8 @@ def memory_of(scene: Scene) -> int:
     """Bytes of the arrays that the loop works in."""
     hht, accuracy = scene.integrator(height), {"rtol": 1e-4} if scene.controlled else {"step": H}
     hht.init_step(0.0, scene.q0, scene.v0, **accuracy)
-    return int(hht.memory)
+    z = hht._engine.loops.z
+    return int(z.w.nbytes + z.i.nbytes)
 
 
 def allocated_by(scene: Scene) -> float:

@@ -93,6 +93,11 @@ class DoublePendulum(System):
         """Both rods at ``angle`` [rad] from below, at rest."""
         return DoublePendulum.bent(angle, angle)
 
+    @staticmethod
+    def fastest(ratio: float) -> float:
+        """Of small vibrations about hanging straight [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2 = 0."""
+        return float(np.sqrt(np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()))
+
 
 def double_pendulum(ratio: float, span: float) -> Problem:
     """Straight at 0.5 rad, at rest."""

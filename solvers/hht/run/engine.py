@@ -62,6 +62,7 @@ class Engine:
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
+        self._passed: Matrix | None = None  #: some rows of the steps before that one
 
     @property
     def reusable(self) -> bool:
@@ -70,7 +71,7 @@ class Engine:
 
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
-        self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
+        self.place, self.work, self._stopped, self._not_suspect, self._passed = place, work, None, None, None
         if "loops" in self.__dict__:
             self.loops.again(work)
         return self
@@ -143,11 +144,19 @@ class Engine:
         self._stopped = None
         if made:
             state = loops.store(controlled=state.controlled)
-            self._stopped = None if ended == mem.CONVERGED else (state, ended)
+            if ended != mem.CONVERGED:
+                self._stopped, self._passed = (state, ended), rows[[made - 2**k for k in range(made.bit_length())]]
             return state, made, mem.CONVERGED
         if ended in (mem.CONVERGED, mem.EVENT_FOUND):  # what a failed step leaves behind is not the state
             loops.held = state
         return state, made, self._unless_spent(ended)
+
+    def passed(self) -> list[Place]:
+        """Where the run began, and 1, 2, 4, ... steps before the last failure, as far as these were made together."""
+        if self._passed is None:
+            return [self.place]
+        t, _, q, v, *_ = row_layout(self.structure).parts
+        return [self.place, *(Place(float(row[t][0]), row[q], row[v]) for row in self._passed)]
 
     def started(self, place: Place, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""

@@ -7,6 +7,8 @@ import time
 from operator import itemgetter
 from typing import NamedTuple
 
+import numpy as np
+
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.control.tolerances import Tolerances
@@ -16,7 +18,7 @@ from solvers.hht.run.stepper import JUMP, Stepper
 from solvers.hht.run.tension import followed
 from solvers.hht.step.state import State
 
-FIRST = 500  # accepted steps before the first look, after which step control has long found its length
+SETTLED = 500  # accepted steps before the first look, after which step control has long found its length
 MOST = 65_536  # steps between two looks
 SECONDS = 3.0  # between two looks at a slow run: its end comes with the second one
 FEWEST = 20  # steps between two looks, however slow they are
@@ -50,7 +52,8 @@ class Looks:
         """Of a run from ``state`` to ``stop`` [s] that may take ``most`` steps; None: nobody has said how many."""
         self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
         self._first = self._before = pace_of(stepper.engine, 0, state.t)
-        self._next, self._at = FIRST if self._by_error else math.inf, time.perf_counter()
+        self._next, self._at = SETTLED if self._by_error else math.inf, time.perf_counter()
+        self._low = self._high = state.q  # of the places that were seen
 
     def room(self, count: int, taken: int) -> int:
         """``count`` steps, or as many as are left of those before the next look, after ``taken`` ones."""
@@ -58,11 +61,14 @@ class Looks:
 
     def ended(self, taken: int, state: State) -> Failure | None:
         """Why the run ends at ``state`` after ``taken`` steps, None where it goes on or it is no time for a look."""
+        if self._by_error is None:
+            return None
+        self._low, self._high = np.minimum(self._low, state.q), np.maximum(self._high, state.q)
         late = time.perf_counter() - self._at > SECONDS and taken - self._before.taken >= FEWEST
-        if self._by_error is None or not (late or taken >= self._next):
+        if not (late or taken >= self._next):
             return None
         paces = self._first, self._before, pace_of(self._engine, taken, state.t)
-        self._before, self._next = paces[-1], taken + min(max(taken, FIRST - taken), MOST)
+        self._before, self._next = paces[-1], taken + min(max(taken, SETTLED - taken), MOST)
         ended = hopeless(self._engine, paces, state, self._stop, self._by_error.tolerances, self._most)
         self._at = time.perf_counter()
         return ended
@@ -70,7 +76,8 @@ class Looks:
     def many(self, taken: int, state: State) -> str:
         """Why ``taken`` steps do not lead further than to ``state``, as far as that is known, in words."""
         h = (state.t - self._first.t) / taken
-        vibration = followed(self._engine, state, h) if self._by_error and taken >= FIRST else ""
+        covered = float((self._high - self._low).max())
+        vibration = followed(self._engine, state, h, covered) if self._by_error and taken >= SETTLED else ""
         return f"{Status.max_steps.text} {vibration}".strip()
 
 
@@ -84,7 +91,7 @@ def hopeless(
     come.
     """
     first, before, now = paces
-    if before is first and now.taken < FIRST:  # steps are short at a start
+    if before is first and now.taken < SETTLED:  # steps are short at a start
         return None
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)

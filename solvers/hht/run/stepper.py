@@ -263,14 +263,14 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
     if ended == mem.SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
-    status, remedy = (Status.newton_failed, "take a smaller step") if by_error is None else (Status.step_too_small, JUMP)
+    remedy = "take a smaller step" if by_error is None else JUMP
     if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
         remedy = "b is close to the singular value 1/2, take b = 0"
     elif text := unstable(engine, state, h):
         remedy = f"{text}, or a smaller step"
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text
-    failure = Failure(status, f"Newton's iteration did not converge, {where}; {remedy}")
+    failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -13,24 +14,35 @@ from hhtbench.arguments import Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol import declared
 from solvers._projection import Projection
+from solvers._start import Place
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.singular import dense
+from solvers.hht.run.singular import LONGEST, dense, seconds_of_look
 from solvers.hht.step.state import State
 
-LARGEST = 1_000  # coordinates: full matrices of that size take a second
 ROUNDS = 20  # of a power iteration: the frequency is then right to some per cent, from below
+SECONDS = 1.0  # after which it is not iterated further: rows may be differences of the user's functions
+BENT = EPS ** (1 / 3)  # of the rows' size: their change over a difference, by truncation against roundoff
+SHORTENED = 3  # times: rows as large as their change may be anything
 LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
-FASTER = 100.0  # than the motion crosses its own size
+FASTER = 100.0  # than the motion crosses what it covers
 
 
 def unstable(engine: Engine, state: State, h: float) -> str:
-    """For which vibration steps of ``h`` [s] are too long by (H33), in words with a remedy; or none."""
+    """For which vibration steps of ``h`` [s] are too long by (H33), in words with a remedy; or none.
+
+    Where a run fails, what has grown has bent the rods, and their tension with them: places before are asked too.
+    """
     b = engine.method.coefficients.b
     if engine.method.equations != "hht" or b >= 0.5:
         return ""
-    omega, limit = fastest(engine, state), LIMIT / math.sqrt(1.0 - 2.0 * b)
+    omega, limit, until = 0.0, LIMIT / math.sqrt(1.0 - 2.0 * b), time.perf_counter() + SECONDS
+    places: list[State | Place] = [*engine.passed(), state]
+    for at in places:
+        omega = max(omega, fastest(engine, at))
+        if time.perf_counter() > until:
+            break
     if not abs(h) * omega > limit:
         return ""
     return (
@@ -39,12 +51,15 @@ def unstable(engine: Engine, state: State, h: float) -> str:
     )
 
 
-def followed(engine: Engine, state: State, h: float) -> str:
-    """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none."""
+def followed(engine: Engine, state: State, h: float, covered: float) -> str:
+    """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none.
+
+    ``covered``: by how much coordinates have changed on the way to ``state``, at most.
+    """
     if engine.method.equations != "hht" or engine.method.coefficients.b >= 0.5:
         return ""
     omega = fastest(engine, state)
-    if not (abs(h) * omega > FOLLOWED and omega * state.size_q > FASTER * state.size_v):
+    if not (abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v):
         return ""
     return (
         f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
@@ -52,17 +67,17 @@ def followed(engine: Engine, state: State, h: float) -> str:
     )
 
 
-def fastest(engine: Engine, state: State) -> float:
-    """omega [1/s] of the fastest small vibration about ``state`` that reactions alone carry; 0 where there is none known.
+def fastest(engine: Engine, at: State | Place) -> float:
+    """omega [1/s] of the fastest small vibration about a place that reactions alone carry; 0 where there is none known.
 
     omega^2 is the largest eigenvalue of ``M^-1 d(C^T lam)/dq`` between changes of q that the rows C = [g_q; k_v] allow.
     """
     dynamics, s = engine.dynamics, engine.structure
     reactions = any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
-    if not s.constrained or s.n > LARGEST or reactions:
+    if not s.constrained or seconds_of_look(dynamics) > LONGEST or reactions:
         return 0.0
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
-        pulled, start = _stiffness(engine, state)
+        pulled, start = _stiffness(engine, at)
         value = _outermost(pulled, start)
         if value < 0.0:  # what falls over hides what vibrates
             value += _outermost(lambda y: pulled(y) - value * y, start)
@@ -70,40 +85,53 @@ def fastest(engine: Engine, state: State) -> float:
     return 0.0
 
 
-def _stiffness(engine: Engine, state: State) -> tuple[Callable[[Vector], Vector], Vector]:
-    """y -> L^-1 d(C^T lam)/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,)."""
-    t, q, v, work = state.t, state.q, state.v, engine.work
-    projection, found = Projection(engine.dynamics), engine.acceleration.solve(t, q, v, state.lam, state.mu)
+def _stiffness(engine: Engine, at: State | Place) -> tuple[Callable[[Vector], Vector], Vector]:
+    """y -> L^-1 d(C^T lam)/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,).
+
+    No coordinate's size tells how far a difference may reach, as places may be told from anywhere: the rows tell it.
+    """
+    t, q, v, work = at.t, at.q, at.v, engine.work
+    projection, found = Projection(engine.dynamics), engine.acceleration.solve(t, q, v)
     multipliers = np.concatenate([found.lam, found.mu])
     root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
-    size = EPS ** (1 / 3) * (float(np.abs(q).max()) or 1.0)
+    reach = BENT * (float(np.abs(q).max()) or 1.0)
 
     def rows_at(x: Vector) -> Vector:
         work.check_time()
         return dense(projection.levels.at(t, x, v).rows)
 
-    normal, _ = linalg.qr(linalg.solve_triangular(root, rows_at(q).T, lower=True), mode="economic")
+    here = rows_at(q)
+    normal, _ = linalg.qr(linalg.solve_triangular(root, here.T, lower=True), mode="economic")
+    size = float(np.abs(here).max()) or 1.0
 
     def tangent(y: Vector) -> Vector:
         return np.asarray(y - normal @ (normal.T @ y))
 
     def pulled(y: Vector) -> Vector:
+        nonlocal reach
         along = linalg.solve_triangular(root, y, lower=True, trans="T")
-        step = size / float(np.abs(along).max())
-        change = (rows_at(q + step * along) - rows_at(q - step * along)).T @ multipliers / (2.0 * step)
-        return tangent(linalg.solve_triangular(root, change, lower=True))
+        for _ in range(SHORTENED):
+            step = reach / float(np.abs(along).max())
+            change = rows_at(q + step * along) - rows_at(q - step * along)
+            bent = float(np.abs(change).max()) / size
+            if bent <= 10.0 * BENT:
+                break
+            reach *= BENT / bent
+        return tangent(linalg.solve_triangular(root, change.T @ multipliers / (2.0 * step), lower=True))
 
     return pulled, tangent(np.random.default_rng(0).standard_normal(q.size))
 
 
 def _outermost(apply: Callable[[Vector], Vector], y: Vector) -> float:
-    """The eigenvalue of largest magnitude, by power iteration from ``y`` (n,)."""
-    value = 0.0
+    """The eigenvalue of largest magnitude, by power iteration from ``y`` (n,): not more, wherever it ends."""
+    value, until = 0.0, time.perf_counter() + SECONDS
     for _ in range(ROUNDS):
         size = float(np.linalg.norm(y))
         if not size > 0.0:
-            return value
+            break
         y = y / size
         image = apply(y)
         value, y = float(y @ image), image
+        if time.perf_counter() > until:
+            break
     return value
