@@ -67,8 +67,8 @@ class Beside:
     def restore(self, doubt: Vector, few: int, t: Vector, after: States, before: States) -> Restored:
         """Make those states at ``t`` (k,) ``before`` again of which no digit is left ``after`` their projection.
 
-        ``doubt`` (k,) is how far multipliers are from what is known of them, over their size.  Looked at are the most doubtful
-        first, until ``MANY`` doubtful ones in a row, or ``few`` of the others, may stay.
+        ``doubt`` (k,) is how far multipliers are from what is known of them, over their size.  Looked at are the most
+        doubtful first, until ``MANY`` doubtful ones in a row, or ``few`` of the others, may stay.
         """
         (q, v), found, worst, stay = after, list[int](), 0.0, 0
         order, doubtful = np.argsort(-doubt).tolist(), int(np.count_nonzero(doubt > DOUBTFUL))
@@ -143,7 +143,7 @@ def settle(dynamics: Dynamics, start: Place, rows: OutputRows, before: States, s
 
 
 def restore_moved(beside: Beside, t: Vector, after: States, before: States) -> str:
-    """:meth:`Beside.restore` of states between steps, the furthest moved first, in a time of its own; what is to be said of it."""
+    """:meth:`Beside.restore` of states between steps, the furthest moved first, on a clock of its own; in words."""
     beside.left = SECONDS
     moved = np.abs(after[1] - before[1]).max(axis=1)
     some = moved[moved > 0.0]
