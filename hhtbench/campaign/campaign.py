@@ -205,7 +205,8 @@ def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
     """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times.
 
-    Nothing is written while a cell is being timed: a round is kept at its end, or where it is interrupted.
+    Nothing is written while a cell is being timed: rows whose readings are complete are written at the end of a round,
+    or where it is interrupted; readings of the others are lost then.
     """
     rows = {cell.key: store.get(cell.key) for cell in cells}
     pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and untimed(row)}
@@ -217,11 +218,12 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
     readings: dict[str, list[dict[str, Any]]] = {key: [] for key in pending}
     machine = clock_of(machine_facts())
     for count in range(repeats):
-        tell("timing", count * len(pending), repeats * len(pending))
         short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
-        timed = []
+        done, timed = (count + 1) * len(pending) - len(short), []
+        tell("timing", done, repeats * len(pending))
         try:
             for key, reading in _one_a_core(short, pool):
+                tell("timing", done := done + 1, repeats * len(pending))
                 readings[key].append(reading)
                 if count == repeats - 1 or enough(readings[key]):
                     cell, row = pending[key]
