@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -14,6 +15,7 @@ import hhtbench as hb
 from hhtbench.errors import BudgetSpent
 from hhtbench.result import Status
 from hhtbench.testing.extremes import scenes
+from solvers import _ending
 from solvers._start import Failure
 from solvers.hht import run
 from solvers.hht.rivals import HHTI3Integrator
@@ -205,7 +207,15 @@ def test_looks_end_after_a_second_by_the_clock_and_the_rest_stays_as_interpolate
     assert counted(solution.message) == 40
 
 
-def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch):
+@pytest.mark.parametrize("found", [True, False])
+def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch, found):
+    """Or not, where the matrix of the accelerations is singular."""
+    one = _ending._acceleration_at
+
+    def acceleration(run, t, q, v, guess):
+        return replace(one(run, t, q, v, guess), converged=found or t != ITS_FLAT)
+
+    monkeypatch.setattr(_ending, "_acceleration_at", acceleration)
     monkeypatch.setattr(solve, "recovered", lambda engine, rows: np.zeros(len(rows), dtype=bool))
     solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, ITS_FLAT, 0.9])
     assert np.isnan(solution.lam).all(axis=1).tolist() == [False, True, False]
