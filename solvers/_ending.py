@@ -25,6 +25,7 @@ ADVICE = (
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
+Check = Callable[[Any], str]  # told which rows have multipliers of this level: takes away what is wrong, and says so
 
 
 class OwnMultipliers(NamedTuple):
@@ -56,6 +57,7 @@ def solution_of(
     note: str = "",
     *,
     carried: Mapping[str, Matrix] | None = None,
+    check: Check | None = None,
     **more: Any,
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
@@ -63,7 +65,7 @@ def solution_of(
     ``note`` ends its message; ``more`` are other fields of it, and ``_read(name)`` gives those that are made when read.
     """
     with run.work.for_output():
-        found = whole = recover_multipliers(run, rows, own, recover_many)
+        found = whole = recover_multipliers(run, rows, own, recover_many, check)
         if unreduced(run.dynamics) is not run.dynamics:
             steps = more.get("interpolant") or more.get("_read", {}.get)("interpolant")
             whole = _of_all_constraints(run, rows, found, steps)
@@ -87,17 +89,31 @@ def _noted(end: Failure, found: Recovered) -> Failure:
     return Failure(end.status, f"{end.message} {found.note}".strip())
 
 
-def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
+def recover_multipliers(
+    run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None, check: Check | None = None
+) -> Recovered:
     """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
 
     Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
-    where it is not finite.
+    where it is not finite.  What is found is given to ``check``.
     """
-    (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if not run.dynamics.structure.constrained:
-        return Recovered(lam, mu)
-    done, undetermined = _together(recover_many, times.size), []
-    if np.count_nonzero(done) == done.size:  # in a fifth of the time of all()
+        return Recovered(own.lam, own.mu)
+    times = rows[0]
+    done = _together(recover_many, times.size)
+    found = _one_by_one(run, rows, own, done)
+    note = f"{found.note} {check(done) if check else ''}".strip()
+    if found.instead is None and np.count_nonzero(done) < done.size:  # in a fifth of the time of all()
+        undetermined = times[~done]
+        first = f"The acceleration level determines no multipliers at {undetermined.size} times, first at "
+        note = f"{first}t = {undetermined[0]:.17g}; {own.some}. {note}".strip()
+    return found._replace(note=note)
+
+
+def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Recovered:
+    """The multipliers of those ``rows`` that are not ``done``, which it notes where it finds them."""
+    (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
+    if np.count_nonzero(done) == done.size:
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     for i in np.flatnonzero(~done).tolist():
@@ -111,15 +127,11 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
+        done[i] = found.converged
         if found.converged:
             guess = found.lam, found.mu
-        else:
-            undetermined.append(float(times[i]))
         lam[i], mu[i] = guess
-    if not undetermined:
-        return Recovered(lam, mu)
-    note = f"The acceleration level determines no multipliers at {len(undetermined)} times, "
-    return Recovered(lam, mu, f"{note}first at t = {undetermined[0]:.17g}; {own.some}.")
+    return Recovered(lam, mu)
 
 
 def _together(recover_many: RecoverMany, count: int) -> Any:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -13,66 +14,90 @@ from scipy import linalg
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics
-from solvers._projection import sizes_from
+from solvers._projection import BESIDE, sizes_from
 from solvers._start import Place
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.history import OutputRows
 from solvers.hht.run.singular import UnitRows, seconds_of_look
 
 FALLEN = 1e-3  # of what it is elsewhere: below that a singular value falls towards zero
-LOUD = 10.0  # times the median: so much further such states are moved, or so much larger are multipliers there
-FEW, MOST = 3, 64  # states that are looked at in any case, evenly spread; and where one is put back, with all others
-SECONDS = 1.0  # of looks at the states of one array, about
+DOUBTFUL = 0.3  # of their size: multipliers so far from those of the step; regular motions stay below 0.1
+MOVED = 10.0  # times the median: what a move of v between steps is measured by, where there are no multipliers
+FEW, MANY = 3, 20  # looks in a row that restore nothing, after which there are no more: at any states; at doubtful ones
+SECONDS = 1.0  # of looks
 
 States = tuple[Matrix, Matrix]  # q and v, (k, n) each
 
 
-class Looks(NamedTuple):
-    """Which states to look at: the ``first`` of them in any case, the others where one of these was put back."""
+class Restored(NamedTuple):
+    """What :meth:`Beside.restore` has done."""
 
-    states: list[int]
-    first: int
+    found: list[int]  #: states beside a singular position, which are again as before their projection
+    worst: float  #: the largest constraint there over its row's size
+    unseen: list[int]  #: others for which the time did not suffice: they are so too, where some were found
+
+    @property
+    def states(self) -> list[int]:
+        """All that are as before."""
+        return [*self.found, *self.unseen] if self.found else []
+
+    def text(self, where: str, lost: str = "") -> str:
+        """In words; ``where`` those are that were found, and what else is ``lost`` there."""
+        said, late = "", ""
+        if self.found:
+            said = (
+                f"{where}, beside a singular position, the constraints' rank is so nearly lost that nothing better is known "
+                "than the state of the step, or as interpolated in it: it stands, off the constraints by up to "
+                f"{self.worst:.2g} of their size{lost}."
+            )
+        if self.unseen:
+            late = f"No time was left to look for a singular position beside {len(self.unseen)} of the states"
+            late += f", which stand likewise{lost}." if self.found else "."
+        return f"{said} {late}".strip()
 
 
-@dataclass(frozen=True)
+@dataclass
 class Beside:
     """Finds such states of one run."""
 
     dynamics: Dynamics
     places: Sequence[Place]  #: some of the run, which tell what singular values are elsewhere
+    left: float = field(default_factory=lambda: SECONDS)  #: of the time for looks [s]
 
-    def put_back(
-        self, looks: Looks, t: Vector, after: States, before: States, moved: Callable[[int], Vector] | None = None
-    ) -> tuple[list[int], str]:
-        """Which states at ``t`` (k,) are ``before`` again, since ``after`` their projection no digit is left; and in words.
+    def restore(self, doubt: Vector, few: int, t: Vector, after: States, before: States) -> Restored:
+        """Make those states at ``t`` (k,) ``before`` again of which no digit is left ``after`` their projection.
 
-        Looked at are as many of ``looks`` as there is time for.  ``moved(i)`` (n,) of v where the projection does not tell.
+        ``doubt`` (k,) is how far multipliers are from what is known of them, over their size.  Looked at are the most
+        doubtful first, until ``MANY`` doubtful ones in a row, or ``few`` of the others, may stay.
         """
-        (q, v), found, worst, late = after, list[int](), 0.0, 0
-        for count, i in enumerate(looks.states):
-            if count >= looks.first and not found:
+        (q, v), found, worst, stay = after, list[int](), 0.0, 0
+        order, doubtful = np.argsort(-doubt).tolist(), int(np.count_nonzero(doubt > DOUBTFUL))
+        for count, i in enumerate(order):
+            if stay >= (MANY if count < doubtful else few):
                 break
-            if count >= self._affordable:
-                late = len(looks.states) - count if found else 0
-                break
-            place = Place(float(t[i]), q[i], v[i])  # views
+            place, began = Place(float(t[i]), q[i], v[i]), time.perf_counter()  # views
             try:
-                if self._undetermined(place, moved(i) if moved else v[i] - before[1][i]):
+                self._expect_time(1 if count else 2 + len(self.places))
+                stay += 1
+                if self._undetermined(place, v[i] - before[1][i], doubtful=bool(doubt[i] > 1.0)):
                     q[i], v[i] = before[0][i], before[1][i]
                     found.append(i)
-                    worst = max(worst, self._violated(place))
+                    worst, stay = max(worst, self._violated(place)), 0
             except BudgetSpent:
-                late = len(looks.states) - count
-                break
+                unseen = order[count : t.size if few and found else max(doubtful, few)]
+                if found:
+                    q[unseen], v[unseen] = before[0][unseen], before[1][unseen]
+                return Restored(found, worst, unseen)
             except (NonFiniteValue, linalg.LinAlgError):  # no rank where something is not finite
                 continue
-        return found, _told(t[sorted(found)], worst, late)
+            finally:
+                self.left -= time.perf_counter() - began
+        return Restored(found, worst, [])
 
-    @property
-    def _affordable(self) -> int:
-        """How many looks, beside those at the ``places``."""
-        few = int(SECONDS / seconds_of_look(self.dynamics)) - len(self.places)
-        return max(few, 0) if self.dynamics.structure.constrained else 0
+    def _expect_time(self, looks: int) -> None:
+        """Raise :class:`BudgetSpent` where so many ``looks`` would take more time than is left for them."""
+        if looks * seconds_of_look(self.dynamics) > self.left:
+            raise BudgetSpent("seconds", SECONDS)
 
     @cached_property
     def _unit(self) -> UnitRows:
@@ -83,13 +108,14 @@ class Beside:
         """The least singular value where it is largest of the ``places``."""
         return max(map(self._unit.least, self.places))
 
-    def _undetermined(self, place: Place, moved: Vector) -> bool:
+    def _undetermined(self, place: Place, moved: Vector, *, doubtful: bool) -> bool:
         """Whether at ``place``, to which a projection has ``moved`` (n,) v, no digit of the multipliers is known."""
+        elsewhere = self._elsewhere
         _, sizes, right = np.linalg.svd(self._unit.at(place), full_matrices=False)
-        weak = sizes <= FALLEN * self._elsewhere
-        if not weak.any():
-            return False
-        root, sigma = self._unit.root(place), sizes[weak] / self._elsewhere
+        weak = sizes <= FALLEN * elsewhere
+        if doubtful or not weak.any():
+            return bool(weak.any())
+        root, sigma = self._unit.root(place), sizes[weak] / elsewhere
         along, speed = np.abs(right[weak] @ (root.T @ moved)), linalg.norm(root.T @ (place.v - moved))
         return bool(np.any((along > sigma**2 * speed) | (sigma**3 < EPS)))  # (H51)
 
@@ -100,38 +126,30 @@ class Beside:
         return self._unit.projection.violated(place.t, place.q, place.v, sizes)
 
 
-def keep(
-    dynamics: Dynamics, start: Place, rows: OutputRows, before: States, done: Any, kink: Callable[[float], Vector]
-) -> str:
-    """:meth:`Beside.put_back` of ``rows``, which lose their multipliers; what is to be said of it.
+def settle(dynamics: Dynamics, start: Place, rows: OutputRows, before: States, steps: Matrix, done: Any) -> str:
+    """:meth:`Beside.restore` of ``rows``, which lose their multipliers; what is to be said of it.
 
-    ``done`` (k,) tells which have their multipliers from the acceleration level, and of those put back that they need none.
-    ``kink(t)`` (n,) of v at the end of a step stands for what moves it.
+    ``steps`` (k, m + p) are those of the steps, ``done`` (k,) tells which have others, and of those restored that they need
+    none.
     """
-    multipliers, bent = rows.rows[:, 1 + 2 * rows.q.shape[1] :], np.zeros_like(done)
-    loud = _over_median(multipliers)
-    with np.errstate(invalid="ignore"):  # infinite ones, which are looked at
-        bent[1:-1] = ~(np.abs(loud[2:] - 2.0 * loud[1:-1] + loud[:-2]) <= 1.0)
-    between = np.zeros_like(done) if rows.between is None else rows.between
-    if rows.between is not None:
-        loud = np.maximum(loud, _over_median(rows.v - before[1]))
-    looks = _looks(loud, bent, between)
-    if not looks.first:
+    multipliers = rows.rows[:, 1 + 2 * rows.q.shape[1] :]
+    doubt = np.where(done, differences(multipliers, steps), np.inf)
+    if not (doubt > DOUBTFUL).any():
         return ""
-
-    def moved(i: int) -> Vector:
-        return np.asarray(rows.v[i] - before[1][i]) if between[i] else kink(float(rows.t[i]))
-
     beside = Beside(dynamics, [start, *some_of(rows.t, rows.q, rows.v)[1:]])
-    which, text = beside.put_back(looks, rows.t, (rows.q, rows.v), before, moved)
-    multipliers[which], done[which] = np.nan, True
-    return text
+    restored = beside.restore(doubt, 0, rows.t, (rows.q, rows.v), before)
+    multipliers[restored.states], done[restored.states] = np.nan, True
+    return restored.text(_at(rows.t[restored.found]), ", without multipliers (nan)")
 
 
-def most_moved(v: Matrix, before: Matrix) -> Looks:
-    """Which of the states with ``v`` (k, n) are to be looked at, those first that are furthest from ``before``."""
-    every = np.ones(len(v), dtype=bool)
-    return _looks(_over_median(v - before), ~every, every)
+def restore_moved(beside: Beside, t: Vector, after: States, before: States) -> str:
+    """:meth:`Beside.restore` of states between steps, the furthest moved first, on a clock of its own; in words."""
+    beside.left = SECONDS
+    moved = np.abs(after[1] - before[1]).max(axis=1)
+    some = moved[moved > 0.0]
+    doubt = moved / (MOVED * np.median(some)) if some.size else moved
+    restored = beside.restore(doubt, FEW, t, after, before)
+    return restored.text(_at(t[restored.found]))
 
 
 def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
@@ -140,34 +158,17 @@ def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
     return [Place(float(t[i]), q[i], v[i]) for i in sorted({0, last // 2, last})]
 
 
-def _looks(loud: Vector, also: Any, between: Any) -> Looks:
-    """Of states those that are ``loud``, ``also`` others, and a few ``between`` steps; then more of these."""
-    inside, first = np.flatnonzero(between), (loud > LOUD) | also
-    first[inside[np.unique(np.linspace(0, inside.size - 1, min(FEW, inside.size)).astype(int))]] = True
-    if not first.any():
-        return Looks([], 0)
-    order = np.argsort(-loud)
-    wanted = order[first[order]].tolist()
-    return Looks([*wanted, *order[(between & ~first)[order]].tolist()[: max(MOST - len(wanted), 0)]], len(wanted))
+def differences(multipliers: Matrix, steps: Matrix) -> Vector:
+    """The largest of each row of ``multipliers`` from those of the ``steps``, over the size of these there or in the mean.
+
+    A multiplier that stays near zero is measured by the largest one.
+    """
+    sizes = np.abs(steps)
+    mean = sizes.mean(axis=0)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # infinite ones, and zeros all along
+        found = (np.abs(multipliers - steps) / np.maximum(sizes, np.maximum(mean, BESIDE * mean.max()))).max(axis=1)
+    return np.where(np.isnan(found), np.inf, found)
 
 
-def _over_median(x: Matrix) -> Vector:
-    """The largest of each row over the median of these, zeros apart."""
-    size = np.abs(x).max(axis=1)
-    some = size[size > 0.0]
-    with np.errstate(over="ignore"):
-        return np.asarray(size / np.partition(some, some.size // 2)[some.size // 2]) if some.size else size
-
-
-def _told(times: Vector, worst: float, late: int) -> str:
-    """What to say of rows that were put back, and of others for which the time did not suffice."""
-    text = ""
-    if times.size:
-        text = (
-            f"At {times.size} rows, first at t = {times[0]:.17g}, beside a singular position, the constraints' rank is so "
-            "nearly lost that nothing better is known than the state of the step, or as interpolated in it: it stands, off "
-            f"the constraints by up to {worst:.2g} of their size, without multipliers (nan)."
-        )
-    if late:
-        text += f" The time ended before {late} rows were looked at for a singular position beside them."
-    return text.strip()
+def _at(times: Vector) -> str:
+    return f"At {times.size} rows, first at t = {times.min():.17g}" if times.size else ""

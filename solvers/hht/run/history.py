@@ -144,15 +144,6 @@ class History:
         """Typical sizes of q and v over all steps, (2n,)."""
         return np.maximum(self._sizes, sizes_from(*self._columns(2, 3)))
 
-    def kink(self, t: float) -> Vector:
-        """How far v (n,) at the end ``t`` [s] of a step is from the cubic through the ends beside it; zero without these."""
-        steps = self._dense_output()
-        i = int(steps.rows_before(np.array([t]))[0])
-        if not 0 < i < steps.t.size - 1:
-            return 0.0 * steps.v[i]
-        beside = HermiteOutput(*(x[[i - 1, i + 1]] for x in (steps.t, steps.q, steps.v)))
-        return np.asarray(steps.v[i] - beside(t).v)
-
     @property
     def span(self) -> tuple[float, float]:
         """From the start to the end of the last step [s]."""

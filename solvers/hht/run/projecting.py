@@ -18,7 +18,7 @@ from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
-from solvers.hht.run.beside import Beside, most_moved, some_of
+from solvers.hht.run.beside import Beside, restore_moved, some_of
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
@@ -58,8 +58,7 @@ def _put_later(beside: Beside, functions: Functions | None, t: Vector, q: Matrix
     """:func:`put` without the counts and budgets of the run, where that leaves a digit; what is to be said of it."""
     before = q.copy(), v.copy()
     unmet = put(beside.dynamics, functions, t, q, v, sizes)
-    _, kept = beside.put_back(most_moved(v, before[1]), t, (q, v), before)
-    return f"{unmet} {kept}".strip()
+    return f"{unmet} {restore_moved(beside, t, (q, v), before)}".strip()
 
 
 def put(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +31,7 @@ MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
 LOOK, PER_PRODUCT = 2e-4, 1e-9  # [s] of a look at singular values, and of each of its n^2 (m + p) products, about
 LONGEST = 0.1  # [s] of a look at which a failure is told within seconds: it takes some forty, and a step across more
 CLEAR = 1e-4  # of the least singular value elsewhere: from there on its fall is seen beside roundoff
-LOOKED_AT = 400  # rows of a run, at most: near the position steps shrink by a factor each
+LAST_ROWS = 400  # rows of a run, at most: near the position steps shrink by a factor each
 APART = 50  # of those rows: where they are looked at, with the start, for what a singular value is elsewhere
 PROBE = 1e-6  # of the time in which the motion crosses its own size: there the fall of a singular value is looked at
 BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
@@ -134,14 +135,23 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         rows = UnitRows(dynamics, start)
         elsewhere = max([start, *places[::APART]], key=rows.least)
         bound = CLEAR * rows.least(elsewhere)
-        fallen = bisect_left(places, True, key=lambda place: rows.least(place) < bound)
-        clear = places[fallen - 1] if fallen else None
+        clear = _last(places, lambda place: rows.least(place) >= bound)
         found = last if clear is None else _vanishing(rows, clear)
+        if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
+            return None
+        return _told(rows, clear or elsewhere, found)
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
-    if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
-        return None
-    return _told(rows, clear or elsewhere, found)
+
+
+def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
+    """The last of ``places`` that ``is_clear``, looked for twice as far from the end each time, then between."""
+    near, far = 0, 1
+    while far < len(places) and not is_clear(places[-far]):
+        near, far = far, 2 * far
+    back = range(near + 1, min(far, len(places)) + 1)
+    found = bisect_left(back, True, key=lambda k: is_clear(places[-k]))
+    return places[-back[found]] if found < len(back) else None
 
 
 def _vanishing(rows: UnitRows, place: Place) -> Place | None:

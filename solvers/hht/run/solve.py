@@ -21,14 +21,14 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
-from solvers.hht.run.beside import keep
+from solvers.hht.run.beside import settle
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
-from solvers.hht.run.singular import LOOKED_AT, cause_of, places_of, told
+from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
@@ -37,11 +37,9 @@ from solvers.hht.step.state import State
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 ARRIVED = Failure(Status.success, Status.success.text)
-FEW, FIRST, MOST = (
-    20,
-    512,
-    65_536,
-)  # steps of one call: few at first, but for quick ones, so that slow ones can be interrupted
+FEW = 20  # steps of the first call, so that slow ones can be interrupted
+FEW_QUICK = 512  # the same of quick ones
+MOST = 65_536  # steps of one call
 QUICK = 64  # unknowns up to which a step in machine code takes less than 0.1 ms: a call of FEW costs as much
 CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
@@ -96,25 +94,23 @@ class Integration:
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
         before = (rows.q, rows.v) if rows.between is None else (rows.q.copy(), rows.v.copy())
-        unmet, remarks = self._put_on_constraints(engine, rows), list[str]()
-
-        def recover() -> Any:
-            done = recovered(engine, rows.rows)
-            if rows.t.size and engine.method.coefficients.both_levels:
-                remarks.append(keep(engine.dynamics, self.place, rows, before, done, self.history.kink))
-            return done
-
-        own, carried = own_multipliers(rows), None
+        unmet, own, carried = self._put_on_constraints(engine, rows), own_multipliers(rows), None
+        steps = own.lam.copy(), own.mu.copy()
         if self.request.t_eval is None and engine.structure.constrained:
-            both = padded(engine.dynamics, own.lam.copy(), own.mu.copy())
-            carried = dict(zip(("lam", "mu"), both, strict=True))
+            carried = dict(zip(("lam", "mu"), padded(engine.dynamics, *steps), strict=True))
+
+        def check(done: Any) -> str:
+            return settle(engine.dynamics, self.place, rows, before, np.hstack(steps), done)
+
         note = " ".join(filter(None, (unmet, *self.history.remarks(), note)))
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
         more = self.history.kept(projection_of(engine))
-        found = solution_of(engine, end, (rows.t, rows.q, rows.v), own, recover, note, carried=carried, **more)
-        return found.but(message=f"{found.message} {remarks[0]}") if any(remarks) else found
+        if engine.method.coefficients.both_levels and rows.t.size:
+            more["check"] = check
+        motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
+        return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
     def _unseen(self, stepper: Stepper, at_start: float) -> str:
         """That the tolerances allow every error of q, which was ``at_start`` large at the start, in words; or none."""
@@ -158,7 +154,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     crossed = 0
-    count = FIRST if clock.limit is None and is_quick(stepper.engine) else FEW
+    count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
             text = looks.many(taken, state)
@@ -198,7 +194,7 @@ def go_beyond(
 
     ``often``: it has been beyond so many that it would only go from one to the next.
     """
-    engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LOOKED_AT))
+    engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LAST_ROWS))
     position = cause_of(engine, ended, places)
     if position is None:
         return ended

@@ -21,7 +21,7 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.beside import Beside, Looks
+from solvers.hht.run.beside import FEW, Beside
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.noise import noise
@@ -222,12 +222,12 @@ class Stepper:
     def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
         """q and v (n,) at ``t`` of the dense output of one step, on the constraints as its ends are; what to say of them."""
         q, v = (np.atleast_2d(x) for x in output(t))
-        if t in output.t:
+        if t in output.t or not (self.engine.structure.constrained and self.engine.method.coefficients.both_levels):
             return q[0], v[0], ""
         at, before = np.array([t]), (q.copy(), v.copy())
         unmet = put_on_constraints(self.engine, at, q, v, sizes_from(output.q, output.v))
-        _, kept = self._beside.put_back(Looks([0], 1), at, (q, v), before)
-        return q[0], v[0], f"{unmet} {kept}".strip()
+        found = self._beside.restore(np.zeros(1), FEW, at, (q, v), before)
+        return q[0], v[0], f"{unmet} {found.text(f'at t = {t:.17g}')}".strip()
 
     @cached_property
     def _beside(self) -> Beside:
