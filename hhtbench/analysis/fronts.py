@@ -16,7 +16,7 @@ BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, wh
 MEASURES = ("time", "evaluations")
 SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
 SECONDS = 60.0  # that a solver was allowed on a problem where the rows name no limit [s]
-PACE = 1e6  # evaluations a second, more than solvers make
+PACE = 1e8  # evaluations of a residual a second, more than solvers make
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import pytest
 
-from hhtbench.analysis import BOUNDS, Kind, decide, drift_costs, kinds
+from hhtbench.analysis import BOUNDS, PACE, Kind, decide, drift_costs, kinds
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.synthetic import rows as campaign
 
@@ -43,7 +43,7 @@ def test_who_reaches_more_stands_first_however_cheap_the_others_are():
 def test_a_problem_that_is_not_reached_counts_what_was_allowed_there():
     rows = [*law("ida", 10.0, 2), failed("ida", 1e-4, "declined", problem="andrews")]
     for given, seconds in ((allowed(rows, 4.0), 4.0), (rows, 60.0)):
-        for measure, unit in (("time", 1.0), ("evaluations", 1e6)):
+        for measure, unit in (("time", 1.0), ("evaluations", PACE)):
             (choice,) = decide(given, ALL, measure, (1e-4,))
             first = 1000.0 * (1e-5 if measure == "time" else 1.0)
             assert choice.places[0].mean == pytest.approx((first * seconds * unit) ** 0.5)

@@ -168,7 +168,7 @@ def false_sentences(text, rows):
     expect("targets", (int(asked[1]), int(asked[2])), truth.reached())
     others = sum(map(int, re.findall(r"[a-z] (\d+)[,.]", asked[3])))
     expect("targets that are not reached", others, int(asked[1]) - int(asked[2]))
-    for words, measure in (("processor time", "time"), ("residual evaluations", "evaluations")):
+    for words, measure in (("processor time", "time"), ("equivalent residual evaluations", "evaluations")):
         part = re.search(rf"By {words}, the best HHT entry(.*?)(?=By |On the|At equal accuracy|$)", text)
         for sentence, bound in BOUNDS.items():
             told = part and re.search(rf"{sentence}, it {TALLY}", part[1])

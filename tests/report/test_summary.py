@@ -41,7 +41,7 @@ def test_counts_of_outcomes_equal_the_rows(rows):
 
 
 @pytest.mark.parametrize(
-    ("index", "measure", "words"), [(2, "time", "processor time"), (3, "evaluations", "residual evaluations")]
+    ("index", "measure", "words"), [(2, "time", "processor time"), (3, "evaluations", "equivalent residual evaluations")]
 )
 def test_the_extremes_are_those_of_the_comparisons(rows, index, measure, words):
     lines = [line for line in compare(rows) if line.measure == measure and line.factor is not None]
@@ -120,7 +120,7 @@ def test_win_is_said_and_no_loss():
 def test_problem_says_where_hht_loses_and_where_it_wins():
     rows = [*law("hht", 10.0, 2), *law("ida", 400.0, 4)]
     by_time, by_count = problem_summary(rows, "pendulum")
-    assert by_time.replace("processor time", "residual evaluations") == by_count
+    assert by_time.replace("processor time", "equivalent residual evaluations") == by_count
     lines = [line for line in compare(rows) if line.measure == "evaluations"]
     assert [line.outcome for line in lines] == ["wins"] * 6 + ["unknown"]
     assert f"HHT wins against ida at 1e-01 ({times(22.5)}), 1e-02 ({times(12.6)})" in by_count
