@@ -33,7 +33,8 @@ def error(row):
 def work(row, measure):
     """Processor time alone on a core; where there is none, beside other work."""
     if measure != "time":
-        return row.counters.get("residual_evaluations")
+        costs = row.timing.get("call_costs") or {"residual_evaluations": 1}
+        return sum(row.counters[name] * cost for name, cost in costs.items()) if row.counters else None
     return row.timing.get("best_s") or row.timing.get("solve_cpu_s") or row.timing.get("solve_s")
 
 
