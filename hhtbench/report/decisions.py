@@ -9,7 +9,7 @@ from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, NOT_RUN, PACE, SUBJECT, Campaign, Choice, Kind, Place, family
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, short, times, work
+from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
 from hhtbench.store.rows import RunRow
 
 HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
@@ -23,8 +23,8 @@ def reading(campaign: Campaign) -> str:
         "how many they reach, then by the geometric mean of their costs; one that is not reached counts at least the time "
         f"that was allowed there, or {PACE:.0e} evaluations for each second of it. Second, and HHT's place among all who "
         "get there: how many times dearer than the cheapest; level, by time: by no more than repeats of one solve differ, "
-        f"{times(campaign.level)}. Cheaper on some: who is cheaper in the mean of those that both reach. At most: a cost is "
-        "that of a run more accurate than asked; at least: one is not reached, or the cheapest's cost is at most that; "
+        f"{repeats(campaign.level)}. Cheaper on some: who is cheaper in the mean of those that both reach. At most: a cost "
+        "is that of a run more accurate than asked; at least: one is not reached, or the cheapest's cost is at most that; "
         "about: both. Tagged stiff: by the problem's author."
     )
 
@@ -59,11 +59,12 @@ def _line(choice: Choice, measure: str, level: float) -> list[str | Cell]:
     kind = Cell(choice.kind.text, "", plural(len(choice.problems), "problem"), f"#{evidence_anchor(choice.kind)}")
     head: list[str | Cell] = [kind, f"{choice.target:.0e}"]
     if not choice.places:
-        return [*head, _nobody(choice), NOTHING, _subject(choice, level), NOTHING]
+        return [*head, _nobody(choice), NOTHING, _subject(choice, level, NOTHING), NOTHING]
     first, *others = choice.places
     cost = bound_of(first.at_most, first.at_least) + work(first.mean, measure)
     second = _named(others[0], _dearer(others[0], first, level)) if others else NOTHING
-    return [*head, _named(first, cost), second, _subject(choice, level), _cheaper(choice, level)]
+    cheaper = _cheaper(choice, level)
+    return [*head, _named(first, cost), second, _subject(choice, level, cheaper), cheaper]
 
 
 def _named(place: Place, figure: str) -> Cell:
@@ -99,13 +100,16 @@ def _nobody(choice: Choice) -> str:
     return f"nobody{' known on all' * (len(known) < len(choice.others))}{' gets there' * bool(known)}"
 
 
-def _subject(choice: Choice, level: float) -> Cell:
-    """The place of HHT's best among all solvers; where it has none, how far it gets and what is not known."""
+def _subject(choice: Choice, level: float, cheaper: str | Cell) -> Cell:
+    """The place of HHT's best among all solvers; where it has none, how far it gets and what is not known.
+
+    It is praised where it is the cheapest, reaches all, and nobody is ``cheaper`` on some.
+    """
     for number, place in enumerate(choice.places, 1):
         if family(place.entry) == SUBJECT:
             first = choice.places[0]
             figure = _joined(_dearer(place, first, level), _reach(place)) if number > 1 else ""
-            tone = "good" if number == 1 and not place.missed else ""
+            tone = "good" if number == 1 and not place.missed and cheaper == NOTHING else ""
             return Cell(f"{number} of {len(choice.places)}", tone, _joined(figure, short(place.entry)))
     own = [place for place in choice.others if family(place.entry) == SUBJECT]
     if not own:

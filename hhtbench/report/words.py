@@ -65,7 +65,7 @@ def work(value: float | None, measure: str) -> str:
 
 def times(factor: float) -> str:
     """A factor as a reader would say it."""
-    return f"{factor:.3g}\N{MULTIPLICATION SIGN}"
+    return f"{factor:,.0f}\N{MULTIPLICATION SIGN}" if factor >= 1000 else f"{factor:.3g}\N{MULTIPLICATION SIGN}"
 
 
 def plural(number: int, word: str) -> str:
@@ -90,6 +90,11 @@ def factor(line: Comparison) -> str:
         return NOTHING
     winner, loser = (line.subject, line.rival) if (line.factor or 0) > 1 else (line.rival, line.subject)
     return multiple(dearer(line), loser.bound, winner.bound)
+
+
+def repeats(level: float) -> str:
+    """By how much repeats of one solve differ, as the end of a clause; a level of exactly 1 comes from none."""
+    return times(level) if level > 1.0 else "of which none were timed"
 
 
 def multiple(ratio: float, at_most: bool, at_least: bool) -> str:
@@ -169,6 +174,8 @@ def weighed(runs: Iterable[Point]) -> str:
         if run.calls is not None:
             known[run.entry] = known.get(run.entry, False) or run.weighed
     alike = [entry for entry, told in known.items() if not told]
+    if not known:
+        return ""
     if len(alike) == len(known):
         return f"These rows do not tell what a call costs: {ALIKE}."
     return UNIT + (f" Of {listed(alike)} that is not known: {ALIKE}." if alike else "")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hhtbench.campaign import call_costs as weighing
 from hhtbench.campaign import campaign as loop
 from hhtbench.campaign.call_costs import COUNTERS, RESIDUAL, call_costs, clocked, often_enough, own_residual
 from hhtbench.campaign.execute import Limits
@@ -48,14 +49,15 @@ class Seven:
 def test_a_call_that_is_seven_residuals_costs_seven():
     """Timed; under load a reading may be off, and so the bounds are wide."""
     found = call_costs(load_problem("andrews"), Seven(), REQUEST, COUNTERS)
-    assert found == {RESIDUAL: pytest.approx(7.0, rel=0.3), JACOBIAN: pytest.approx(10.0, rel=0.3)}
+    assert found == {RESIDUAL: pytest.approx(7.0, rel=0.6), JACOBIAN: pytest.approx(10.0, rel=0.6)}
 
 
-def test_evaluations_that_a_jacobian_counts_by_itself_are_not_paid_twice():
+def test_evaluations_that_a_jacobian_counts_by_itself_are_not_paid_twice(monkeypatch: pytest.MonkeyPatch):
     """Of plain callables every call of the force is counted: a residual with four is four, and the Jacobian holds one."""
+    monkeypatch.setattr(weighing, "taken", lambda calls: [1e-6, 7e-6, 10e-6][: len(calls)])
     problem = load_problem("andrews")
-    assert call_costs(problem, Seven(inside=4), REQUEST, ())[RESIDUAL] == pytest.approx(7.0 / 4, rel=0.3)
-    assert call_costs(problem, Seven(inside=1), REQUEST, COUNTERS)[JACOBIAN] == pytest.approx(3.0, rel=0.5)
+    assert call_costs(problem, Seven(inside=4), REQUEST, ()) == {RESIDUAL: pytest.approx(7.0 / 4)}
+    assert call_costs(problem, Seven(inside=1), REQUEST, COUNTERS) == pytest.approx({RESIDUAL: 7.0, JACOBIAN: 3.0})
 
 
 def test_a_solver_that_does_not_tell_what_it_evaluates_has_no_costs():

@@ -150,11 +150,13 @@ class Lines(Truth):
         if not ranked:
             whole = [one for one in others if not one.unknown]
             nobody = "nobody" + " known on all" * (len(whole) < len(others)) + " gets there" * bool(whole)
-            return [*line, (f"{nobody} | ", None, "", ""), *self.absent(), self.hht(ranked, others, measure), *self.absent()]
+            head = [*line, (f"{nobody} | ", None, "", ""), *self.absent()]
+            return [*head, self.hht(ranked, others, measure, None), *self.absent()]
         first = ranked[0]
         line.append((f"{short(first.solver)} | {sign(*first.bounds)}", first.mean, _tail(first.reach), ""))
         line += [self.dearer(ranked[1], ranked[1], first, measure)] if len(ranked) > 1 else self.absent()
-        return [*line, self.hht(ranked, others, measure), self.cheaper(found, first, measure)]
+        cheaper = self.cheaper(found, first, measure)
+        return [*line, self.hht(ranked, others, measure, cheaper), cheaper]
 
     @staticmethod
     def absent():
@@ -168,13 +170,14 @@ class Lines(Truth):
         close = ["level"] * (not upper and not lower and 1 / most <= ratio <= most)
         return f"{place or short(one.solver)} | {sign(upper, lower)}", ratio, _tail([*close, *one.reach, *last]), tone
 
-    def hht(self, ranked, others, measure):
+    def hht(self, ranked, others, measure, cheaper):
         own = [one for one in ranked if family(one.solver) == "hht"]
         if own:
             number = ranked.index(own[0]) + 1
             place = f"{number} of {len(ranked)}"
             if number == 1:
-                return f"{place} | {short(own[0].solver)}", None, "", "" if own[0].missed else "good"
+                tone = "" if own[0].missed or [cheaper] != self.absent() else "good"
+                return f"{place} | {short(own[0].solver)}", None, "", tone
             return self.dearer(own[0], own[0], ranked[0], measure, place, [short(own[0].solver)])
         own = [one for one in others if family(one.solver) == "hht"]
         if own and not any(one.costs or one.unknown for one in own):
@@ -201,10 +204,12 @@ def _agree(told, tone, head, value, tail, right_tone):
     """Whether a whole cell is right: words and tone to the letter, the number to its digits."""
     if value is None:
         return (told, tone) == (head + tail, right_tone)
-    inside = re.fullmatch(rf"{re.escape(head)}(\d[\d.]*(?:e[+-]?\d+)?) ?(\D*?){re.escape(tail)}", told)
+    inside = re.fullmatch(rf"{re.escape(head)}(\d[\d.,]*(?:e[+-]?\d+)?) ?(\D*?){re.escape(tail)}", told)
     if inside is None or inside[2] not in UNITS or tone != right_tone:
         return False
-    return math.isclose(float(inside[1]) * UNITS[inside[2]], value, rel_tol=CLOSE, abs_tol=0.5 * (inside[2] == ""))
+    return math.isclose(
+        float(inside[1].replace(",", "")) * UNITS[inside[2]], value, rel_tol=CLOSE, abs_tol=0.5 * (inside[2] == "")
+    )
 
 
 def false_lines(tables, rows, pace):

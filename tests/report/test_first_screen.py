@@ -63,10 +63,11 @@ def test_who_reaches_less_is_not_the_cheapest_but_told_where_he_is_cheaper():
     assert line[5] == f"hht | {times(0.0002)}, reaches 1 of 2"
 
 
-def test_hht_is_praised_only_where_it_is_the_cheapest_and_reaches_all():
+def test_hht_is_praised_only_where_it_is_the_cheapest_reaches_all_and_nobody_is_cheaper_on_some():
     rows = [*two_problems("hht", 100.0, 100.0), *two_problems("ida", 400.0, 400.0)]
     part = [*law("hht", 100.0, 2), failed("hht", 1e-4, problem="andrews")]
-    for own, tone in ((rows, "good"), (part, "")):
+    beaten = [*rows, *law("scipy", 10.0, 2), failed("scipy", 1e-4, problem="andrews")]
+    for own, tone in ((rows, "good"), (part, ""), (beaten, "")):
         cell = decisions(own, {KIND: BOTH}, WHOLE)["time", None].rows[0][4]
         assert (cell.text[:4], cell.tone) == ("1 of", tone)
 
