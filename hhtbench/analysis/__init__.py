@@ -15,7 +15,7 @@ from hhtbench.analysis.cells import (
     problems,
     typical,
 )
-from hhtbench.analysis.decision import Choice, Place, decide
+from hhtbench.analysis.decision import Choice, Place, Ratio, decide
 from hhtbench.analysis.drift import (
     drift,
     drift_series,
@@ -27,7 +27,6 @@ from hhtbench.analysis.drift import (
 from hhtbench.analysis.drift_cost import DriftCost, drift_costs
 from hhtbench.analysis.fronts import (
     BOUNDS,
-    PACE,
     SAME,
     TARGETS,
     Campaign,
@@ -55,7 +54,6 @@ __all__ = [
     "FIRST",
     "NEAR",
     "NOT_RUN",
-    "PACE",
     "RACE_TARGETS",
     "SAME",
     "STEADY",
@@ -79,6 +77,7 @@ __all__ = [
     "Point",
     "Profile",
     "Race",
+    "Ratio",
     "Reach",
     "Rules",
     "Slope",

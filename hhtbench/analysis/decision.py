@@ -1,56 +1,66 @@
 """Whom to take: solvers in order on several problems, or at several errors of one.
 
-First by how many they reach, then by the geometric mean of their costs.  The order of two solvers follows from their own
-rows alone: a third that comes or goes does not change it.
+First by how many they reach, then by the geometric mean of their costs there: the order of two solvers follows from the
+problems and their own rows, and a third on the same problems does not change it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from hhtbench.analysis.fronts import Cost, Front, fronts
 from hhtbench.analysis.kinds import Kind
-from hhtbench.analysis.missing import NOT_RUN, UNKNOWN
+from hhtbench.analysis.missing import NOT_RUN
 from hhtbench.store.rows import RunRow
 
 Goal = tuple[str, float]  # a problem and an error on it
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ratio:
+    """The cost of one solver over another's, in the geometric mean of the goals that both reach."""
+
+    value: float
+    goals: int  #: that both reach
+    at_most: bool  #: a cost above the line is an upper bound
+    at_least: bool  #: one below it is
+
+    def within(self, level: float) -> bool:
+        """Whether the two are level: their costs differ by no more than this factor."""
+        return 1 / level <= self.value <= level
+
+
+@dataclass(frozen=True, kw_only=True)
 class Place:
-    """One solver on several goals: each is reached, or missed, or it is not known which."""
+    """One solver on several goals."""
 
     entry: str
     costs: Mapping[Goal, Cost]  #: of the goals that it reaches
-    missed: Mapping[Goal, float]  #: of those that it does not reach, what counts: a lower bound of the cost
-    unknown: Mapping[Goal, str]  #: of the others, why it is not known: a kind of ``UNKNOWN``
+    missing: Mapping[Goal, str]  #: why not the others: a kind of :class:`~hhtbench.analysis.Missing`
 
     @property
     def mean(self) -> float:
-        """Geometric mean of what counts; infinite where nothing is known."""
-        counted = [*(cost.value for cost in self.costs.values()), *self.missed.values()]
-        return math.exp(sum(map(math.log, counted)) / len(counted)) if counted else math.inf
+        """Geometric mean of the costs; infinite where nothing is reached."""
+        return _mean(cost.value for cost in self.costs.values()) if self.costs else math.inf
 
     @property
     def at_most(self) -> bool:
         """Whether the mean rests on an upper bound."""
         return any(cost.bound for cost in self.costs.values())
 
-    @property
-    def at_least(self) -> bool:
-        """Whether the mean rests on a lower bound."""
-        return bool(self.missed)
-
-    def beside(self, other: Place) -> tuple[Place, Place]:
-        """Both on the goals that both reach."""
-        both = [goal for goal in self.costs if goal in other.costs]
-        mine, theirs = (
-            Place(entry=one.entry, costs={goal: one.costs[goal] for goal in both}, missed={}, unknown={})
-            for one in (self, other)
+    def over(self, other: Place) -> Ratio | None:
+        """Where both reach something: what this one costs there over the other."""
+        pairs = [(cost, other.costs[goal]) for goal, cost in self.costs.items() if goal in other.costs]
+        if not pairs:
+            return None
+        return Ratio(
+            value=_mean(own.value / its.value for own, its in pairs),
+            goals=len(pairs),
+            at_most=any(own.bound for own, _ in pairs),
+            at_least=any(its.bound for _, its in pairs),
         )
-        return mine, theirs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +70,12 @@ class Choice:
     kind: Kind
     target: float
     problems: tuple[str, ...]  #: on which the error can be judged, and with a bound the drift
-    places: tuple[Place, ...]  #: in order, of who gets there on some and is known on all
-    others: tuple[Place, ...]  #: of all others who have rows
+    places: tuple[Place, ...]  #: in order, of all that have rows
+
+
+def _mean(values: Iterable[float]) -> float:
+    logarithms = [math.log(value) for value in values]
+    return math.exp(sum(logarithms) / len(logarithms))
 
 
 def decide(
@@ -88,34 +102,20 @@ def _judged(front: Front) -> bool:
 
 
 def _choice(kind: Kind, own: Sequence[Front]) -> Choice:
-    found = places(own)
-    return Choice(
-        kind=kind,
-        target=own[0].target,
-        problems=tuple(front.problem for front in own),
-        places=tuple(place for place in found if place.costs and not place.unknown),
-        others=tuple(place for place in found if not place.costs or place.unknown),
-    )
+    return Choice(kind=kind, target=own[0].target, problems=tuple(front.problem for front in own), places=places(own))
 
 
 def places(found: Sequence[Front]) -> tuple[Place, ...]:
     """Of all solvers of the fronts, who reaches the most first, of these the cheapest."""
-    entries = dict.fromkeys(entry for front in found for entry in front.allowed)
+    entries = dict.fromkeys(entry for front in found for entry in front.entries)
     return tuple(sorted((_place(entry, found) for entry in entries), key=lambda place: (-len(place.costs), place.mean)))
 
 
 def _place(entry: str, found: Sequence[Front]) -> Place:
-    costs: dict[Goal, Cost] = {}
-    missed: dict[Goal, float] = {}
-    unknown: dict[Goal, str] = {}
-    for front in found:
-        goal, reason = (front.problem, front.target), front.missing.get(entry)
-        if entry not in front.allowed:
-            unknown[goal] = NOT_RUN
-        elif reason is None:
-            costs[goal] = next(cost for cost in front.costs if cost.entry == entry)
-        elif reason.kind in UNKNOWN:
-            unknown[goal] = reason.kind
-        else:
-            missed[goal] = max(front.allowed[entry], reason.bound or 0.0)
-    return Place(entry=entry, costs=costs, missed=missed, unknown=unknown)
+    costs = {(front.problem, front.target): cost for front in found for cost in front.costs if cost.entry == entry}
+    missing = {
+        (front.problem, front.target): front.missing[entry].kind if entry in front.missing else NOT_RUN
+        for front in found
+        if (front.problem, front.target) not in costs
+    }
+    return Place(entry=entry, costs=costs, missing=missing)

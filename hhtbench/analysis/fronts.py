@@ -15,8 +15,6 @@ TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, 
 BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
 SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
-SECONDS = 60.0  # that a solver was allowed on a problem where the rows name no limit [s]
-PACE = 1e8  # evaluations of a residual a second, more than solvers make
 DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 
@@ -39,8 +37,12 @@ class Front:
     target: float
     costs: tuple[Cost, ...]  #: cheapest first
     missing: dict[str, Missing]  #: solver -> why it has no cost
-    allowed: dict[str, float]  #: solver -> what it was allowed on the problem, s or evaluations; everybody who was run
     levels: tuple[str, ...]  #: :func:`constrained_levels` of the problem
+
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """Everybody who was run on the problem."""
+        return (*(cost.entry for cost in self.costs), *self.missing)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,17 +179,7 @@ def _front(
         else:
             missing[entry] = why_missing(runs, measure)
     ordered = tuple(sorted(costs, key=lambda cost: cost.value))
-    given = {entry: allowed(runs, measure) for entry, runs in groups.items()}
-    return Front(
-        problem=problem, measure=measure, target=target, costs=ordered, missing=missing, allowed=given, levels=levels
-    )
-
-
-def allowed(runs: Sequence[Point], measure: str) -> float:
-    """What one solver was allowed on one problem: the time of its runs [s], or ``PACE`` evaluations for each second."""
-    limits = [run.allowed for run in runs if run.allowed is not None]
-    limits += [run.rules.pair_seconds for run in runs if run.rules is not None]
-    return max(limits, default=SECONDS) * (1.0 if measure == "time" else PACE)
+    return Front(problem=problem, measure=measure, target=target, costs=ordered, missing=missing, levels=levels)
 
 
 def constrained_levels(runs: Iterable[Point]) -> tuple[str, ...]:

@@ -1,4 +1,8 @@
-"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and whether it is tagged as stiff."""
+"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and what its author tagged.
+
+A reaction that is nonlinear in the multipliers is a kind of its own: ODE forms decline it, which says nothing about them
+on other problems.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,7 @@ CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in 
 UNTOLD = (
     "constraints not recorded"  # in no row: no solver has called the problem's functions, or an older hhtbench made them
 )
+NONLINEAR = "nonlinear reaction"  # the tag
 STIFFNESS = {False: "not tagged stiff", True: "tagged stiff", None: "stiffness not recorded"}
 
 
@@ -25,12 +30,13 @@ class Kind:
     """What problems that are compared together have in common."""
 
     constraints: str  #: one of ``CONSTRAINTS``, or ``UNTOLD``
-    stiff: bool | None  #: whether the problem has this tag; None where no row holds its tags
+    nonlinear: bool = False  #: whether the problem has the tag ``NONLINEAR``
+    stiff: bool | None  #: whether it has the tag "stiff"; None where no row holds its tags
 
     @property
     def text(self) -> str:
         """As a reader would say it."""
-        return f"{self.constraints}, {STIFFNESS[self.stiff]}"
+        return ", ".join([self.constraints, *[NONLINEAR] * self.nonlinear, STIFFNESS[self.stiff]])
 
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
@@ -42,8 +48,8 @@ def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
     for problem, systems in told.items():
         found.setdefault(_kind(systems), []).append(problem)
     order = [*CONSTRAINTS.values(), UNTOLD]
-    ordered = sorted(found, key=lambda kind: (order.index(kind.constraints), list(STIFFNESS).index(kind.stiff)))
-    return {kind: tuple(found[kind]) for kind in ordered}
+    by = {kind: (order.index(kind.constraints), kind.nonlinear, list(STIFFNESS).index(kind.stiff)) for kind in found}
+    return {kind: tuple(found[kind]) for kind in sorted(found, key=lambda kind: by[kind])}
 
 
 def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
@@ -51,4 +57,5 @@ def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
     sizes = next(((one["m"], one["p"]) for one in systems if None not in (one.get("m"), one.get("p"))), None)
     tags = next((one["tags"] for one in systems if one.get("tags") is not None), None)
     constraints = UNTOLD if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]
-    return Kind(constraints=constraints, stiff=None if tags is None else "stiff" in tags)
+    stiff = None if tags is None else "stiff" in tags
+    return Kind(constraints=constraints, nonlinear=NONLINEAR in (tags or ()), stiff=stiff)

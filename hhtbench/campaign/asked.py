@@ -29,7 +29,7 @@ def asked_campaign(
     Raises
     ------
     ProblemError, TypeError
-        The options contradict each other; without a name, also what :func:`refuse_misspelt` raises.
+        The options contradict each other; what :func:`refuse_misspelt` raises.
     """
     some = tuple(split_specs(problems)), tuple(split_specs(solvers))
     if name is None:
@@ -40,12 +40,12 @@ def asked_campaign(
             step=_numbers("step", step, float),
             steps=_numbers("steps", steps, int),
         )
-        refuse_misspelt(solvers)
         campaign = Campaign(grids=(grid,))
     elif rtol or step or steps:
         raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")
     else:
         campaign = restrict(named_campaign(name), *some)
+    refuse_misspelt(tuple(solver for grid in campaign.grids for solver in grid.solvers))
     changes: dict[str, Any] = {"max_seconds": max_seconds, "reference": reference}
     return replace(campaign, **{name: value for name, value in changes.items() if value is not None})
 

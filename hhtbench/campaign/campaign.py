@@ -248,7 +248,8 @@ def _weighed(row: RunRow, told: Mapping[str, Any]) -> RunRow:
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
     """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times.
 
-    Nothing is written while a cell is being timed: a round is kept at its end, or where it is interrupted.
+    Nothing is written while a cell is being timed: rows whose readings are complete are written at the end of a round,
+    or where it is interrupted; readings of the others are lost then.
     """
     rows = {cell.key: store.get(cell.key) for cell in cells}
     pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and untimed(row)}

@@ -40,7 +40,6 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
 def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any]:
     """Of solves in a row, until they have taken ``LEAST``, the times of one [s]; what they found has been judged before."""
     count, cpu, wall = 0, 0.0, 0.0
-    gc.collect()
     gc.disable()
     try:
         begun, used = time.perf_counter(), time.process_time()

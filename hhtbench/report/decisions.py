@@ -6,26 +6,25 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, NOT_RUN, PACE, SUBJECT, Campaign, Choice, Kind, Place, family
+from hhtbench.analysis import BOUNDS, NOT_RUN, SUBJECT, UNKNOWN, Campaign, Choice, Kind, Place, Ratio, family
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
 from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
 from hhtbench.store.rows import RunRow
 
-HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
+HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on fewer")
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
 
 
 def reading(campaign: Campaign) -> str:
     """How the table is to be read."""
     return (
-        "The table. Ranked are solvers of which it is known on all problems of the kind whether they get there: first by "
-        "how many they reach, then by the geometric mean of their costs; one that is not reached counts at least the time "
-        f"that was allowed there, or {PACE:.0e} evaluations for each second of it. Second, and HHT's place among all who "
-        "get there: how many times dearer than the cheapest; level, by time: by no more than repeats of one solve differ, "
-        f"{repeats(campaign.level)}. Cheaper on some: who is cheaper in the mean of those that both reach. At most: a cost "
-        "is that of a run more accurate than asked; at least: one is not reached, or the cheapest's cost is at most that; "
-        "about: both. Tagged stiff: by the problem's author."
+        "The table. Solvers in order: first by how many problems of the kind they reach at the error, then by the geometric "
+        "mean of their costs there. Second, and HHT's place among all that reach any: how many times dearer than the "
+        "cheapest on the problems that both reach; level, by time: by no more than repeats of one solve differ, "
+        f"{repeats(campaign.level)}. Cheaper on fewer: who reaches fewer than the cheapest and costs less there. At most: a "
+        "cost is that of a run more accurate than asked; at least: the cheapest's is; about: both are, and the ratio may be "
+        "off either way. Tagged: by the problem's author."
     )
 
 
@@ -58,13 +57,13 @@ def told(bound: float | None) -> str:
 def _line(choice: Choice, measure: str, level: float) -> list[str | Cell]:
     kind = Cell(choice.kind.text, "", plural(len(choice.problems), "problem"), f"#{evidence_anchor(choice.kind)}")
     head: list[str | Cell] = [kind, f"{choice.target:.0e}"]
-    if not choice.places:
-        return [*head, _nobody(choice), NOTHING, _subject(choice, level, NOTHING), NOTHING]
-    first, *others = choice.places
-    cost = bound_of(first.at_most, first.at_least) + work(first.mean, measure)
-    second = _named(others[0], _dearer(others[0], first, level)) if others else NOTHING
-    cheaper = _cheaper(choice, level)
-    return [*head, _named(first, cost), second, _subject(choice, level, cheaper), cheaper]
+    ranked = [place for place in choice.places if place.costs]
+    if not ranked:
+        return [*head, _nobody(choice), NOTHING, _subject(choice, ranked, level), NOTHING]
+    first, *others = ranked
+    cheapest = _named(first, bound_of(first.at_most, False) + work(first.mean, measure))
+    second = _named(others[0], _dearer(others[0].over(first), len(first.costs), level)) if others else NOTHING
+    return [*head, cheapest, second, _subject(choice, ranked, level), _cheaper(ranked, level)]
 
 
 def _named(place: Place, figure: str) -> Cell:
@@ -75,55 +74,64 @@ def _joined(*parts: str) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _dearer(place: Place, other: Place, level: float) -> str:
-    """How many times dearer in the mean."""
-    ratio = place.mean / other.mean
-    at_most, at_least = place.at_most or other.at_least, place.at_least or other.at_most
-    close = not at_most and not at_least and 1 / level <= ratio <= level
-    return multiple(ratio, at_most, at_least) + ", level" * close
+def _dearer(ratio: Ratio | None, total: int, level: float) -> str:
+    """How many times dearer than the cheapest, which reaches ``total`` problems."""
+    if ratio is None:
+        return "on other problems"
+    told = multiple(ratio.value, ratio.at_most, ratio.at_least) + f" on {ratio.goals}" * (ratio.goals < total)
+    return told + ", level" * ratio.within(level)
 
 
 def _reach(place: Place) -> str:
-    """On how many problems it gets there, where not on all, and why that is not known of others."""
-    known = len(place.costs) + len(place.missed)
-    total = known + len(place.unknown)
-    reasons = Counter(place.unknown.values())
-    return _joined(
-        f"reaches {len(place.costs)} of {total}" if known and len(place.costs) < total else "",
-        *(KINDS[kind] + f" on {number}" * (number < total) for kind, number in reasons.items()),
-    )
+    """How many problems it reaches, where not all, and why not the others."""
+    if not place.missing:
+        return ""
+    return f"reaches {len(place.costs)} of {len(place.costs) + len(place.missing)}, {_why(place)}"
+
+
+def _why(place: Place) -> str:
+    """Why it does not reach what it does not, and on how many problems where not on all."""
+    reasons, total = Counter(place.missing.values()), len(place.costs) + len(place.missing)
+    return ", ".join(KINDS[kind] + f" on {number}" * (number < total) for kind, number in reasons.most_common())
+
+
+def _unreached(place: Place) -> int:
+    """How many problems it is known not to reach."""
+    return sum(kind not in UNKNOWN for kind in place.missing.values())
 
 
 def _nobody(choice: Choice) -> str:
-    """Why there is no cheapest: of whom it is known on all problems, nobody gets there on any."""
-    known = [place for place in choice.others if not place.unknown]
-    return f"nobody{' known on all' * (len(known) < len(choice.others))}{' gets there' * bool(known)}"
+    open_ends = any(kind in UNKNOWN for place in choice.places for kind in place.missing.values())
+    return "nobody gets there" + ", as far as is known" * open_ends
 
 
-def _subject(choice: Choice, level: float, cheaper: str | Cell) -> Cell:
-    """The place of HHT's best among all solvers; where it has none, how far it gets and what is not known.
-
-    It is praised where it is the cheapest, reaches all, and nobody is ``cheaper`` on some.
-    """
-    for number, place in enumerate(choice.places, 1):
-        if family(place.entry) == SUBJECT:
-            first = choice.places[0]
-            figure = _joined(_dearer(place, first, level), _reach(place)) if number > 1 else ""
-            tone = "good" if number == 1 and not place.missed and cheaper == NOTHING else ""
-            return Cell(f"{number} of {len(choice.places)}", tone, _joined(figure, short(place.entry)))
-    own = [place for place in choice.others if family(place.entry) == SUBJECT]
+def _subject(choice: Choice, ranked: Sequence[Place], level: float) -> Cell:
+    """The place of HHT's best among all who reach any; where it has none, why."""
+    own = [place for place in choice.places if family(place.entry) == SUBJECT]
     if not own:
         return Cell(KINDS[NOT_RUN])
-    best = min(own, key=lambda place: (-len(place.costs), len(place.missed)))
-    return Cell(_reach(best)) if best.costs or best.unknown else Cell("does not get there", "bad")
+    best = min(own, key=lambda place: (-len(place.costs), _unreached(place)))
+    if not best.costs:
+        return Cell("does not get there", "bad", _why(best)) if _unreached(best) else Cell(_why(best))
+    number = ranked.index(best) + 1
+    if number > 1:
+        figure = _dearer(best.over(ranked[0]), len(ranked[0].costs), level)
+        return Cell(f"{number} of {len(ranked)}", "", _joined(figure, _reach(best), short(best.entry)))
+    second = ranked[1].over(best) if len(ranked) > 1 else None
+    shared = second is not None and second.within(level)
+    unclear = best.missing or shared or (second is not None and second.at_most)
+    tone = "" if unclear else "good"
+    return Cell(f"{number} of {len(ranked)}", tone, _joined("level" * shared, _reach(best), short(best.entry)))
 
 
-def _cheaper(choice: Choice, level: float) -> str | Cell:
-    """Of the others the one that is farthest below the cheapest on those problems that both reach, by more than level."""
-    first = choice.places[0]
-    pairs = [(place, *place.beside(first)) for place in (*choice.places[1:], *choice.others)]
-    cheaper = [(own.mean / its.mean, place, own, its) for place, own, its in pairs if own.mean * level < its.mean]
+def _cheaper(ranked: Sequence[Place], level: float) -> str | Cell:
+    """Of those that reach fewer than the cheapest, who is farthest below it where both do, by more than level."""
+    first = ranked[0]
+    fewer = [(place, place.over(first)) for place in ranked if len(place.costs) < len(first.costs)]
+    cheaper = [
+        (ratio.value, place, ratio) for place, ratio in fewer if ratio and not ratio.at_least and ratio.value * level < 1
+    ]
     if not cheaper:
         return NOTHING
-    _, place, own, its = min(cheaper, key=lambda found: found[0])
-    return _named(place, _dearer(own, its, level))
+    _, place, ratio = min(cheaper, key=lambda found: found[0])
+    return _named(place, _dearer(ratio, len(first.costs), level))

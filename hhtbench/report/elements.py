@@ -38,4 +38,5 @@ def sketch(problem: str) -> str:
         return ""
     title = escape(f"{name} with its default parameters" if parameters else name)
     data = base64.b64encode(file.read_bytes()).decode()
-    return f'<img class="sketch" src="data:image/png;base64,{data}" width="200" height="150" alt="{title}" title="{title}">'
+    image = f'<img src="data:image/png;base64,{data}" width="200" height="150" alt="{title}">'
+    return f'<div class="sketch">{image}<p class="caption">{title}</p></div>'

@@ -45,7 +45,9 @@ def campaign_told(rows: Sequence[RunRow]) -> str:
 def _ladder(runs: Sequence[Point]) -> list[str]:
     found = list(dict.fromkeys(run.rules for run in runs if run.rules is not None))
     if not found:
-        return ["The settings were given, not refined: where none reaches an error, nothing is known of what it would cost."]
+        return [
+            "The settings were given, not refined: where no run reaches an error a finer one might, at a cost not known."
+        ]
     return [
         f"Every solver starts at a relative tolerance of {FIRST['rtol']:g}, or with {1 / FIRST['steps']:.0f} steps, and is "
         "refined alike: the next setting follows from its errors so far, aims at the loosest error not reached, and is at "
@@ -58,8 +60,8 @@ def _budget(one: Rules) -> str:
     return (
         f"Every solver is given the same: {plural(one.refinements, 'run')} on a problem at most, {one.max_seconds:g} s "
         f"each, {one.pair_seconds:g} s of solving in all. It ends sooner where all errors are reached, "
-        f"{STANDSTILL['rtol']} finer runs in a row are no better, or runs fail; what it has not reached by then counts as a "
-        "lower bound of its cost."
+        f"{STANDSTILL['rtol']} finer runs in a row are no better, or runs fail. What it has not reached by then is not "
+        "reached; where a factor is told all the same, what its finest run took is a lower bound of its cost."
     )
 
 

@@ -10,6 +10,7 @@ from hhtbench import analysis
 from hhtbench.analysis import (
     BOUNDS,
     NEAR,
+    NOT_RUN,
     STEADY,
     SUBJECT,
     TYPICAL_ERROR,
@@ -76,7 +77,7 @@ def _reached(rows: Sequence[RunRow]) -> str:
     rest = f" The others: {', '.join(ends)}." if ends else ""
     return (
         f"Of {plural(total, 'target')}, each a problem, a solver and an error, {reached} "
-        f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {sum(kinds[kind] for kind in UNREFINED)}."
+        f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {sum(kinds[kind] for kind in (NOT_RUN, *UNREFINED))}."
     )
 
 

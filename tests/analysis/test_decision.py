@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from itertools import combinations
 
 import pytest
 
-from hhtbench.analysis import BOUNDS, PACE, Kind, decide, drift_costs, kinds
+from hhtbench.analysis import BOUNDS, Kind, decide, drift_costs, kinds
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.synthetic import rows as campaign
 
@@ -26,59 +25,52 @@ def test_the_smallest_geometric_mean_is_the_cheapest_and_the_second_is_told_with
     assert choice.places[1].mean == pytest.approx(100 * 100)
 
 
-def allowed(rows, pair_seconds):
-    return ladder(rows, pair_seconds=pair_seconds, max_seconds=1.0)
-
-
 def test_who_reaches_more_stands_first_however_cheap_the_others_are():
     rows = [*two_problems("hht", 500.0, 500.0), *law("ida", 1.0, 2), failed("ida", 1e-4, problem="andrews")]
     (choice,) = decide(rows, ALL, "time", (1e-4,))
     assert [(place.entry, len(place.costs)) for place in choice.places] == [("hht", 2), ("ida", 1)]
     first, second = choice.places
-    assert [(one.at_most, one.at_least) for one in (first, second)] == [(False, False), (False, True)]
-    own, its = second.beside(first)
-    assert own.mean / its.mean == pytest.approx(1 / 500)
+    assert second.missing == {("andrews", 1e-4): "fails"}
+    beside = second.over(first)
+    assert (beside.value, beside.goals) == (pytest.approx(1 / 500), 1)
+    assert (beside.at_most, beside.at_least) == (False, False)
 
 
-def test_a_problem_that_is_not_reached_counts_what_was_allowed_there():
-    rows = [*law("ida", 10.0, 2), failed("ida", 1e-4, "declined", problem="andrews")]
-    for given, seconds in ((allowed(rows, 4.0), 4.0), (rows, 60.0)):
-        for measure, unit in (("time", 1.0), ("evaluations", PACE)):
-            (choice,) = decide(given, ALL, measure, (1e-4,))
-            first = 1000.0 * (1e-5 if measure == "time" else 1.0)
-            assert choice.places[0].mean == pytest.approx((first * seconds * unit) ** 0.5)
-    longer = [replace(row, request={**row.request, "max_seconds": 600.0}) for row in rows]
-    (choice,) = decide(longer, ALL, "time", (1e-4,))
-    assert choice.places[0].mean == pytest.approx((0.01 * 600.0) ** 0.5)
-
-
-def test_a_problem_that_is_not_reached_counts_no_less_than_the_finest_run_there_took():
+def test_what_is_not_reached_is_in_no_mean_whatever_was_allowed_there():
     late = failed("ida", 1e-2, "deadline", problem="andrews")
     late.timing["solve_s"] = 250.0
-    (choice,) = decide([*law("ida", 10.0, 2), late], ALL, "time", (1e-4,))
-    assert choice.places[0].mean == pytest.approx((0.01 * 250.0) ** 0.5)
+    for budget in (2.0, 600.0):
+        rows = ladder([*law("ida", 10.0, 2), late], pair_seconds=budget, max_seconds=1.0)
+        (choice,) = decide(rows, ALL, "time", (1e-4,))
+        assert choice.places[0].mean == pytest.approx(0.01)
 
 
-def test_what_another_was_allowed_changes_nothing():
-    rows = allowed([*law("hht", 10.0, 2), failed("hht", 1e-4, "declined", problem="andrews")], 2.0)
-    rows += allowed([*law("ida", 10.0, 2, problem="andrews"), failed("ida", 1e-4, "declined")], 4.0)
-    third = allowed(two_problems("cvode", 900.0, 900.0), 600.0)
-    (without,), (beside,) = decide(rows, ALL, "time", (1e-4,)), decide([*rows, *third], ALL, "time", (1e-4,))
-    assert [place.entry for place in beside.places] == ["cvode", "hht", "ida"]
-    assert beside.places[1:] == without.places
+def test_a_ratio_is_that_of_the_goals_that_both_reach_and_says_which_side_is_a_bound():
+    rows = [*two_problems("hht", 100.0, 100.0), *law("ida", 400.0, 2), run("ida", 1e-6, 1e-6, 50, problem="andrews")]
+    (choice,) = decide(rows, ALL, "evaluations", (1e-4,))
+    hht, ida = sorted(choice.places, key=lambda place: place.entry)
+    assert ida.over(hht).value == pytest.approx((4 * 50 / 1e4) ** 0.5)
+    assert (ida.over(hht).at_most, ida.over(hht).at_least) == (True, False)
+    assert (hht.over(ida).at_most, hht.over(ida).at_least) == (False, True)
+    (choice,) = decide([*law("hht", 1.0, 2), *law("ida", 1.0, 2, problem="andrews")], ALL, "time", (1e-4,))
+    assert choice.places[0].over(choice.places[1]) is None
 
 
-def test_of_whom_it_is_not_known_on_all_problems_whether_he_gets_there_is_not_ranked():
+def test_who_is_not_run_stopped_or_too_coarse_stands_behind_whoever_reaches_more_with_the_reason():
     coarse = (1e-1, 1e-2)
     rows = ladder([*two_problems("hht", 100.0, 100.0), *law("ida", 10.0, 2)])
-    rows += ladder([*law("cvode", 10.0, 2), *law("cvode", 10.0, 2, coarse, problem="andrews")])
-    rows += [*law("scipy", 10.0, 2), *law("scipy", 10.0, 2, coarse, problem="andrews")]
+    rows += ladder([*law("cvode", 20.0, 2), *law("cvode", 10.0, 2, coarse, problem="andrews")])
+    rows += [*law("scipy", 30.0, 2), *law("scipy", 10.0, 2, coarse, problem="andrews")]
+    rows += [*law("rattle", 40.0, 2), failed("rattle", 1e-4, problem="andrews")]
     (choice,) = decide(rows, ALL, "time", (1e-4,))
-    assert [place.entry for place in choice.places] == ["hht"]
-    unknown = {place.entry: dict(place.unknown) for place in choice.others}
-    goal = ("andrews", 1e-4)
-    assert unknown == {"ida": {goal: "not run"}, "cvode": {goal: "unfinished"}, "scipy": {goal: "not asked"}}
-    assert not any(place.missed for place in choice.others)
+    reasons = {place.entry: [*place.missing.values()] for place in choice.places}
+    assert list(reasons.items()) == [
+        ("hht", []),
+        ("ida", ["not run"]),
+        ("cvode", ["unfinished"]),
+        ("scipy", ["not asked"]),
+        ("rattle", ["fails"]),
+    ]
 
 
 def test_a_bound_of_the_drift_leaves_out_who_drifts_more_and_problems_without_constraints():
@@ -86,7 +78,8 @@ def test_a_bound_of_the_drift_leaves_out_who_drifts_more_and_problems_without_co
     kinds_of_it = {NOT_STIFF: ("pendulum",)}
     (free,), (held,) = (decide(rows, kinds_of_it, "time", (1e-4,), bound) for bound in (None, 1e-10))
     assert [place.entry for place in free.places] == ["scipy", "hht"]
-    assert [place.entry for place in held.places] == ["hht"]
+    assert [(place.entry, len(place.costs)) for place in held.places] == [("hht", 1), ("scipy", 0)]
+    assert held.places[1].missing == {("pendulum", 1e-4): "drifts"}
     unheld = [*law("hht", 100.0, 2), *law("scipy", 10.0, 2)]  # no drift was measured, whatever the kind is said to be
     assert decide(unheld, kinds_of_it, "time", (1e-4,), 1e-10) == ()
     (mixed,) = decide(rows + law("hht", 1.0, 2, problem="andrews"), ALL, "time", (1e-4,), 1e-10)
@@ -100,7 +93,7 @@ def test_an_error_that_no_reference_can_judge_is_no_row_and_one_that_nobody_reac
     found = decide(rows, {NOT_STIFF: ("pendulum",)}, "time", (1e-2, 1e-4))
     assert [choice.target for choice in found] == [1e-2]
     (empty,) = decide(ladder([run("hht", 1e-1, 0.5, 10)], refinements=1), {NOT_STIFF: ("pendulum",)}, "time", (1e-4,))
-    assert empty.places == ()
+    assert not empty.places[0].costs
 
 
 @pytest.mark.parametrize("bound", BOUNDS)
@@ -128,11 +121,12 @@ def test_drift_and_cost_are_those_of_the_run_that_is_accurate_enough_beside_hht(
 def test_kinds_are_those_of_the_problem_mixed_ones_and_those_where_every_run_failed_too():
     sizes = {"pendulum": (2, 1, 0), "ball": (6, 1, 2), "knife": (3, 0, 1), "chain": (9, 0, 0), "broken": (2, None, None)}
     rows = [failed("ida", 1e-3, problem=name) for name in [*sizes, "crashed"]]
+    tags = {"chain": ["stiff"], "pendulum": ["nonlinear reaction"]}
     for row, (n, m, p) in zip(rows, sizes.values(), strict=False):
-        row.metrics["system"] = {"n": n, "m": m, "p": p, "tags": ["stiff"] * (row.problem == "chain")}
+        row.metrics["system"] = {"n": n, "m": m, "p": p, "tags": tags.get(row.problem, [])}
     found = {name: kind.text for kind, names in kinds(rows).items() for name in names}
     assert found == {
-        "pendulum": "position constraints, not tagged stiff",
+        "pendulum": "position constraints, nonlinear reaction, not tagged stiff",
         "ball": "position and velocity constraints, not tagged stiff",
         "knife": "velocity constraints, not tagged stiff",
         "chain": "no constraints, tagged stiff",

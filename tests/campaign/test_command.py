@@ -60,6 +60,14 @@ def test_wrong_use_leaves_with_2_and_says_what_to_do(outside: Path, tmp_path: Pa
     assert not (tmp_path / "runs.db").exists() or not load_rows(tmp_path / "runs.db")
 
 
+def test_a_misspelt_solver_of_a_campaign_file_is_refused_before_anything_runs(outside: Path, tmp_path: Path):
+    file = tmp_path / "own.toml"
+    file.write_text('accuracies = [1e-2]\n[[grid]]\nproblems = ["fall"]\nsolvers = ["told", "hht(alfa=-0.3)"]\n')
+    result = CliRunner().invoke(main, ["run", "--campaign", str(file), "--store", str(tmp_path / "runs.db")])
+    assert result.exit_code == 2
+    assert "hht does not know alfa" in result.output
+
+
 def test_a_solver_whose_module_is_broken_costs_its_own_cells_only(outside: Path, tmp_path: Path):
     options = ["--problems", "fall", "--solvers", "told, absent", "--rtol", "1e-3", "--no-timing", "--jobs", "1"]
     result = CliRunner().invoke(main, ["run", *options, "--store", str(tmp_path / "runs.db")])

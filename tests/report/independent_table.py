@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import statistics
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 
@@ -36,36 +37,38 @@ def kind(rows):
     return f"{constraints}, {stiff if told else 'stiffness not recorded'}"
 
 
+UNKNOWN = ("not run", "not reported", "no run so accurate", "stopped")
+
+
 @dataclass
 class Standing:
     """One solver on the problems of a line."""
 
     solver: str
     costs: dict  #: problem -> cost of those that it reaches, and whether that is an upper bound
-    missed: list  #: what counts for those that it does not reach
-    unknown: list  #: why it is not known of the others
+    why: list  #: why it does not reach the others
 
     @property
     def mean(self):
-        counted = [cost for cost, _ in self.costs.values()] + self.missed
-        return math.prod(counted) ** (1 / len(counted)) if counted else math.inf
+        return _mean(cost for cost, _ in self.costs.values()) if self.costs else math.inf
 
     @property
-    def bounds(self):
-        """Whether the mean is an upper, a lower bound."""
-        return any(bound for _, bound in self.costs.values()), bool(self.missed)
+    def failed(self):
+        return sum(reason not in UNKNOWN for reason in self.why)
 
-    def on(self, problems):
-        return Standing(self.solver, {problem: self.costs[problem] for problem in problems}, [], [])
+    @property
+    def reasons(self):
+        total = len(self.costs) + len(self.why)
+        return [reason + f" on {count}" * (count < total) for reason, count in Counter(self.why).most_common()]
 
     @property
     def reach(self):
-        total = len(self.costs) + len(self.missed) + len(self.unknown)
-        known = total - len(self.unknown)
-        parts = [f"reaches {len(self.costs)} of {total}"] * (known > 0 and len(self.costs) < total)
-        for reason, count in Counter(self.unknown).items():
-            parts.append(reason if count == total else f"{reason} on {count}")
-        return parts
+        total = len(self.costs) + len(self.why)
+        return [f"reaches {len(self.costs)} of {total}", *self.reasons] if self.why else []
+
+
+def _mean(values):
+    return statistics.geometric_mean(values)
 
 
 def sign(upper, lower):
@@ -73,11 +76,7 @@ def sign(upper, lower):
 
 
 class Lines(Truth):
-    """What the lines of the table may say of ``rows``; ``pace`` evaluations count for a second."""
-
-    def __init__(self, rows, pace):
-        super().__init__(rows)
-        self.pace = pace
+    """What the lines of the table may say of ``rows``."""
 
     def kinds(self):
         found = defaultdict(list)
@@ -101,18 +100,17 @@ class Lines(Truth):
         return sorted(found, key=lambda one: (-len(one.costs), float(f"{one.mean:.9e}")))
 
     def standing(self, solver, problems, target, measure, bound):
-        found = Standing(solver, {}, [], [])
+        found = Standing(solver, {}, [])
         for problem in problems:
             runs = sorted(self.groups[problem].get(solver, []), key=lambda row: -row.request["rtol"])
             cost, _, upper = self.reach(runs, target, measure, bound)
             accurate = any(error(row) is not None and error(row) <= target and work(row, measure) for row in runs)
-            reason = "" if accurate and bound is not None else self.untold(runs, measure)
             if cost is not None:
                 found.costs[problem] = cost, upper
-            elif reason:
-                found.unknown.append(reason)
+            elif accurate and bound is not None:
+                found.why.append("more drift")
             else:
-                found.missed.append(self.allowed(runs, measure))
+                found.why.append(self.untold(runs, measure) or self.ended(runs))
         return found
 
     def untold(self, runs, measure):
@@ -127,73 +125,87 @@ class Lines(Truth):
             return "no run so accurate" if runs[-1].success else ""
         return "stopped" if len(runs) < rules["refinements"] and all(row.success for row in runs) else ""
 
-    def allowed(self, runs, measure):
-        """What these runs were allowed; what the finest took, where that is more."""
-        rules = [row.request.get("rules") or {} for row in runs]
-        seconds = max([row.request["max_seconds"] for row in runs] + [one.get("pair_seconds", 0.0) for one in rules])
-        spent = [work(row, measure) or (measure == "time" and self.late(row)) for row in runs]
-        finest = [value for value in spent if value][-1:]
-        return max([seconds * (1.0 if measure == "time" else self.pace), *finest])
-
     @staticmethod
-    def late(row):
-        """What a run that was ended has taken."""
-        return row.request["max_seconds"] if row.status == "deadline" else None
+    def ended(runs):
+        """How a solver's runs ended that do not get there."""
+        best, idle, late = math.inf, 0, 0  # the smallest error, runs without a smaller one, and failures, since then
+        for row in runs:
+            late = 0 if row.success else late + 1
+            if row.success and error(row) is not None:
+                idle = 0 if error(row) < 0.9 * best else idle + 1
+                best = min(best, error(row))
+        if {row.status for row in runs} == {"declined"}:
+            return "refused"
+        if late and (late > 1 or "rules" not in runs[-1].request):
+            return "failed"
+        return "no better when finer" if idle >= 3 else "a stated cap"
 
     def cells(self, name, problems, target, measure, bound):
         """One line: of each cell what comes before its number, the number or None, what comes after, and its tone."""
         found = self.standings(problems, target, measure, bound)
-        ranked = [one for one in found if one.costs and not one.unknown]
-        others = [one for one in found if one not in ranked]
+        ranked = [one for one in found if one.costs]
         head = f"{name} | {len(problems)} problem{'s' * (len(problems) > 1)}"
         line = [(head, None, "", ""), (f"{target:.0e} | ", None, "", "")]
         if not ranked:
-            whole = [one for one in others if not one.unknown]
-            nobody = "nobody" + " known on all" * (len(whole) < len(others)) + " gets there" * bool(whole)
-            head = [*line, (f"{nobody} | ", None, "", ""), *self.absent()]
-            return [*head, self.hht(ranked, others, measure, None), *self.absent()]
+            known = not any(reason in UNKNOWN for one in found for reason in one.why)
+            nobody = "nobody gets there" + ", as far as is known" * (not known)
+            return [*line, (f"{nobody} | ", None, "", ""), *self.absent(), self.hht(ranked, found, measure), *self.absent()]
         first = ranked[0]
-        line.append((f"{short(first.solver)} | {sign(*first.bounds)}", first.mean, _tail(first.reach), ""))
-        line += [self.dearer(ranked[1], ranked[1], first, measure)] if len(ranked) > 1 else self.absent()
-        cheaper = self.cheaper(found, first, measure)
-        return [*line, self.hht(ranked, others, measure, cheaper), cheaper]
+        upper = any(bound for _, bound in first.costs.values())
+        line.append((f"{short(first.solver)} | {sign(upper, False)}", first.mean, _tail(first.reach), ""))
+        line += [self.dearer(ranked[1], first, measure)] if len(ranked) > 1 else self.absent()
+        return [*line, self.hht(ranked, found, measure), self.cheaper(ranked, first, measure)]
 
     @staticmethod
     def absent():
         return [(f"{NOTHING} | ", None, "", "")]
 
-    def dearer(self, one, own, its, measure, place="", last=(), tone=""):
-        """A cell with how many times dearer it is, by ``own`` and ``its`` problems."""
-        ratio = own.mean / its.mean
-        upper, lower = own.bounds[0] or its.bounds[1], own.bounds[1] or its.bounds[0]
+    @staticmethod
+    def ratio(one, first):
+        """Its cost over the first's where both get there, on how many, and whether one above or below is a bound."""
+        both = [problem for problem in one.costs if problem in first.costs]
+        if not both:
+            return None, 0, False, False
+        value = _mean(one.costs[problem][0] / first.costs[problem][0] for problem in both)
+        return value, len(both), *(any(side.costs[problem][1] for problem in both) for side in (one, first))
+
+    def same(self, ratio, measure):
         most = self.level if measure == "time" else 1.0
-        close = ["level"] * (not upper and not lower and 1 / most <= ratio <= most)
-        return f"{place or short(one.solver)} | {sign(upper, lower)}", ratio, _tail([*close, *one.reach, *last]), tone
+        return ratio is not None and 1 / most <= ratio <= most
 
-    def hht(self, ranked, others, measure, cheaper):
-        own = [one for one in ranked if family(one.solver) == "hht"]
-        if own:
-            number = ranked.index(own[0]) + 1
-            place = f"{number} of {len(ranked)}"
-            if number == 1:
-                tone = "" if own[0].missed or [cheaper] != self.absent() else "good"
-                return f"{place} | {short(own[0].solver)}", None, "", tone
-            return self.dearer(own[0], own[0], ranked[0], measure, place, [short(own[0].solver)])
-        own = [one for one in others if family(one.solver) == "hht"]
-        if own and not any(one.costs or one.unknown for one in own):
-            return "does not get there | ", None, "", "bad"
-        best = min(own, key=lambda one: (-len(one.costs), len(one.missed)), default=None)
-        return f"{'not run' if best is None else ', '.join(best.reach)} | ", None, "", ""
+    def dearer(self, one, first, measure, place="", last=()):
+        """A cell with how many times dearer it is."""
+        ratio, common, upper, lower = self.ratio(one, first)
+        head = f"{place or short(one.solver)} | "
+        if ratio is None:
+            return head + ", ".join(["on other problems", *one.reach, *last]), None, "", ""
+        tail = f" on {common}" * (common < len(first.costs)) + ", level" * self.same(ratio, measure)
+        return head + sign(upper, lower), ratio, tail + _tail([*one.reach, *last]), ""
 
-    def cheaper(self, found, first, measure):
-        """Who costs the least beside the first where both get there, if that is less by more than repeats differ."""
-        most, best = self.level if measure == "time" else 1.0, None
-        for one in found:
-            both = [problem for problem in one.costs if problem in first.costs]
-            own, its = one.on(both), first.on(both)
-            if both and own.mean * most < its.mean and (best is None or own.mean / its.mean < best[1].mean / best[2].mean):
-                best = one, own, its
-        return self.absent()[0] if best is None else self.dearer(*best, measure)
+    def hht(self, ranked, found, measure):
+        own = [one for one in found if family(one.solver) == "hht"]
+        if not own:
+            return "not run | ", None, "", ""
+        best = min(own, key=lambda one: (-len(one.costs), one.failed))
+        if not best.costs:
+            why = ", ".join(best.reasons)
+            return (f"does not get there | {why}", None, "", "bad") if best.failed else (f"{why} | ", None, "", "")
+        place = f"{ranked.index(best) + 1} of {len(ranked)}"
+        if best is not ranked[0]:
+            return self.dearer(best, ranked[0], measure, place, [short(best.solver)])
+        ratio, _, upper, _ = self.ratio(ranked[1], best) if len(ranked) > 1 else (None, 0, False, False)
+        shared = self.same(ratio, measure)
+        text = ", ".join([*["level"] * shared, *best.reach, short(best.solver)])
+        return f"{place} | {text}", None, "", "" if best.why or shared or upper else "good"
+
+    def cheaper(self, ranked, first, measure):
+        """Of those that get less far who costs the least beside the first, if that is less by more than repeats differ."""
+        most, found = self.level if measure == "time" else 1.0, []
+        for one in ranked:
+            ratio, _, _, lower = self.ratio(one, first)
+            if len(one.costs) < len(first.costs) and ratio is not None and not lower and ratio * most < 1:
+                found.append((ratio, one))
+        return self.dearer(min(found, key=lambda pair: pair[0])[1], first, measure) if found else self.absent()[0]
 
 
 def _tail(parts):
@@ -212,9 +224,9 @@ def _agree(told, tone, head, value, tail, right_tone):
     )
 
 
-def false_lines(tables, rows, pace):
+def false_lines(tables, rows):
     """What of the decision tables the rows do not bear out."""
-    truth, wrong = Lines(rows, pace), []
+    truth, wrong = Lines(rows), []
     for (measure, bound), table in tables.items():
         told = iter(table.rows)
         for name, members in truth.kinds():

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import random
-import re
 from dataclasses import replace
 
 import pytest
 
 from hhtbench import analysis
 from hhtbench.report.colours import solver_styles
-from hhtbench.report.decisions import decisions, reading
+from hhtbench.report.decisions import decisions
 from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.summary import summary
 from tests.report.independent import error, false_sentences
@@ -93,18 +92,15 @@ def asked_for(rows, source):
 
 
 def tables_of(rows):
-    """The decision tables, and the evaluations that are said to count for a second."""
-    campaign = analysis.campaign_of(rows)
-    pace = re.search(r"allowed there, or (\S+) evaluations for each second", reading(campaign))
-    return decisions(rows, analysis.kinds(rows), campaign), float(pace[1])
+    return decisions(rows, analysis.kinds(rows), analysis.campaign_of(rows))
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_what_is_said_and_shown_is_true_whoever_takes_part(seed):
     rows = drawn(seed)
     assert false_sentences(" ".join(summary(rows)), rows) == []
-    tables, pace = tables_of(rows)
-    assert false_lines(tables, rows, pace) == []
+    tables = tables_of(rows)
+    assert false_lines(tables, rows) == []
     styles = solver_styles(analysis.entries(rows))
     assert [w for view in drift_views(rows, styles) for w in false_drifts(view, rows, view.name)] == []
     curves = [view for view in profile_views(rows, styles, []) if view.name in ("time", "evaluations")]
@@ -124,7 +120,7 @@ def test_a_false_number_is_found():
 
 def test_a_false_cell_is_found_whatever_it_says():
     rows = drawn(2)
-    tables, pace = tables_of(rows)
+    tables = tables_of(rows)
     lines = tables["time", None].rows
     for column in range(len(lines[0])):
         told = [line[column] for line in lines]
@@ -135,5 +131,5 @@ def test_a_false_cell_is_found_whatever_it_says():
         for cell in spoilt:
             line = (*lines[where][:column], cell, *lines[where][column + 1 :])
             table = replace(tables["time", None], rows=(*lines[:where], line, *lines[where + 1 :]))
-            assert len(false_lines({("time", None): table}, rows, pace)) == 1
-    assert false_lines({("time", None): tables["time", None]}, [row for row in rows if "ida" not in row.solver], pace)
+            assert len(false_lines({("time", None): table}, rows)) == 1
+    assert false_lines({("time", None): tables["time", None]}, [row for row in rows if "ida" not in row.solver])
