@@ -6,7 +6,7 @@ asks for the same cells as one that was never interrupted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -221,7 +221,7 @@ def _weighing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, tell: 
         if row is not None and _counted([row]):
             pairs.setdefault((cell.problem, cell.solver), []).append((cell, row))
     pending = {own[0][0].key: own for own in pairs.values() if any(_unweighed(row, machine) for _, row in own)}
-    first = {key: replace(task_of(own[0][0]), weighed=_counted(row for _, row in own)) for key, own in pending.items()}
+    first = {key: replace(task_of(own[0][0]), weighed=_counted([row for _, row in own])) for key, own in pending.items()}
     for done, (key, found) in enumerate(_one_a_core(first, pool)):
         tell("costs of calls", done, len(pending))
         told = {"call_costs": found.get("call_costs", {}), "machine": machine}
@@ -229,7 +229,7 @@ def _weighing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, tell: 
     tell("costs of calls", len(pending), len(pending))
 
 
-def _counted(rows: Iterable[RunRow]) -> tuple[str, ...]:
+def _counted(rows: Sequence[RunRow]) -> tuple[str, ...]:
     """What any of ``rows`` counted of that which is weighed."""
     return tuple(name for name in COUNTERS if any(row.counters.get(name) for row in rows))
 
