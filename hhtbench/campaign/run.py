@@ -40,6 +40,7 @@ TIMED = (
     "wall_s",
     "load",
     "disturbed",
+    "call_costs",
 )  #: of ``timing``, null until the timing pass
 
 

@@ -30,6 +30,7 @@ from hhtbench.result import Solution
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
+EMPTY = 1e-10  # of the largest row: terms that are smaller in the whole run are roundoff
 MOST_OWN = 5000  # states at which the acceleration level is looked at, each by a linear system of its own
 CHUNK = 256  # states per call: one compiled shape for all lengths
 
@@ -227,7 +228,8 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
     """Drift at the acceleration level at states of ``own``, at most ``MOST_OWN`` evenly spread, or None and the reason.
 
     Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning
-    point, any error is as large as they are.
+    point, any error is as large as they are.  A row whose terms are roundoff throughout, as that of a joint out of the plane
+    of a motion, counts by those of the largest row.
     """
     s = dynamics.structure
     if own is None:
@@ -246,7 +248,9 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
     if not np.isfinite(terms).all():
         return None, SINGULAR_MASS
     imbalance, sizes = np.split(terms, 2, axis=1)
-    value = np.max(_relative(np, imbalance, sizes.max(axis=0)), axis=1)
+    largest = sizes.max(axis=0)
+    largest[largest < EMPTY * largest.max()] = largest.max()
+    value = np.max(_relative(np, imbalance, largest), axis=1)
     return Level(own.t[some], value), unknown if known.size < own.t.size else None
 
 

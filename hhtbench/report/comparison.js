@@ -1,6 +1,7 @@
 let base = "front";  // who is shown where nobody has clicked: "front", "all" or "none"
 const clicked = new Map();  // solver -> shown or not
 const buttons = [...document.querySelectorAll(".legend .solver")];
+const solvers = new Set(buttons.map(button => button.dataset.entry));
 const inFront = new Set(figures.flatMap(figure => figure.front ?? []));
 
 function isShown(entry, front) {
@@ -9,7 +10,7 @@ function isShown(entry, front) {
 
 function tailored(box) {
   const {data, layout, front} = structuredClone(figures[box.dataset.figure]);
-  for (const trace of data) trace.visible = isShown(trace.name, front);
+  for (const trace of data) trace.visible = !solvers.has(trace.name) || isShown(trace.name, front);
   layout.height = box.clientHeight;
   if (box.clientWidth < 480) {
     layout.margin = {l: 58, r: 10, t: 20, b: 50};
@@ -23,6 +24,14 @@ function tailored(box) {
         axis.ticktext = axis.ticktext.filter(kept);
       }
       else if (typeof axis.dtick === "number" && axis.range[1] - axis.range[0] > 4) axis.dtick *= 2;
+    }
+    const names = layout.yaxis.categoryarray;
+    if (names) {  // of problems: small, arguments below, and without a title, or they take half of the width
+      Object.assign(layout.margin, {l: 0, r: 2});
+      delete layout.yaxis.title;
+      layout.yaxis.tickfont = {size: 9};
+      layout.yaxis.tickvals = names;
+      layout.yaxis.ticktext = names.map(name => name.replace("(", "<br>("));
     }
   }
   return {data, layout};

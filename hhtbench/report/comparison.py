@@ -24,8 +24,7 @@ from hhtbench.report.first_screen import decision_section, evidence_section, fig
 from hhtbench.report.legend import legend
 from hhtbench.report.markdown import claims, environment_table, escape_text, markdown_table
 from hhtbench.report.rules import campaign_told
-from hhtbench.report.speed_page import PAGE as SPEED
-from hhtbench.report.speed_page import write_speed
+from hhtbench.report.speed_section import speed_section
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.report.words import MEASURES, bounded, plural
 from hhtbench.store.rows import RunRow
@@ -42,7 +41,7 @@ def write_comparison(
 ) -> Content:
     """Write ``index.html`` and ``report.md`` into ``folder``, which is made when it is missing.
 
-    Where ``make bench-engine`` has left its ``speed.json`` there, ``speed.html`` is made from it and linked.
+    Where ``make bench-engine`` has left its ``speed.json`` there, ``index.html`` shows it too.
 
     Parameters
     ----------
@@ -71,18 +70,29 @@ def write_comparison(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         curves = (folder / CURVES).is_file()
-        others = {SPEED: "machine speed"} if write_speed(folder, command) else {}
+        drawings = Drawings()
+        speed = speed_section(folder, drawings)
+        others = {"#speed": "machine speed"} if speed else {}
         others |= {page: name for page, name in BESIDE.items() if (folder / page).is_file()}
-        (folder / "index.html").write_text(_page(content, command, evidence, curves, others), encoding="utf-8")
+        text = _page(content, command, evidence, curves, others, speed, drawings)
+        (folder / "index.html").write_text(text, encoding="utf-8")
         (folder / "report.md").write_text(_markdown(content, command, evidence), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"the report cannot be written to {folder}: {error.strerror}.") from error
     return content
 
 
-def _page(content: Content, command: str, evidence: Evidence | None, curves: bool, others: Mapping[str, str]) -> str:
-    """The text of ``index.html``; ``others`` names the pages beside it."""
-    styles, drawings = colours.solver_styles(analysis.entries(content.rows)), Drawings()
+def _page(
+    content: Content,
+    command: str,
+    evidence: Evidence | None,
+    curves: bool,
+    others: Mapping[str, str],
+    speed: str,
+    drawings: Drawings,
+) -> str:
+    """The text of ``index.html``; ``others`` names sections and pages beside it, ``speed`` is a section in ``drawings``."""
+    styles = colours.solver_styles(analysis.entries(content.rows))
     texts = {name: files("hhtbench.report").joinpath(f"comparison.{name}").read_text(encoding="utf-8") for name in PARTS}
     return Template(texts["html"]).substitute(
         title=escape(TITLE),
@@ -103,6 +113,7 @@ def _page(content: Content, command: str, evidence: Evidence | None, curves: boo
         sections="\n".join(_problem_section(content.rows, part, styles, drawings) for part in content.parts),
         failures=html_table(content.failures),
         campaign=escape(campaign_told(content.rows)),
+        speed=speed,
         machine=_machine(content.rows),
         command=escape(command),
         created=escape(_created(content.rows)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hhtbench import analysis
@@ -20,8 +20,9 @@ from hhtbench.report.words import (
     bounded,
     outcome,
     plural,
+    repeats,
+    short,
     shown,
-    times,
     uncounted,
     work,
 )
@@ -51,8 +52,8 @@ def balance(rows: Sequence[RunRow]) -> Table:
     note = (
         f"Numbers of problems: {', '.join(MARKS.values())}. The best HHT entry against the cheapest of all other solvers at "
         "the same achieved error and with drift of position and velocity within the bound on both sides; with a bound, "
-        "problems with constraints only. Level: within the factor by which repeats of one solve differ, "
-        f"{times(whole.level)} for processor time. Alone: no other solver gets there, whatever "
+        "problems with constraints only. Level: within the factor by which repeats of one solve differ in "
+        f"processor time, {repeats(whole.level)}. Alone: no other solver gets there, whatever "
         "it was given; not there: HHT does not, another does."
     )
     return make_table(["drift", "by", "all", *(f"error {target:.0e}" for target in targets)], body, note)
@@ -144,7 +145,7 @@ def cheapest(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = N
     for measure in MEASURES:
         for front in analysis.fronts(own, measure, targets):
             best = [f"{cost.entry} {_cost(cost, measure)}" for cost in front.costs[:CHEAPEST]]
-            missing = _grouped(list(front.missing.values()))
+            missing = _grouped(front.missing)
             body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
     headers = ["error", "by", "cheapest", "second", "third", "without a cost"]
     note = (
@@ -159,10 +160,11 @@ def _stars(rows: Sequence[RunRow], problem: str) -> str:
     return f" *: {STAR}." if disturbed else ""
 
 
-def _grouped(reasons: list[analysis.Missing]) -> str:
-    """``3 not tried, 1 failed``; the reason itself where all share one."""
+def _grouped(missing: Mapping[str, analysis.Missing]) -> str:
+    """``3 a stated cap, 1 failed``; the reason itself where all share one, and of whom where it is one."""
+    reasons = list(missing.values())
     texts = {reason.text for reason in reasons}
     if len(texts) == 1:
-        return f"{len(reasons)}: {texts.pop()}"
+        return f"{len(reasons) if len(reasons) > 1 else short(*missing)}: {texts.pop()}"
     counts = {kind: sum(reason.kind == kind for reason in reasons) for kind in KINDS}
     return ", ".join(f"{number} {KINDS[kind]}" for kind, number in counts.items() if number) or NOTHING

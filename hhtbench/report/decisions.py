@@ -9,7 +9,7 @@ from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, NOT_RUN, SUBJECT, UNKNOWN, Campaign, Choice, Kind, Place, Ratio, family
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, short, times, work
+from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
 from hhtbench.store.rows import RunRow
 
 HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on fewer")
@@ -22,7 +22,7 @@ def reading(campaign: Campaign) -> str:
         "The table. Solvers in order: first by how many problems of the kind they reach at the error, then by the geometric "
         "mean of their costs there. Second, and HHT's place among all that reach any: how many times dearer than the "
         "cheapest on the problems that both reach; level, by time: by no more than repeats of one solve differ, "
-        f"{times(campaign.level)}. Cheaper on fewer: who reaches fewer than the cheapest and costs less there. At most: a "
+        f"{repeats(campaign.level)}. Cheaper on fewer: who reaches fewer than the cheapest and costs less there. At most: a "
         "cost is that of a run more accurate than asked; at least: the cheapest's is; about: both are, and the ratio may be "
         "off either way. Tagged: by the problem's author."
     )

@@ -21,7 +21,20 @@ from hhtbench.analysis import (
     Point,
     family,
 )
-from hhtbench.report.words import KINDS, MEASURES, STAR, bounded, dearer, factor, listed, plural, short, shown, uncounted
+from hhtbench.report.words import (
+    KINDS,
+    MEASURES,
+    STAR,
+    bounded,
+    dearer,
+    factor,
+    listed,
+    plural,
+    short,
+    shown,
+    uncounted,
+    weighed,
+)
 from hhtbench.store.rows import RunRow
 
 
@@ -188,7 +201,7 @@ def _caveats(rows: Sequence[RunRow]) -> str:
     once = [name for name in analysis.problems(rows) if {r.compared for r in runs if r.problem == name} == {1}]
     if once:
         parts.append(f"On {listed(once)} errors are compared at 1 time only.")
-    parts += _times(runs)
+    parts += [weighed(runs), *_times(runs)]
     limited = [run for run in runs if run.error is not None and run.error < run.limit]
     if limited:
         parts.append(f"{plural(len(limited), 'error')} lie below what the reference can judge and are shown as they are.")

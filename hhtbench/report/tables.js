@@ -4,8 +4,8 @@ const UNITS = {"µs": 1e-6, ms: 1e-3, s: 1, "%": 1};
 // Numbers with their unit first, by size; then other texts.
 function sortKey(cell) {
   const text = cell?.textContent.trim() ?? "";
-  const found = text.match(/^(?:≤ |[a-z ]+ )?(-?\d[\d.]*(?:e[-+]?\d+)?)\s*(µs|ms|s|%)?/);
-  return found ? [0, Number(found[1]) * (UNITS[found[2]] ?? 1), text] : [1, 0, text];
+  const found = text.match(/^(?:≤ |[a-z ]+ )?(-?\d[\d.]*(?:,\d{3})*(?:e[-+]?\d+)?)\s*(µs|ms|s|%)?/);
+  return found ? [0, Number(found[1].replaceAll(",", "")) * (UNITS[found[2]] ?? 1), text] : [1, 0, text];
 }
 
 function compared(a, b) {

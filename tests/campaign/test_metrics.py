@@ -170,6 +170,34 @@ def test_an_instant_at_which_all_terms_vanish_does_not_make_a_small_imbalance_la
     assert drift["acceleration"] == pytest.approx(4e-6 / (2 * 1.0 + 2))
 
 
+class Flat(Circle):
+    """The circle in space, held in its plane by a second constraint."""
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return jnp.stack([q[:2] @ q[:2] - 1, q[2]])
+
+
+def test_a_row_that_holds_nothing_but_roundoff_is_not_said_to_be_violated():
+    """Out of the plane there is no force: a multiplier of 1e-17 is all that the row holds, and all of it imbalance."""
+    made, zero = solution(), np.zeros((11, 1))
+    lam = np.tile([0.5, 1e-17], (11, 1))
+    wide = {
+        "q": np.hstack([made.q, zero]),
+        "v": np.hstack([made.v, zero]),
+        "lam": lam,
+        "carried": {"lam": lam, "mu": made.mu},
+    }
+    changes = {
+        "q0": [1.0, 0.0, 0.0],
+        "v0": [0.0, 1.0, 0.0],
+        "scales": Scales(q=2.0, v=4.0),
+        "exact": None,
+        "observables": {},
+    }
+    drift = measure(circle(system=Flat(), **changes), replace(made, **wide)).metrics["drift"]
+    assert drift["acceleration"] < 1e-14
+
+
 def test_a_solver_without_multipliers_of_its_own_has_no_drift_at_the_acceleration_level():
     found = measure(circle(), solution(carried=None))
     drift = found.metrics["drift"]

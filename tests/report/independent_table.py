@@ -216,10 +216,12 @@ def _agree(told, tone, head, value, tail, right_tone):
     """Whether a whole cell is right: words and tone to the letter, the number to its digits."""
     if value is None:
         return (told, tone) == (head + tail, right_tone)
-    inside = re.fullmatch(rf"{re.escape(head)}(\d[\d.]*(?:e[+-]?\d+)?) ?(\D*?){re.escape(tail)}", told)
+    inside = re.fullmatch(rf"{re.escape(head)}(\d[\d.,]*(?:e[+-]?\d+)?) ?(\D*?){re.escape(tail)}", told)
     if inside is None or inside[2] not in UNITS or tone != right_tone:
         return False
-    return math.isclose(float(inside[1]) * UNITS[inside[2]], value, rel_tol=CLOSE, abs_tol=0.5 * (inside[2] == ""))
+    return math.isclose(
+        float(inside[1].replace(",", "")) * UNITS[inside[2]], value, rel_tol=CLOSE, abs_tol=0.5 * (inside[2] == "")
+    )
 
 
 def false_lines(tables, rows):

@@ -13,7 +13,7 @@ from plotly.offline import get_plotlyjs_version
 from hhtbench.errors import ProblemError
 from hhtbench.report import contest, write_comparison
 from hhtbench.report.elements import sketch
-from tests.analysis.laws import law
+from tests.analysis.laws import failed, law
 from tests.report.conftest import COMMAND
 from tests.report.drawings import embedded, figures_of
 from tests.report.synthetic import PROBLEMS, SOLVERS
@@ -220,6 +220,12 @@ def test_disturbed_time_is_marked_where_solvers_are_ranked():
     found = contest.cheapest([*law("hht", 100.0, 2), *rows], "pendulum")
     assert [cell.text for cell in found.rows[3][2:4]] == ["ida 25 ms*", "hht 100 ms"]
     assert "*: the process waited" in found.note
+
+
+def test_one_who_has_no_cost_is_named_and_several_are_counted():
+    missing = [failed("ida(form=ggl)", 1e-4), failed("rattle", 1e-4)]
+    told = [contest.cheapest([*law("hht", 100.0, 2), *missing[:n]], "pendulum").rows[0][-1].text for n in (1, 2)]
+    assert told == ["ida(ggl): newton_failed 1 of 1", "2: newton_failed 1 of 1"]
 
 
 def test_bar_in_a_header_does_not_break_the_table_of_markdown(report):

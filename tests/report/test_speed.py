@@ -1,4 +1,4 @@
-"""The page "speed": what is compared, ratios, times, drift, labelled axes, and no link where it is not there."""
+"""Machine speed in the comparison: what is compared, ratios, times, drift, labelled axes; nothing without measurements."""
 
 import json
 import re
@@ -8,8 +8,9 @@ import pytest
 
 from hhtbench.errors import ProblemError
 from hhtbench.report import write_comparison
+from hhtbench.report.drawings import Drawings
 from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, summary
-from hhtbench.report.speed_page import write_speed
+from hhtbench.report.speed_section import speed_section
 from hhtbench.report.words import times
 from tests.analysis.laws import failed, law
 from tests.report.conftest import COMMAND
@@ -76,8 +77,8 @@ SPEED = {
 
 def written(folder, speed=SPEED):
     (folder / "speed.json").write_text(json.dumps(speed), encoding="utf-8")
-    assert write_speed(folder, COMMAND)
-    return (folder / "speed.html").read_text(encoding="utf-8")
+    drawings = Drawings()
+    return speed_section(folder, drawings) + drawings.scripts("")
 
 
 @pytest.fixture(scope="module")
@@ -159,16 +160,21 @@ def test_a_missing_compiler_is_told_and_nothing_is_called_broken(tmp_path):
     assert "not measured<small>limit 1<" in page
 
 
-def test_the_comparison_links_to_the_page_only_where_it_is(rows, tmp_path):
-    write_comparison(rows, tmp_path, COMMAND)
-    assert "speed.html" not in (tmp_path / "index.html").read_text(encoding="utf-8")
-    written(tmp_path)
-    write_comparison(rows, tmp_path, COMMAND)
-    assert 'href="speed.html"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+def test_the_comparison_shows_machine_speed_only_where_it_was_measured(rows, tmp_path):
+    def shown():
+        write_comparison(rows, tmp_path, COMMAND)
+        return (tmp_path / "index.html").read_text(encoding="utf-8")
+
+    without = shown()
+    assert 'id="speed"' not in without and "#speed" not in without
+    section = written(tmp_path).partition("<script")[0]
+    page = shown()
+    assert section.strip() in page and '<a href="#speed">machine speed</a>' in page
+    assert len(figures_of(page)) == len(figures_of(without)) + 3
+    targets = re.findall(r'href="#(plot-speed[^"]*)"', page)
+    assert len(targets) == 5 and all(page.count(f'id="{target}"') == 1 for target in targets)
     (tmp_path / "speed.json").unlink()
-    write_comparison(rows, tmp_path, COMMAND)
-    assert "speed.html" not in (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert not (tmp_path / "speed.html").exists(), "a page without its numbers would be an old one"
+    assert shown() == without
 
 
 @pytest.mark.parametrize("page", ["b/convergence.html", "stability.html"])
@@ -185,7 +191,7 @@ def test_the_report_links_the_page_of_a_study_where_it_is_there(rows, tmp_path, 
 def test_a_file_that_is_not_speed_is_refused_with_the_way_out(tmp_path, text):
     (tmp_path / "speed.json").write_text(text, encoding="utf-8")
     with pytest.raises(ProblemError, match="make bench-engine"):
-        write_speed(tmp_path, COMMAND)
+        speed_section(tmp_path, Drawings())
 
 
 def test_tables_hold_every_solver_and_every_error():

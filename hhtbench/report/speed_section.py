@@ -1,4 +1,4 @@
-"""``speed.html``: machine speed, from the ``speed.json`` that ``make bench-engine`` writes."""
+"""Machine speed as a section of the comparison, from the ``speed.json`` that ``make bench-engine`` writes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import plotly.graph_objects as go
@@ -24,9 +22,8 @@ from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_
 from hhtbench.report.wording import anchor
 from hhtbench.store.rows import RunRow
 
-PAGE, SOURCE = "speed.html", "speed.json"
-TITLE = "Machine speed: hand-written C, Exudyn and the reference solvers"
-MADE = "make bench-engine"
+SOURCE, MADE = "speed.json", "make bench-engine"
+AT_EQUAL_ERROR = "At equal error, beside the reference solvers"
 ROOM = 0.2  # decades beside the marks
 LINE = 22  # pixels of one problem in a figure
 CONTEST = (
@@ -42,8 +39,8 @@ SIDES = {  # who is drawn: label, colour, mark
 }
 
 
-def write_speed(folder: Path, command: str) -> bool:
-    """Write the page where ``folder`` holds ``speed.json``, remove it where not; whether there is one.
+def speed_section(folder: Path, drawings: Drawings) -> str:
+    """The section where ``folder`` holds ``speed.json``, "" where not.
 
     Raises
     ------
@@ -52,50 +49,40 @@ def write_speed(folder: Path, command: str) -> bool:
     """
     source = folder / SOURCE
     if not source.is_file():
-        (folder / PAGE).unlink(missing_ok=True)
-        return False
+        return ""
     try:
-        text = speed_page(json.loads(source.read_text(encoding="utf-8")), command)
+        return _section(json.loads(source.read_text(encoding="utf-8")), drawings)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         fault = f"{type(error).__name__}: {error}"
         raise ProblemError(f"{source} cannot be read ({fault}); make it again with {MADE}, or remove it.") from error
-    (folder / PAGE).write_text(text, encoding="utf-8")
-    return True
 
 
-def speed_page(speed: Mapping[str, Any], command: str) -> str:
-    """The text of the page."""
-    rows, drawings = contest_rows(speed), Drawings()
+def _section(speed: Mapping[str, Any], drawings: Drawings) -> str:
+    rows = contest_rows(speed)
     present = {key: section for key, section in SECTIONS.items() if speed.get(key)}
     absent = [section.title for key, section in SECTIONS.items() if key not in present]
     parts = [
-        f'<h2 id="{key}">{escape(section.title)}</h2>\n<p class="lead">{escape(section.text)}</p>\n'
+        f'<h3 id="{anchor(f"speed-{key}")}">{escape(section.title)}</h3>\n<p class="lead">{escape(section.text)}</p>\n'
         f"{html_table(section.table(speed[key]))}"
         for key, section in present.items()
     ]
-    links = [f'<a href="#{key}">{escape(section.title)}</a>' for key, section in present.items()]
+    links = {f"speed-{key}": section.title for key, section in present.items()}
     if rows:
         parts.append(_contest(rows, speed.get("duels") or [], drawings))
-        links.append('<a href="#contest">At equal error, beside the reference solvers</a>')
+        links["speed-contest"] = AT_EQUAL_ERROR
     else:
-        absent.append("At equal error, beside the reference solvers")
+        absent.append(AT_EQUAL_ERROR)
+    contents = "\n".join(f'<a href="#{anchor(key)}">{escape(title)}</a>' for key, title in links.items())
     parts += [f'<p class="note">Not measured in this run: {escape(", ".join(absent))}.</p>'] if absent else []
-    texts = {name: files("hhtbench.report").joinpath(name).read_text(encoding="utf-8") for name in PARTS}
-    return Template(texts["speed.html"]).substitute(
-        title=escape(TITLE),
-        style=Template(texts["comparison.css"]).substitute(font=colours.FONT, text=colours.TEXT, height=LINE),
-        contents="\n".join(links),
-        engine=escape(str(speed["engine"])),
-        sections="\n".join(parts),
-        command=escape(command),
-        made=escape(MADE),
-        created=escape(str(speed.get("created", ""))[:10] or "an unknown date"),
-        environment=escape(", ".join(f"{name} {value}" for name, value in speed["environment"].items())),
-        scripts=drawings.scripts(texts["draw_all.js"]),
-    )
-
-
-PARTS = ("speed.html", "comparison.css", "draw_all.js")
+    created = str(speed.get("created", ""))[:10] or "an unknown date"
+    environment = ", ".join(f"{name} {value}" for name, value in speed["environment"].items())
+    engine, sections = str(speed["engine"]), "\n".join(parts)
+    return f"""\
+<h2 id="speed">Machine speed: hand-written C, Exudyn and the reference solvers</h2>
+<nav aria-label="Machine speed">{contents}</nav>
+<p class="note">Measured by <code>{escape(MADE)}</code> on {escape(created)} with HHT's engine "{escape(engine)}", side by
+side in one run, on one core; all numbers in <a href="{SOURCE}">{SOURCE}</a>. {escape(environment)}.</p>
+{sections}"""
 
 
 def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]], drawings: Drawings) -> str:
@@ -104,13 +91,12 @@ def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]], drawing
         _figure([line for line in lines if line.target == target], target, drawings) for target in RACE_TARGETS
     )
     every = "\n".join(
-        f'<details id="{anchor(name)}"><summary>Every solver on {escape(name)}</summary>\n'
-        f"{html_table(everyone_table(rows, name))}</details>"
+        f"<details><summary>Every solver on {escape(name)}</summary>\n{html_table(everyone_table(rows, name))}</details>"
         for name in problems(rows)
     )
     said = "<br>".join(escape(text) for text in summary(rows, duels))
     return f"""\
-<h2 id="contest">At equal error, beside the reference solvers</h2>
+<h3 id="{anchor("speed-contest")}">{AT_EQUAL_ERROR}</h3>
 <p class="lead">{escape(CONTEST)}<br>{said}</p>
 <div class="charts">
 {figures}
@@ -124,7 +110,7 @@ def _contest(rows: Sequence[RunRow], duels: Sequence[Mapping[str, Any]], drawing
 def _figure(lines: Sequence[Race], target: float, drawings: Drawings) -> str:
     figure = time_figure(lines)
     return f"""\
-<figure id="time-{target:.0e}">
+<figure id="{anchor(f"speed-time-{target:.0e}")}">
 <h3>Time to reach an error of {target:.0e}</h3>
 {drawings.box(figure, figure.layout.height)}
 <figcaption class="caption">Left is faster. Who has no mark has no time at this error: the tables say why.</figcaption>
