@@ -1,26 +1,25 @@
 """``python -m tests.fuzz``: thousands of random mechanisms, solved in every way; which of them show a fault.
 
-Every process has a share of the cases and is watched: one that dies or does not end is a fault of the case it was at.
+Every process has a share of the cases: one that dies, or stands still and is ended, is a fault of the case it was at.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import secrets
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import click
 from tabulate import tabulate
 
 from hhtbench.processes import one_blas_thread
 from tests.fuzz.cases import FAMILIES
-from tests.fuzz.explore import explore, faults_of, read, simplest
+from tests.fuzz.explore import explore, fault_of, read, simplest
 
 SHARE = 400  # cases of one process
 STILL = 180.0  # s without a new case: the process hangs
@@ -37,39 +36,33 @@ def shares(count: int, only: tuple[str, ...]) -> list[tuple[str, int]]:
     return sorted(found, key=lambda share: -share[1])
 
 
-def watch(family: str, seed: int, count: int) -> dict:
-    """What one process has found; where it dies or stands still, the case it was at."""
-    with tempfile.TemporaryDirectory() as folder:
-        journal, answer = Path(folder) / "case", Path(folder) / "answer"
-        journal.touch()
-        command = [sys.executable, "-m", "tests.fuzz", "--share", f"{family}:{seed}:{count}:{folder}"]
-        with answer.open("w") as out:
-            process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
-            while process.poll() is None:
-                time.sleep(0.5)
-                if time.time() - journal.stat().st_mtime > STILL:
-                    process.kill()
-                    process.wait()
-        lines, at = answer.read_text(encoding="utf-8").splitlines(), journal.read_text(encoding="utf-8")
-    try:
-        found: dict = json.loads(lines[-1])
-    except (ValueError, IndexError):
-        last = " | ".join(lines[-5:])
-        found = {"cases": 0, "sound": 0, "ends": {}, "faults": [(f"ends its process ({process.returncode}): {last}", at)]}
-    told = [f"\n{fault}\n  python -m tests.fuzz --case {json.dumps(case)}" for fault, case in found["faults"]]
-    click.echo(f"{family}, seed {seed}: {found['cases']} cases, {len(told)} faults{''.join(told)}")
-    return {"family": family, **found}
+def begun(case: str) -> None:
+    """Tell which case runs; where it stands still, what it was at, and end the process."""
+    print(case, flush=True)
+    faulthandler.dump_traceback_later(STILL, exit=True)
 
 
-def share(given: str) -> None:
-    """What :func:`watch` has started: print the result as JSON."""
-    family, first, count, folder = given.split(":")
-    journal = Path(folder) / "case"
-    found = explore(family, int(first), int(count), journal=journal)
+def share(family: str, first: int, count: int) -> None:
+    """What one process does: print every case before it is solved, and at last the result as JSON."""
+    found = explore(family, first, count, begun=begun)
     if found.faults:
-        least = simplest(family, int(first), int(count), journal=journal)
-        found.faults += [(f"{least[0]} (the simplest)", least[1])] if least[0] else []
-    click.echo(json.dumps(vars(found)))
+        found.faults.append(simplest(family, first, count))
+    print(json.dumps(vars(found)))
+
+
+def watch(family: str, first: int, count: int) -> dict:
+    """What a process has found; where it dies, the case it was at."""
+    command = [sys.executable, "-m", "tests.fuzz", "--share", family, "--seed", str(first), "--cases", str(count)]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    last = ended.stdout.splitlines()[-1:]
+    try:
+        found: dict = json.loads(*last)
+    except (ValueError, TypeError):
+        why = f"ends its process ({ended.returncode}): {' | '.join(ended.stderr.splitlines()[-8:])}"
+        found = {"cases": 0, "sound": 0, "ends": {}, "faults": [(why, *last)]}
+    told = [f"\n{fault}\n  python -m tests.fuzz --case {json.dumps(case)}" for fault, case in found["faults"]]
+    click.echo(f"{family}, seed {first}: {found['cases']} cases, {len(told)} faults{''.join(told)}")
+    return {"family": family, **found}
 
 
 def report(found: list[dict], seed: int, seconds: float) -> bool:
@@ -92,21 +85,21 @@ def report(found: list[dict], seed: int, seconds: float) -> bool:
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Processes at once.")
 @click.option("--only", multiple=True, type=click.Choice(FAMILIES), help="Families of cases.")
 @click.option("--case", help="One case, as it was printed: what is wrong with it.")
-@click.option("--share", "given", hidden=True)
-def main(count: int, seed: int | None, jobs: int, only: tuple[str, ...], case: str | None, given: str | None) -> None:
+@click.option("--share", "family", hidden=True)
+def main(count: int, seed: int | None, jobs: int, only: tuple[str, ...], case: str | None, family: str | None) -> None:
     """Draw cases, solve, judge; exit 1 where one shows a fault."""
     one_blas_thread()
-    if given is not None:
-        return share(given)
+    first, began = secrets.randbelow(10**6) * 10**6 if seed is None else seed, time.perf_counter()
+    if family is not None:
+        return share(family, first, count)
     if case is not None:
-        found = faults_of(read(case))
-        click.echo("\n".join(found) or "nothing is wrong")
+        found = fault_of(read(case))
+        click.echo(found or "nothing is wrong")
         sys.exit(bool(found))
-    first, began = secrets.randbelow(10**6) * 1000 if seed is None else seed, time.perf_counter()
     click.echo(f"--seed {first}")
     with ThreadPoolExecutor(jobs) as threads:
-        parts = list(enumerate(shares(count, only)))
-        results = list(threads.map(lambda part: watch(part[1][0], first + part[0], part[1][1]), parts))
+        parts = [(*part, first + SHARE * i) for i, part in enumerate(shares(count, only))]
+        results = list(threads.map(lambda part: watch(part[0], part[2], part[1]), parts))
     sys.exit(report(results, first, time.perf_counter() - began))
 
 
