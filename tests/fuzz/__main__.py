@@ -38,7 +38,7 @@ def shares(count: int, only: tuple[str, ...]) -> list[tuple[str, int]]:
 
 def begun(case: str) -> None:
     """Tell which case runs; where it stands still, what it was at, and end the process."""
-    print(case, flush=True)
+    click.echo(case)
     faulthandler.dump_traceback_later(STILL, exit=True)
 
 
@@ -47,7 +47,7 @@ def share(family: str, first: int, count: int) -> None:
     found = explore(family, first, count, begun=begun)
     if found.faults:
         found.faults.append(simplest(family, first, count))
-    print(json.dumps(vars(found)))
+    click.echo(json.dumps(vars(found)))
 
 
 def watch(family: str, first: int, count: int) -> dict:

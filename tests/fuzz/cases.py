@@ -137,7 +137,7 @@ def kinds(draw) -> Shape:
 
 @st.composite
 def wired(draw, kind: Shape) -> Shape:
-    """A tree of as many rods, closed by further ones, some of them doubled; points without rods are held by springs, if at all."""
+    """A tree of as many rods, closed by further ones, some of them doubled; without rods there are springs."""
     points, known, rods = kind.points, st.sampled_from, []
     pairs = [(i, j) for i in range(points) for j in range(points + kind.anchors) if i != j]
     for i in range(len(kind.rods)):

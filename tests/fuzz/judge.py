@@ -53,7 +53,7 @@ class Judge:
         return self._levels(of_rods, lambda: f.blade(np, self.shape, self.p, q, v))
 
     def unit(self, t, q):
-        """(m + p, n) rows over the root of the mass, of length one where they are not zero; their lengths; that root (n,)."""
+        """(m + p, n) rows over the root of the mass, of length one or zero; their lengths; that root (n,)."""
         root = np.sqrt(formulas.masses(np, self.shape, self.p, q))
         rows = self.rows(t, q) / root
         length = np.linalg.norm(rows, axis=1)
@@ -134,7 +134,7 @@ class Judge:
 
     @cached_property
     def sizes(self) -> tuple[float, float]:
-        """Typical ones of q and of v, the second as large as what is applied makes it over the first, also where it is held."""
+        """Typical ones of q and of v, the second as large as what is applied would make it over the first."""
         q, v, _ = self.start
         size, fall = float(np.abs(q).max()), 0.0
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):  # without a mass there is no such number
@@ -154,7 +154,7 @@ class Judge:
         return float((held / formulas.masses(np, self.shape, self.p, q)).max())
 
     def carried(self, t, q, v, times):
-        """q and v (2n,) at each of ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle."""
+        """q and v (2n,) at ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle."""
         n, settled, found = q.size, True, []
 
         def rate(s, y):

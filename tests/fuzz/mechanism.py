@@ -69,7 +69,7 @@ class Shape:
 
     @cached_property
     def maps(self):
-        """(d r, n) and (r, anchors) of rods, then of springs: separations are the first times q less the second's anchors."""
+        """(d r, n) and (r, anchors) of rods, then of springs: their separations are the first of q less the second."""
         found = []
         for pairs in (self.rods, self.springs):
             table = np.zeros((len(pairs), self.points + self.anchors))

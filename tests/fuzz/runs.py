@@ -15,8 +15,8 @@ from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
-SECONDS, EVALUATIONS = 60.0, 4_000  # of one solve; the second ends it on any machine
-BY_DIFFERENCES = 500  # evaluations: without declared derivatives each calls the functions some hundred times
+SECONDS, EVALUATIONS = 60.0, 2_000  # of one solve; the second ends it on any machine
+HOSTILE = 500  # evaluations of what need not arrive: each calls the functions 35 times, 105 without declared derivatives
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
 
 
@@ -95,7 +95,11 @@ class Setting:
     def request(self) -> dict:
         """Steps or tolerance, and budgets."""
         way = self.case.way
-        budget = {"max_seconds": SECONDS, "max_evaluations": EVALUATIONS if way.declares else BY_DIFFERENCES, **way.budget}
+        budget = {
+            "max_seconds": SECONDS,
+            "max_evaluations": EVALUATIONS if self.case.family != "hostile" else HOSTILE,
+            **way.budget,
+        }
         if way.steps == 0:
             return {"rtol": way.rtol, **budget}
         if not way.ratios:
@@ -146,7 +150,7 @@ class Setting:
 
     @cached_property
     def must_succeed(self) -> bool:
-        """Whether nothing excuses a failure: no fault planted, far from lost rank, a smooth reaction that leaves no row out."""
+        """Whether nothing excuses a failure: no fault, far from lost rank, a smooth reaction that leaves no row out."""
         case, way, shape, judge = self.case, self.case.way, self.made.shape, self.judge
         plain = case.family != "hostile" and not way.budget and way.watch != "change"  # changes may pile up
         doubled = len(judge.distinct) < len(shape.rods) + (shape.blade is not None)
