@@ -47,25 +47,22 @@ def fault_of(case: Case, solver=hht, tally: Explored | None = None) -> str:
 def explore(family: str, first: int, count: int, solver=hht, *, world=None, begun=None, stop=False, **changes) -> Explored:
     """``count`` cases by the seed ``first``, with other fields by ``changes``; every fault is kept, or the first is the end.
 
-    ``begun(text)`` is told of every case before it is solved.
+    ``begun(text)`` is told of every case before it is solved, and the first fault then has its simplest case after it.
     """
     result, strategy = Explored(), cases(family, world or World.drawn(first))
-    for i in range(count):
-        case = replace(drawn(strategy, first + i), **changes)
+
+    def look(case, tally=None):
         if begun is not None:
             begun(repr(case))
-        if fault_of(case, solver, result) and stop:
+        return fault_of(case, solver, tally)
+
+    for number in range(first, first + count):
+        fault = look(replace(drawn(strategy, number), **changes), result)
+        if fault and stop:
             break
+        if fault and begun is not None and len(result.faults) == 1 and (least := drawn(strategy, number, look)):
+            result.faults.append((look(least), repr(least)))
     return result
-
-
-def simplest(family: str, first: int, count: int) -> tuple[str, str]:
-    """The first fault that :func:`explore` meets, in the simplest case that shows one; two empty texts: there is none."""
-    strategy = cases(family, World.drawn(first))
-    for i in range(count):
-        if case := drawn(strategy, first + i, fault_of):
-            return fault_of(case), repr(case)
-    return "", ""
 
 
 def read(text: str) -> Case:

@@ -20,11 +20,7 @@ CLOSE = 1e-6  # of forces: multipliers of rows far from lost rank
 RESOLVED = 0.5  # rad of what is fastest in a step
 FASTER = 10.0  # times what is fastest at the start
 LOOKS = 25  # rows of a run that are looked at, at most
-RUN_ENDS = (
-    *(Status.success, Status.event, Status.max_steps, Status.step_too_small, Status.newton_failed, Status.deadline),
-    *(Status.singular_iteration_matrix, Status.redundant_constraints, Status.nonfinite_callback, Status.time_resolution),
-    *(Status.inconsistent_initial, Status.evaluation_budget),
-)
+RUN_ENDS = list(Status)[: list(Status).index(Status.deadline) + 1]  # those after it are not of runs
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
 ENERGY = 6.0  # times (h rate)^2 of the energies in play
 OFF = ("off by", "off the constraints", "beside a singular position")  # in messages: rows that are told not to be on them

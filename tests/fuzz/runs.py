@@ -6,6 +6,7 @@ import time
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ def hht(system, span, q0, v0, options, events, request) -> hb.Solution:
     return HHT(system, events=events, **options).solve(span, q0, v0, **request)
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """What a solve has returned or raised."""
 
     solution: hb.Solution | None
@@ -95,11 +95,8 @@ class Setting:
     def request(self) -> dict:
         """Steps or tolerance, and budgets."""
         way = self.case.way
-        budget = {
-            "max_seconds": SECONDS,
-            "max_evaluations": EVALUATIONS if self.case.family != "hostile" else HOSTILE,
-            **way.budget,
-        }
+        most = HOSTILE if self.case.family == "hostile" else EVALUATIONS
+        budget = {"max_seconds": SECONDS, "max_evaluations": most, **way.budget}
         if way.steps == 0:
             return {"rtol": way.rtol, **budget}
         if not way.ratios:

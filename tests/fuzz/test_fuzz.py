@@ -12,8 +12,8 @@ SEED = 20_260
 LIES = 60  # cases within which one is found
 WORLD = World(
     kinds=(
-        Shape(dim=2, points=2, anchors=2, rods=((0, 2), (1, 0)), driven=True),
-        Shape(dim=2, points=2, rods=((0, 2), (1, 0), (0, 2)), springs=((1, 2),), blade=(1, 0)),
+        Shape(dim=2, points=2, anchors=2, rods=((0, 2), (1, 0), (1, 3))),
+        Shape(dim=2, points=2, rods=((0, 2), (1, 0)), blade=(1, 0), driven=True, growing=True),
     ),
     methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
 )
