@@ -229,9 +229,9 @@ def ways(draw, family: str, world: World) -> Way:
     fewer = 1 if declares else 4  # by differences an evaluation costs as much as a hundred
     if by_error:
         rtol = draw(decades(-14 if wild else -6, 0 if wild else -2))
-        long = draw(decades(-300, 3)) if wild and draw(perhaps(st.just(True), False, 3)) else draw(tenths(2, 30))
+        long = draw(decades(-300, 3)) if wild and draw(perhaps(st.just(True), False, 3)) else draw(tenths(2, 20))
         return Way(**given, rtol=rtol, turns=min(long, 60 * math.sqrt(rtol)) / fewer if not wild else long)
-    steps = draw(st.integers(3, 30 // fewer))
+    steps = draw(st.integers(3, 16 // fewer))
     length = draw(decades(-12, 4)) if wild else draw(st.integers(2, 25)) / 100
     ratios = draw(perhaps(st.lists(tenths(5, 15), min_size=2, max_size=4).map(tuple), (), 4))
     return Way(**given, steps=steps, turns=steps * length, ratios=ratios)

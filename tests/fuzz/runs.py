@@ -17,7 +17,7 @@ from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
 SECONDS, EVALUATIONS = 60.0, 2_000  # of one solve; the second ends it on any machine
-HOSTILE = 500  # evaluations of what need not arrive: each calls the functions 35 times, 105 without declared derivatives
+HOSTILE = 300  # evaluations of what need not arrive: each calls the functions 35 times, 105 without declared derivatives
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
 
 
