@@ -1,53 +1,29 @@
 """The physics of a mechanism by array formulas, for NumPy and ``jax.numpy``.
 
-``xp`` is one of them, ``p`` holds the numbers: a :class:`Numbers` or the System of that shape.
+``xp`` is one of them, ``p`` holds the parameters: those of a Mechanism, or the System of that shape.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tests.fuzz.mechanism import Mechanism, Shape
+from tests.fuzz.mechanism import Shape
 
-
-class Numbers:
-    """The numbers of a mechanism as arrays, by the names of a System's parameters."""
-
-    def __init__(self, made: Mechanism) -> None:
-        shape = made.shape
-        self.mass, self.anchor, self.gravity = np.array(made.masses), np.array(made.anchor), np.array(made.gravity)
-        self.swing = np.array(made.swing or np.zeros(shape.dim))
-        self.frequency, self.drag, self.growth = made.frequency, made.drag, made.growth
-        self.scale, self.stiffness, self.natural, self.damper = np.array(made.scales), *np.zeros((3, len(shape.springs)))
-        q = np.array(made.places).ravel()
-        apart = [separations(np, shape, self, kind, made.t0, q) for kind in (0, 1)]
-        self.length, distance = (np.linalg.norm(x, axis=1) for x in apart)
-        if made.springs:
-            self.stiffness, ratio, self.damper = np.array(made.springs).T
-            self.natural = ratio * distance
-        self.along, self.turn = np.array(made.along or np.zeros(shape.dim)), np.zeros((shape.dim, shape.dim))
-        if made.turn:
-            self.turn = np.array(made.turn)
-        self.speed, self.blade_scale, self.friction, self.creep = made.speed, made.blade_scale, made.friction, made.creep
-
-    def values(self) -> dict:
-        """By name."""
-        return dict(vars(self))
-
-
-def anchors(xp, shape: Shape, p, t, order: int):
-    """(a, d) places of the anchors, or their velocities or accelerations."""
-    if not shape.driven:
-        return p.anchor if order == 0 else xp.zeros((shape.anchors, shape.dim))
-    w, first = p.frequency, np.eye(shape.anchors)[:, :1]
-    motion = (xp.sin(w * t), w * xp.cos(w * t), -w * w * xp.sin(w * t))[order] * first * p.swing
-    return p.anchor + motion if order == 0 else motion
+SPIN = {d: np.eye(d)[:, [1, 0, 2][:d]] * [[1.0], [-1.0], [0.0]][:d] for d in (2, 3)}  # a quarter turn about the third axis
+TINY = 1e-20  # of the size of x: an imaginary step, whose square is no digit
 
 
 def separations(xp, shape: Shape, p, kind: int, t, x, order: int = 0):
-    """(r, d) of rods (0) or springs (1) from coordinates; of order 1 from velocities."""
+    """(r, d) of rods (0) or springs (1) from coordinates x (n,); of order 1 from velocities, of order 2 accelerations."""
     points, fixed = shape.maps[kind]
-    return (points @ x).reshape(-1, shape.dim) - fixed @ anchors(xp, shape, p, t, order)
+    apart = (points @ x).reshape(-1, shape.dim)
+    if order == 0:
+        apart = apart - fixed @ p.anchor
+    if shape.driven:
+        w, phase = p.frequency, p.frequency * (t - p.t0)
+        motion = (xp.sin(phase), w * xp.cos(phase), -w * w * xp.sin(phase))[order]
+        apart = apart - fixed[:, :1] * (motion * p.swing)
+    return apart
 
 
 def back(shape: Shape, kind: int, forces):
@@ -104,24 +80,19 @@ def curvature(xp, shape: Shape, p, t, q, v):
 
 def blade_row(xp, shape: Shape, p, q):
     """(1, n) k_v."""
-    assert shape.blade is not None
-    of, to = shape.blade
-    places = np.eye(shape.points)
-    row = p.blade_scale * (p.along + p.turn @ (places[to] @ q.reshape(-1, shape.dim)))
-    return (places[of][:, None] * row).reshape(1, -1)
+    of, to = shape.blade_maps
+    return ((p.blade_scale * (p.along + p.turn * (SPIN[shape.dim] @ (to @ q)))) @ of)[None]
 
 
 def blade(xp, shape: Shape, p, q, v):
     """(1,) k."""
-    return blade_row(xp, shape, p, q) @ v - p.blade_scale * p.speed * np.ones(1)
+    return blade_row(xp, shape, p, q) @ v - p.blade_scale * p.speed
 
 
 def blade_curvature(xp, shape: Shape, p, q, v):
     """(1,) k_q v."""
-    assert shape.blade is not None
-    of, to = shape.blade
-    u = v.reshape(-1, shape.dim)
-    return p.blade_scale * (np.ones((1, 1)) * (u[of] @ (p.turn @ u[to]))).ravel()
+    of, to = shape.blade_maps
+    return (p.blade_scale * p.turn * ((of @ v) @ (SPIN[shape.dim] @ (to @ v))))[None]
 
 
 def brakes(xp, shape: Shape, p, t, q, v, lam):
@@ -146,17 +117,10 @@ def energy(shape: Shape, p, t, q, v):
 
 
 def force_jacobians(shape: Shape, p, t, q, v):
-    """(n, n) each, by q and by v."""
-    n, dim = shape.n, shape.dim
-    by_q, by_v = np.zeros((n, n)), -p.drag * np.eye(n)
-    d = separations(np, shape, p, 1, t, q)
-    for row, (x, k, natural, c) in enumerate(zip(d, p.stiffness, p.natural, p.damper, strict=True)):
-        place, r = shape.maps[1][0][row * dim : (row + 1) * dim], np.linalg.norm(x)
-        by_q -= place.T @ (k * (1 - natural / r) * np.eye(dim) + k * natural / r**3 * np.outer(x, x)) @ place
-        by_v -= c * place.T @ place
-    for i in range(shape.points if shape.growing else 0):
-        block = slice(i * dim, (i + 1) * dim)
-        x, u, grown = q[block], v[block], p.mass[i] * p.growth
-        by_q[block, block] += grown * (u @ u * np.eye(dim) - 2 * np.outer(u, u))
-        by_v[block, block] += grown * 2 * (np.outer(x, u) - np.outer(u, x) - x @ u * np.eye(dim))
-    return by_q, by_v
+    """(n, n) each, by q and by v: imaginary parts at imaginary steps, to the last digit."""
+
+    def by(function, x):
+        step = TINY * (np.abs(x).max() or 1.0)
+        return np.imag([function(x + 1j * step * e) for e in np.eye(shape.n)]).T / step
+
+    return by(lambda x: force(np, shape, p, t, x, v), q), by(lambda x: force(np, shape, p, t, q, x), v)

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from tests.fuzz import formulas
-from tests.fuzz.formulas import Numbers
 from tests.fuzz.mechanism import Mechanism
 
 SWEEPS = 15  # of friction by the tensions of before: with more of it the root is not plain
@@ -18,46 +17,52 @@ CLEAR = 0.03  # least singular value of the unit rows, over the root of the mass
 NEAR = 0.1  # of the size of a mechanism: no rod and no spring is shorter
 
 
-class Rows(NamedTuple):
-    """Of the constraints over the root of the mass, each of length one."""
+class Accelerations(NamedTuple):
+    """What the acceleration level asks for."""
 
-    unit: np.ndarray  #: (m + p, n)
-    length: np.ndarray  #: (m + p,)
-    root: np.ndarray  #: (n,) of the mass
+    vdot: np.ndarray  #: (n,)
+    of_force: np.ndarray  #: (n,) of it, without the reactions
+    lam: np.ndarray  #: (m + p,) multipliers of least norm in unit rows
+    settled: bool  #: friction has one plain root
 
 
 class Judge:
     """The equations of one mechanism."""
 
     def __init__(self, made: Mechanism) -> None:
-        self.made, self.shape, self.p = made, made.shape, Numbers(made)
+        self.made, self.shape, self.p = made, made.shape, made.p
+        self.t0 = float(self.p.t0)
         pairs = [frozenset(pair) for pair in made.shape.rods]
         self.distinct = [i for i, pair in enumerate(pairs) if pair not in pairs[:i]]
         if made.shape.blade:
             self.distinct.append(len(pairs))
 
+    def _levels(self, of_rods, of_blade):
+        """Of the rods, and of the blade if there is one."""
+        return np.concatenate([of_rods, of_blade()]) if self.shape.blade else of_rods
+
     def rows(self, t, q):
         """(m + p, n)."""
         of_rods = formulas.jacobian(np, self.shape, self.p, t, q)
-        return np.concatenate([of_rods, formulas.blade_row(np, self.shape, self.p, q)]) if self.shape.blade else of_rods
+        return self._levels(of_rods, lambda: formulas.blade_row(np, self.shape, self.p, q))
 
     def drift(self, t, q, v):
         """(m + p,) of the velocity level."""
-        of_rods = (
-            formulas.time_derivative(np, self.shape, self.p, t, q) + formulas.jacobian(np, self.shape, self.p, t, q) @ v
-        )
-        return np.concatenate([of_rods, formulas.blade(np, self.shape, self.p, q, v)]) if self.shape.blade else of_rods
+        f = formulas
+        of_rods = f.time_derivative(np, self.shape, self.p, t, q) + f.jacobian(np, self.shape, self.p, t, q) @ v
+        return self._levels(of_rods, lambda: f.blade(np, self.shape, self.p, q, v))
 
-    def unit(self, t, q) -> Rows:
-        """Unit rows; a row of zeros stays."""
+    def unit(self, t, q):
+        """(m + p, n) rows over the root of the mass, of length one or zero; their lengths; that root (n,)."""
         root = np.sqrt(formulas.masses(np, self.shape, self.p, q))
         rows = self.rows(t, q) / root
         length = np.linalg.norm(rows, axis=1)
-        return Rows(rows / np.where(length > 0, length, 1.0)[:, None], length, root)
+        length = np.where(length > 0.0, length, 1.0)
+        return rows / length[:, None], length, root
 
     def sigma(self, t, q) -> float:
         """Least singular value of the distinct unit rows; 1 without any, 0 for more than coordinates or a mass of zero."""
-        unit = self.unit(t, q).unit[self.distinct]
+        unit = self.unit(t, q)[0][self.distinct]
         if len(unit) > self.shape.n or not np.isfinite(unit).all():
             return 0.0
         return float(np.linalg.svd(unit, compute_uv=False)[-1]) if len(unit) else 1.0
@@ -65,35 +70,37 @@ class Judge:
     @cached_property
     def start(self):
         """q0 and v0 (n,), and whether they meet the velocity level."""
-        q, v, t = np.array(self.made.places).ravel(), np.array(self.made.velocities).ravel(), self.made.t0
+        q, v, t = self.p.places.ravel(), self.p.velocities.ravel(), self.t0
         rows = self.rows(t, q)
-        length = np.linalg.norm(rows, axis=1, keepdims=True)
+        length = np.linalg.norm(rows, axis=1)
         length = np.where(length > 0.0, length, 1.0)
-        rows, off = rows / length, self.drift(t, q, v) / length[:, 0]
-        v, given = v - np.linalg.pinv(rows) @ off, np.abs(v).max()
+        off, given = self.drift(t, q, v) / length, np.abs(v).max()
+        v = v - np.linalg.pinv(rows / length[:, None]) @ off
         v = np.where(np.abs(v) > 1e-13 * given, v, 0.0)  # at rest: a start is measured by its own velocities
-        left = self.drift(t, q, v) / length[:, 0]
-        return q, v, bool(np.abs(left).max(initial=0.0) <= 1e-12 * (np.abs(v).max() + np.abs(off).max(initial=0.0)))
+        left = np.abs(self.drift(t, q, v) / length).max(initial=0.0)
+        return q, v, bool(left <= 1e-12 * (np.abs(v).max() + np.abs(off).max(initial=0.0)))
 
     @cached_property
     def sound(self) -> bool:
         """Whether the start is far from everything that ends a run."""
         with np.errstate(all="ignore"):
             q, v, consistent = self.start
-            apart = [formulas.separations(np, self.shape, self.p, kind, self.made.t0, q) for kind in (0, 1)]
-            shortest = min((float(np.linalg.norm(x, axis=1).min(initial=np.inf)) for x in apart), default=np.inf)
-            finite = np.isfinite(q).all() and np.isfinite(v).all() and min(self.made.masses) > 0.0
-            near = shortest < NEAR * np.abs(q).max()
-        return bool(finite and consistent and not near and self.sigma(self.made.t0, q) > CLEAR)
+            near = self.shortest(self.t0, q) < NEAR * np.abs(q).max()
+            finite = np.isfinite(q).all() and np.isfinite(v).all() and self.p.mass.min() > 0.0
+        return bool(finite and consistent and not near and self.sigma(self.t0, q) > CLEAR)
 
-    def acceleration(self, t, q, v):
-        """vdot (n,), the multipliers (m + p,) of least norm in unit rows, and whether friction has settled."""
+    def shortest(self, t, q) -> float:
+        """Length of rods and springs."""
+        apart = [formulas.separations(np, self.shape, self.p, kind, t, q) for kind in (0, 1)]
+        return min(float(np.linalg.norm(x, axis=1).min(initial=np.inf)) for x in apart)
+
+    def acceleration(self, t, q, v) -> Accelerations:
+        """At a state."""
         unit, length, root = self.unit(t, q)
         applied = formulas.force(np, self.shape, self.p, t, q, v) / root
         bend = formulas.curvature(np, self.shape, self.p, t, q, v)
-        if self.shape.blade:
-            bend = np.concatenate([bend, formulas.blade_curvature(np, self.shape, self.p, q, v)])
-        inverse, bend, m = np.linalg.pinv(unit), bend / length, len(self.shape.rods)
+        bend = self._levels(bend, lambda: formulas.blade_curvature(np, self.shape, self.p, q, v)) / length
+        inverse, m = np.linalg.pinv(unit), len(self.shape.rods)
         brakes, lam, rough = np.zeros_like(root), np.zeros(len(unit)), self.shape.reaction == "friction"
         for _ in range(SWEEPS if rough else 1):
             before, pulled = lam, applied + brakes
@@ -102,17 +109,16 @@ class Judge:
             if rough:
                 brakes = formulas.brakes(np, self.shape, self.p, t, q, v, lam[:m]) / root
         settled = not rough or bool(np.abs(lam - before).max(initial=0.0) <= 1e-12 * np.abs(lam).max(initial=1e-300))
-        return (pulled - across) / root, lam, settled
+        return Accelerations((pulled - across) / root, applied / root, lam, settled)
 
     def rate(self, t, q, v) -> float:
         """[1/s] of what is fastest at a state: springs, dampers, turns, falls, tensions, the drive."""
         shape, p = self.shape, self.p
         by_q, by_v = formulas.force_jacobians(shape, p, t, q, v)
-        root = np.sqrt(formulas.masses(np, shape, p, q))
-        vdot, lam, _ = self.acceleration(t, q, v)
-        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency * shape.driven]
-        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / np.abs(q).max())]
-        found.append(np.abs(v).max() / np.abs(q).max())
+        root, size = np.sqrt(formulas.masses(np, shape, p, q)), np.abs(q).max()
+        vdot, _, lam, _ = self.acceleration(t, q, v)
+        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency, np.abs(v).max() / size]
+        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / size)]
         for kind in (0, 1):
             d, u = (formulas.separations(np, shape, p, kind, t, x, order) for order, x in enumerate((q, v)))
             length, points = np.linalg.norm(d, axis=1), shape.maps[kind][0]
@@ -123,39 +129,47 @@ class Judge:
                     light = ((points.reshape(*d.shape, -1)[:, 0] / root[:, None].T) ** 2).sum(axis=1)
                     found.append(np.sqrt(np.abs(p.scale * lam[: length.size] * light).max()))
         if shape.blade:
-            found.append(np.linalg.norm(p.turn) * np.abs(v).max() / np.linalg.norm(self.rows(t, q)[-1] / p.blade_scale))
+            found.append(abs(p.turn) * np.abs(v).max() / np.linalg.norm(self.rows(t, q)[-1] / p.blade_scale))
         return float(np.linalg.norm(found))
 
     @cached_property
     def sizes(self) -> tuple[float, float]:
-        """Typical ones of q and of v, the second as large as falling over the first makes it."""
+        """Typical ones of q and of v, the second as large as what is applied would make it over the first."""
         q, v, _ = self.start
         size, fall = float(np.abs(q).max()), 0.0
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):  # without a mass there is no such number
-            fall = float(np.sqrt(np.abs(self.acceleration(self.made.t0, q, v)[0]).max() * size))
+            found = self.acceleration(self.t0, q, v)
+            fall = float(np.sqrt(max(np.abs(found.of_force).max(), np.abs(found.vdot).max()) * size))
         return size, max(float(np.abs(v).max()), fall if np.isfinite(fall) else 0.0) or 1.0
 
-    def off(self, t, q, v, size_v: float) -> tuple[float, float]:
-        """Both levels, the largest of each over the size of its row."""
-        g, rows, drift = formulas.constraint(np, self.shape, self.p, t, q), self.rows(t, q), self.drift(t, q, v)
-        size = np.abs(rows).sum(axis=1)
-        position = np.abs(g) / (size[: g.size] * max(np.abs(q).max(), self.sizes[0]))
-        velocity = np.abs(drift) / (size * max(size_v, self.sizes[1]))
-        return float(position.max(initial=0.0)), float(velocity.max(initial=0.0))
+    def off(self, t, q, v):
+        """g (m,) and the velocity level (m + p,), in units of q and of v."""
+        size = np.abs(self.rows(t, q)).sum(axis=1)
+        g, drift = formulas.constraint(np, self.shape, self.p, t, q), self.drift(t, q, v)
+        return np.abs(g) / size[: g.size], np.abs(drift) / size
 
-    def carried(self, t, q, v, t1):
-        """q and v (2n,) at ``t1`` of the motion through (t, q, v), to ten digits; None where friction does not settle."""
-        n, settled = q.size, True
+    def strained(self, t, q, v, lam) -> float:
+        """The largest of accelerations by forces and multipliers lam (m + p,), before reactions cancel one another."""
+        held = np.abs(formulas.force(np, self.shape, self.p, t, q, v)) + np.abs(self.rows(t, q).T) @ np.abs(lam)
+        return float((held / formulas.masses(np, self.shape, self.p, q)).max())
+
+    def carried(self, t, q, v, times):
+        """q and v (2n,) at ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle."""
+        n, settled, found = q.size, True, []
 
         def rate(s, y):
             nonlocal settled
-            vdot, _, well = self.acceleration(s, y[:n], y[n:])
+            vdot, _, _, well = self.acceleration(s, y[:n], y[n:])
             settled = settled and well
             return np.concatenate([y[n:], vdot])
 
+        y = np.concatenate([q, v])
         atol = 1e-13 * np.repeat(self.sizes, n)
-        found = solve_ivp(rate, (t, t1), np.concatenate([q, v]), "DOP853", rtol=1e-11, atol=atol)
-        return found.y[:, -1] if found.success and settled else None
+        for end in times:
+            run = solve_ivp(rate, (t, end), y, "DOP853", rtol=1e-11, atol=atol)
+            settled = settled and run.success
+            found.append(run.y[:, -1])
+        return np.array(found) if settled else None
 
     def energy(self, t, q, v) -> float:
         """[J]."""
@@ -164,6 +178,6 @@ class Judge:
     @property
     def conserves(self) -> bool:
         """Whether nothing feeds or takes energy."""
-        made, shape = self.made, self.shape
-        fed = shape.driven or (shape.blade and made.speed) or made.drag or any(c for *_, c in made.springs)
+        shape, p = self.shape, self.p
+        fed = shape.driven or (shape.blade and p.speed) or p.drag or p.damper.any()
         return not fed and shape.reaction != "friction"

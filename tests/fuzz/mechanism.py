@@ -1,31 +1,51 @@
-"""Mechanisms as plain data: points with masses, rods, springs, a blade; what they are made of, turned and in other units."""
+"""Mechanisms as plain data: points with masses, rods, springs, a blade; what they are turned, and in other units."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-Row = tuple[float, ...]
 Pair = tuple[int, int]  # two points; from the number of points on the second is an anchor
 
 
-def table(x) -> tuple[Row, ...]:
-    """A matrix as plain data."""
-    return tuple(tuple(row) for row in np.asarray(x, dtype=np.float64).tolist())
+class Unit(NamedTuple):
+    """Powers of length, mass and time of a number, and whether it is a vector or has one a row."""
+
+    length: int = 0
+    mass: int = 0
+    time: int = 0
+    vector: bool = False
 
 
-def incidence(pairs, points, anchors):
-    """(r, points) and (r, anchors): separations are the first times the points less the second times the anchors."""
-    of_points, of_anchors = np.zeros((len(pairs), points)), np.zeros((len(pairs), anchors))
-    for row, (i, j) in enumerate(pairs):
-        of_points[row, i] += 1.0
-        if j < points:
-            of_points[row, j] -= 1.0
-        else:
-            of_anchors[row, j - points] += 1.0
-    return of_points, of_anchors
+PARAMETERS = {  # with dim d, of r rods and s springs
+    "mass": Unit(mass=1),  # (points,)
+    "anchor": Unit(length=1, vector=True),  # (anchors, d)
+    "gravity": Unit(length=1, time=-2, vector=True),  # (d,)
+    "scale": Unit(),  # (r,) of the rods' rows
+    "length": Unit(length=1),  # (r,)
+    "stiffness": Unit(mass=1, time=-2),  # (s,)
+    "natural": Unit(length=1),  # (s,)
+    "damper": Unit(mass=1, time=-1),  # (s,)
+    "drag": Unit(mass=1, time=-1),
+    "growth": Unit(length=-2),  # of masses with the square of the distance from the origin
+    "swing": Unit(length=1, vector=True),  # (d,) of the first anchor: swing sin(frequency (t - t0))
+    "frequency": Unit(time=-1),
+    "along": Unit(vector=True),  # (d,) of the blade: blade_scale ((along + turn SPIN x) . v - speed) = 0
+    "turn": Unit(length=-1),
+    "speed": Unit(length=1, time=-1),
+    "blade_scale": Unit(),
+    "friction": Unit(),
+    "creep": Unit(length=1, time=-1),  # speed up to which friction is viscous
+    "t0": Unit(time=1),
+}
+START = {  # (points, d) each, velocities before they are projected onto the constraints
+    "places": Unit(length=1, vector=True),
+    "velocities": Unit(length=1, time=-1, vector=True),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,72 +69,49 @@ class Shape:
 
     @cached_property
     def maps(self):
-        """(d r, n) and (r, anchors) of rods, then of springs: as :func:`incidence`, for coordinates."""
-        pairs = [incidence(given, self.points, self.anchors) for given in (self.rods, self.springs)]
-        return [(np.kron(points, np.eye(self.dim)), anchors) for points, anchors in pairs]
+        """(d r, n) and (r, anchors) of rods, then of springs: their separations are the first of q less the second."""
+        found = []
+        for pairs in (self.rods, self.springs):
+            table = np.zeros((len(pairs), self.points + self.anchors))
+            for row, (i, j) in enumerate(pairs):
+                table[row, i] += 1.0
+                table[row, j] -= 1.0
+            found.append((np.kron(table[:, : self.points], np.eye(self.dim)), -table[:, self.points :]))
+        return found
+
+    @cached_property
+    def blade_maps(self):
+        """(d, n) each: what of q is the blade's point, and the one that turns it."""
+        return [np.kron(np.eye(self.points)[[i]], np.eye(self.dim)) for i in self.blade or ()]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Mechanism:
-    """A shape with its numbers, in SI units."""
+    """A shape with its numbers."""
 
     shape: Shape
-    places: tuple[Row, ...]  #: (points, d) at the start
-    velocities: tuple[Row, ...]  #: (points, d) there, before they are projected onto the constraints
-    masses: Row
-    anchor: tuple[Row, ...]
-    gravity: Row
-    scales: Row = ()  #: of the rods' rows
-    springs: tuple[Row, ...] = ()  #: stiffness, natural length over that at the start, damper
-    drag: float = 0.0
-    growth: float = 0.0  #: of masses, [1/m^2]
-    swing: Row = ()  #: amplitude of the first anchor
-    frequency: float = 0.0
-    along: Row = ()  #: of the blade: scale ((along + turn x) . v - speed) = 0
-    turn: tuple[Row, ...] = ()
-    speed: float = 0.0
-    blade_scale: float = 1.0
-    friction: float = 0.0
-    creep: float = 1e-2  #: speed up to which friction is viscous
-    t0: float = 0.0
+    numbers: dict[str, Any]  #: by the names in ``PARAMETERS`` and ``START``, as plain data in SI units
+
+    @cached_property
+    def p(self) -> SimpleNamespace:
+        """Them as arrays."""
+        return SimpleNamespace(**{name: np.array(value, dtype=np.float64) for name, value in self.numbers.items()})
+
+    def but(self, change) -> Mechanism:
+        """With other numbers: ``change(name, value, unit)``."""
+        units = PARAMETERS | START
+        found = {name: np.asarray(change(name, x, units[name])) for name, x in vars(self.p).items()}
+        return Mechanism(self.shape, {name: x.tolist() for name, x in found.items()})
 
     def rotated(self, rotation) -> Mechanism:
-        """In another frame, whose axes are the rows of ``rotation`` (d, d)."""
-        turned = {name: table(np.array(getattr(self, name)) @ rotation.T) for name in ("places", "velocities", "anchor")}
-        turned |= {name: tuple((rotation @ getattr(self, name)).tolist()) for name in ("gravity",)}
-        turned |= {
-            name: tuple((rotation @ getattr(self, name)).tolist()) for name in ("swing", "along") if getattr(self, name)
-        }
-        return replace(self, **turned, turn=table(rotation @ self.turn @ rotation.T) if self.turn else ())
+        """In another frame, whose axes are the rows of ``rotation`` (d, d), which leaves the third axis."""
+        return self.but(lambda name, x, unit: x @ rotation.T if unit.vector else x)
 
     def in_units(self, length: float, mass: float, time: float) -> Mechanism:
         """With all numbers in other units, this many of which are one of before."""
-        speed, force = length / time, mass * length / time**2
-        sizes = {
-            "places": length,
-            "velocities": speed,
-            "masses": mass,
-            "anchor": length,
-            "gravity": speed / time,
-            "drag": mass / time,
-            "growth": length**-2,
-            "swing": length,
-            "frequency": 1 / time,
-            "turn": 1 / length,
-            "speed": speed,
-            "creep": speed,
-            "t0": time,
-        }
-        changed = {name: _times(getattr(self, name), size) for name, size in sizes.items()}
-        springs = tuple((k * force / length, ratio, c * force / speed) for k, ratio, c in self.springs)
-        return replace(self, **changed, springs=springs)
+        return self.but(lambda name, x, unit: x * length**unit.length * mass**unit.mass * time**unit.time)
 
     def rescaled(self, factor: float) -> Mechanism:
         """With the rows of the constraints times ``factor``, those of rods in turn divided by it."""
-        scales = tuple(scale * factor ** (-1) ** i for i, scale in enumerate(self.scales))
-        return replace(self, scales=scales, blade_scale=self.blade_scale * factor)
-
-
-def _times(value, size):
-    """Plain data of any depth, times a number."""
-    return tuple(_times(part, size) for part in value) if isinstance(value, tuple) else value * size
+        by = {"scale": factor ** (-1.0) ** np.arange(len(self.shape.rods)), "blade_scale": factor}
+        return self.but(lambda name, x, unit: x * by.get(name, 1.0))

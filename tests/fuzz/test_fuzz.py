@@ -1,18 +1,21 @@
-"""A hundred random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
+"""Some fifty random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
 
 import pytest
 
-from tests.fuzz.cases import MACHINES, Kind, World
-from tests.fuzz.explore import explore, read
+from tests.fuzz.cases import World
+from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
+from tests.fuzz.mechanism import Shape
 
-CASES = {"steps": 40, "control": 30, "machine": 6, "hostile": 24}
+CASES = {"steps": 20, "control": 12, "machine": 4, "hostile": 20}
 SEED = 20_260
-LIES = 50  # cases within which one is found
+LIES = 60  # cases within which one is found
 WORLD = World(
-    kinds=(Kind(2, 2, 2, driven=True), Kind(2, 2, 2, blade=True)),
+    kinds=(
+        Shape(dim=2, points=2, anchors=2, rods=((0, 2), (1, 0), (1, 3))),
+        Shape(dim=2, points=2, rods=((0, 2), (1, 0)), blade=(1, 0), driven=True, growing=True),
+    ),
     methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
-    machines=(MACHINES[0],),
 )
 
 
@@ -20,9 +23,8 @@ WORLD = World(
 def test_no_random_case_shows_a_fault(family):
     """Sound and gentle ones arrive, and they are many."""
     found = explore(family, SEED, CASES[family], world=WORLD)
-    told = [f"{fault}\npython -m tests.fuzz --case {read(case)!r}" for fault, case in found.faults]
+    told = [f"{fault}\npython -m tests.fuzz --case {case!r}" for fault, case in found.faults]
     assert not told, "\n".join(told)
-    assert found.cases >= CASES[family]
     assert found.sound >= (0 if family == "hostile" else 0.4 * found.cases)
     assert found.ends["success"] >= 0.2 * found.cases
 
