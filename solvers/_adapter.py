@@ -7,7 +7,7 @@ each counted and guarded, and takes the steps; the subclass of :class:`Adapter` 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
@@ -118,12 +118,6 @@ class Adapter:
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
-
-    def evaluates(self, problem: Problem, request: Request, counter: str) -> Callable[[int], None] | None:
-        """``call(times)``: so often what one of ``counter`` evaluates, at the start; None: that cannot be told."""
-        with timed(None) as clock:
-            run = Run(self.name, problem, request, self.form, clock)
-            return run.evaluation(counter)
 
     def drive(self, run: Run) -> None:
         """Step the library from ``run.t`` to ``run.t1``, giving every step to ``run.accept``."""

@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, repeated, unreduced
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
@@ -124,21 +124,6 @@ class Run:
     def now(self) -> float:
         """The problem's time [s] at the end of the last step."""
         return self.time(self.t)
-
-    def evaluation(self, counter: str) -> Callable[[int], None] | None:
-        """``call(times)``: what one of ``counter`` evaluates, at the start, uncounted; None: no function of the form."""
-        if self._begin() is not None:
-            return None
-        at: tuple[Any, ...] = (self.now, self.start.y)
-        if self.form.kind == "ode":
-            functions = {"residual_evaluations": (self.form.rhs, *at), "jacobian_evaluations": (self.form.rhs_jacobian, *at)}
-        else:
-            at = *at, self.start.yp
-            functions = {
-                "residual_evaluations": (self.form.residual, *at),
-                "jacobian_evaluations": (self.form.jacobian, *at, 1.0 / abs(self.t1 - self.t0)),
-            }
-        return repeated(*functions[counter]) if counter in functions else None
 
     # --- the start -------------------------------------------------------------------------------------------------
 

@@ -68,15 +68,6 @@ class MinimalSolver:
         short = replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None)
         self.solve(problem, short)
 
-    def evaluates(self, problem: Problem, request: Request, counter: str) -> Callable[[int], None] | None:
-        """That of the solver which is given the minimal coordinates."""
-        if problem.minimal is None:
-            return None
-        found: Callable[[int], None] | None = self.inner.evaluates(  # type: ignore[attr-defined] # those of INNER tell
-            _reduced(problem.minimal, problem.t_span, problem.name), request, counter
-        )
-        return found
-
 
 @dataclass
 class _Seen:

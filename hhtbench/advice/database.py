@@ -58,7 +58,6 @@ class Database:
     clock: Mapping[str, Any]  #: the machine whose times these are
     versions: Mapping[str, str]
     budget: float  #: [s] that each solver was given on each problem
-    weighed: bool = False  #: evaluations are of the problem's residual; else each of a solver's counts as one
 
     @cached_property
     def points(self) -> Matrix:
@@ -91,7 +90,7 @@ class Database:
     def without(self, keep: Callable[[Scene], bool]) -> Database:
         """The part whose scenes ``keep`` keeps."""
         scenes = tuple(scene for scene in self.scenes if keep(scene))
-        return replace(self, scenes=scenes)
+        return Database(self.entries, scenes, self.clock, self.versions, self.budget)
 
 
 def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
@@ -136,7 +135,6 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
         clock=clock_of(environment),
         versions=versions_of(environment),
         budget=max(budgets, default=math.inf),
-        weighed=all(point.weighed for point in analysis.points(known) if point.calls),
     )
 
 
@@ -151,7 +149,6 @@ def write_database(database: Database, file: Path, command: str) -> None:
         "clock": database.clock,
         "versions": database.versions,
         "budget": database.budget,
-        "weighed": database.weighed,
     }
     lines = [json.dumps(_plain(scene), separators=(",", ":")) for scene in database.scenes]
     text = json.dumps(head, indent=1)[:-2] + ',\n "scenes": [\n' + ",\n".join(lines) + "\n ]\n}\n"
@@ -194,7 +191,6 @@ def _database(stored: Mapping[str, Any]) -> Database:
         clock=dict(stored["clock"]),
         versions=dict(stored["versions"]),
         budget=float(stored["budget"]),
-        weighed=bool(stored.get("weighed", False)),
     )
     if not found.entries or not found.scenes:
         raise ValueError("it holds no solvers or no scenes")

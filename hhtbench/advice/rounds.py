@@ -93,7 +93,6 @@ class Rounds:
             executor=self.pool,
             references=self.references,
             timing=timing,
-            weighing=True,
             progress=self.pace,
         )
         self.rows |= {row.key: row for row in done.rows}

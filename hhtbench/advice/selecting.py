@@ -17,7 +17,6 @@ from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.registry import load_problem
-from hhtbench.report.words import ALIKE
 from hhtbench.specs import canonical
 
 TIGHTEST = HELD[1]  # bound of the drift that a database knows
@@ -165,16 +164,15 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
         second=None if sure is None or len(sure.order) == 1 else sure.order[1][0],
         on=wish.on,
         text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
-        evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told, wish)]),
+        evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told)]),
         domain=_domain(told),
         reason="; ".join(filter(None, [REFUSED.format(why=refusal) if refusal else "", features])),
     )
 
 
-def _scenes(database: Database, told: Expectation | None, wish: Wish) -> str:
+def _scenes(database: Database, told: Expectation | None) -> str:
     nearest = f", nearest: {', '.join(told.neighbours[:3])}" if told else ""
-    alike = "" if wish.on == "time" or database.weighed else f"; {ALIKE}"
-    return f"{len(database.scenes)} known problems{nearest}{alike}"
+    return f"{len(database.scenes)} known problems{nearest}"
 
 
 def _outside(problem: Problem, wish: Wish) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from hhtbench.advice.wish import Wish
 from hhtbench.analysis.decision import places
 from hhtbench.analysis.fronts import Cost, Front
-from hhtbench.report.words import counted, seconds, shown
+from hhtbench.report.words import seconds, shown
 
 CLEARLY = 1.3  # times dearer at one error: the sentence names who is cheaper there
 
@@ -33,7 +33,7 @@ class Choice:
 
 def _plain(cost: Cost) -> dict[str, Any]:
     run = cost.run
-    numbers = {name: getattr(run, name) for name in ("error", "time", "evaluations", "calls", "position", "velocity")}
+    numbers = {name: getattr(run, name) for name in ("error", "time", "evaluations", "position", "velocity")}
     return {"solver": run.entry, "setting": run.setting.text, "cost": cost.value, **numbers}
 
 
@@ -88,7 +88,7 @@ def _expected(cost: Cost, target: float) -> str:
     told = [
         f"an error of {shown(run.error)} (asked: {target:g})",
         f"{seconds(run.time)}",
-        counted(run),
+        f"{shown(run.evaluations)} evaluations",
     ]
     return f"{run.setting.text} gives {', '.join([*told, *drift])}"
 

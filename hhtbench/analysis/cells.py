@@ -61,16 +61,14 @@ class Point:
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve
-    evaluations: float | None  #: of the solver's own function, whatever that is
-    calls: float | None  #: all that was counted, in evaluations of the problem's residual: what ranks
-    weighed: bool  #: what a call costs was measured; else each residual counts as one, and Jacobians as nothing
+    evaluations: float | None
     position: float | None  #: largest drift at this level
     velocity: float | None
     absolute: float | None  #: largest |g_i| in its own unit
 
     def work(self, measure: str) -> float | None:
-        """``time`` [s] or ``evaluations``, those of the problem's residual."""
-        return self.time if measure == "time" else self.calls
+        """``time`` [s] or ``evaluations``."""
+        return self.time if measure == "time" else self.evaluations
 
 
 def family(entry: str) -> str:
@@ -168,19 +166,10 @@ def _reduced(row: RunRow) -> Point:
         disturbed=row.timing.get("disturbed") is True,
         share=_share(row),
         evaluations=number(row.counters, "residual_evaluations"),
-        calls=_calls(row),
-        weighed=bool(row.timing.get("call_costs")),
         position=number(row.metrics, "drift", "position"),
         velocity=number(row.metrics, "drift", "velocity"),
         absolute=number(row.metrics, "drift", "position_absolute"),
     )
-
-
-def _calls(row: RunRow) -> float | None:
-    """Sum of counts times costs; None where one that costs anything was not counted."""
-    costs = row.timing.get("call_costs") or {"residual_evaluations": 1.0}
-    counts = [number(row.counters, name) for name in costs]
-    return None if None in counts else sum(x * costs[name] for name, x in zip(costs, counts, strict=True) if x is not None)
 
 
 def rules_of(row: RunRow) -> Rules | None:

@@ -73,7 +73,7 @@ def _reason(runs: Sequence[Point]) -> tuple[str, str]:
 def _bound(runs: Sequence[Point], measure: str) -> float | None:
     """Work of the finest run: being more accurate costs no less."""
     for run in reversed(runs):
-        work = run.work(measure) if run.success else (run.spent if measure == "time" else run.calls)
+        work = run.work(measure) if run.success else (run.spent if measure == "time" else run.evaluations)
         if work:
             return work
     return None

@@ -82,7 +82,7 @@ def counters(rows: Iterable[RunRow]) -> tuple[CounterRow, ...]:
 def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
     """Solvers that have successful runs and report the evaluations of none."""
     groups = by_entry(point(row) for row in rows if row.success)
-    return tuple(entry for entry, runs in groups.items() if all(run.calls is None for run in runs))
+    return tuple(entry for entry, runs in groups.items() if all(run.evaluations is None for run in runs))
 
 
 def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:

@@ -16,7 +16,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from hhtbench.campaign.call_costs import COUNTERS
 from hhtbench.campaign.clock import enough, timing_of
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.machine import CLOCK, clock_of, machine_facts, usable_cores
@@ -51,7 +50,6 @@ def run_campaign(
     executor: Executor | None = None,
     references: Mapping[str, Path] | None = None,
     timing: bool = True,
-    weighing: bool = False,
     retry: Collection[str] = (),
     progress: Progress | None = None,
 ) -> Done:
@@ -60,8 +58,7 @@ def run_campaign(
     ``executor`` runs the accuracy pass; None: worker processes here; a :class:`WorkerPool` does the timing too and stays
     open.  ``references`` are certificates of problems that
     bring none (:func:`~hhtbench.campaign.references.auto_references`).  Times are always taken here, each alone on a core:
-    those of another machine are taken anew.  After them, or without them by ``weighing``, the calls that were counted are
-    weighed.  Cells that ended with a status of ``retry`` run again.
+    those of another machine are taken anew.  Cells that ended with a status of ``retry`` run again.
     """
     asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
@@ -69,8 +66,6 @@ def run_campaign(
         accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell, retry)
         accuracy.run()
         timed = _timing_pass(accuracy.cells, store, pool, campaign.repeats, tell) if timing else 0
-        if timing or weighing:
-            _weighing_pass(accuracy.cells, store, pool, tell)
     rows = tuple(row for row in (store.get(cell.key) for cell in accuracy.cells) if row is not None)
     return Done(
         cells=len(accuracy.cells),
@@ -153,7 +148,7 @@ class AccuracyPass:
     def _submit(self, pair: Name, cell: Cell) -> None:
         self._open[pair] += 1
         self.ran += 1
-        future = self._executor.submit(run_task, task_of(cell))
+        future = self._executor.submit(run_task, Task(problem=cell.problem, solver=cell.solver, request=cell.request))
         self._flights[future] = pair, cell
         future.add_done_callback(self._landed.put)
 
@@ -177,11 +172,6 @@ class AccuracyPass:
         if not self._finished:
             return 0
         return max(0, round(self._of_finished / len(self._finished) * len(self._asks)) - self._asked_for)
-
-
-def task_of(cell: Cell) -> Task:
-    """To solve and measure it."""
-    return Task(problem=cell.problem, solver=cell.solver, request=cell.request)
 
 
 def stands(row: RunRow, cell: Cell) -> bool:
@@ -212,39 +202,6 @@ def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
             )
 
 
-def _weighing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, tell: Progress) -> None:
-    """What one counted call costs, once for each problem and solver: in all rows that counted any, failed ones too."""
-    machine = clock_of(machine_facts())
-    pairs: dict[Name, list[tuple[Cell, RunRow]]] = {}
-    for cell in cells:
-        row = store.get(cell.key)
-        if row is not None and _counted([row]):
-            pairs.setdefault((cell.problem, cell.solver), []).append((cell, row))
-    pending = {own[0][0].key: own for own in pairs.values() if any(_unweighed(row, machine) for _, row in own)}
-    first = {key: replace(task_of(own[0][0]), weighed=_counted([row for _, row in own])) for key, own in pending.items()}
-    for done, (key, found) in enumerate(_one_a_core(first, pool)):
-        tell("costs of calls", done, len(pending))
-        told = {"call_costs": found.get("call_costs", {}), "machine": machine}
-        store.write(Entry(row=_weighed(row, told), identity=cell.identity, replaces=True) for cell, row in pending[key])
-    tell("costs of calls", len(pending), len(pending))
-
-
-def _counted(rows: Sequence[RunRow]) -> tuple[str, ...]:
-    """What any of ``rows`` counted of that which is weighed."""
-    return tuple(name for name in COUNTERS if any(row.counters.get(name) for row in rows))
-
-
-def _unweighed(row: RunRow, machine: Mapping[str, Any]) -> bool:
-    """Without costs of calls, or with those of another machine."""
-    return row.timing.get("call_costs") is None or row.timing.get("machine") != machine
-
-
-def _weighed(row: RunRow, told: Mapping[str, Any]) -> RunRow:
-    """With these costs of calls, and without times of another machine."""
-    here = row.timing.get("machine", told["machine"]) == told["machine"]
-    return replace(row, timing={**row.timing, **({} if here else dict.fromkeys(TIMED)), **told})
-
-
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
     """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times.
 
@@ -261,7 +218,7 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
     readings: dict[str, list[dict[str, Any]]] = {key: [] for key in pending}
     machine = clock_of(machine_facts())
     for count in range(repeats):
-        short = {key: replace(task_of(cell), repeats=1) for key, (cell, _) in pending.items() if not enough(readings[key])}
+        short = {key: cell for key, (cell, _) in pending.items() if not enough(readings[key])}
         done, timed = (count + 1) * len(pending) - len(short), []
         tell("timing", done, repeats * len(pending))
         try:
@@ -278,15 +235,18 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
     return len(pending)
 
 
-def _one_a_core(tasks: Mapping[str, Task], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What every task comes to, in the order of ending; never more under way than there are cores.
+def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
+    """A reading of every cell, as they come; never more under way than there are cores.
 
-    A pool that has no more workers is told of all at once: it sends each to the worker that has it compiled.
+    A pool that has no more workers is told of all cells at once: it sends each to the worker that has it compiled.
     """
-    waiting = iter(tasks.items())
-    most = len(tasks) if pool.limits.jobs <= usable_cores() else usable_cores()
+    waiting = iter(cells.items())
+    most = len(cells) if pool.limits.jobs <= usable_cores() else usable_cores()
     while some := dict(islice(waiting, most)):
-        flights = {pool.submit(run_task, task): key for key, task in some.items()}
+        flights: dict[Future[dict[str, Any]], str] = {}
+        for key, cell in some.items():
+            task = Task(problem=cell.problem, solver=cell.solver, request=cell.request, repeats=1)
+            flights[pool.submit(run_task, task)] = key
         yield from ((flights[future], future.result()) for future in as_completed(flights))
 
 

@@ -57,13 +57,12 @@ def machine_limits(jobs: int | None = None) -> Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One cell to solve and measure, or to time, or calls of its counters to weigh."""
+    """One cell to solve and measure, or to time."""
 
     problem: str  #: canonical spec
     solver: str  #: canonical spec
     request: dict[str, Any]  #: as in :class:`~hhtbench.store.rows.RunRow`
     repeats: int = 0  #: > 0: time that many solves instead of measuring one
-    weighed: tuple[str, ...] = ()  #: counters whose calls are timed instead, :func:`~.call_costs.call_costs`
 
 
 def run_task(task: Task) -> dict[str, Any]:

@@ -31,8 +31,7 @@ class Runs:
         """The numbers that every table of the report starts from, one dict a row; None where nothing is known.
 
         ``problem``, ``solver``, ``setting`` ("rtol", "step" or "steps") and its ``value``, ``status``, ``message``,
-        ``error`` (largest scaled error of q and v), ``time`` [s], ``evaluations``, ``calls`` (those and
-        Jacobians in evaluations of the problem's residual), ``position`` and ``velocity`` (drift).
+        ``error`` (largest scaled error of q and v), ``time`` [s], ``evaluations``, ``position`` and ``velocity`` (drift).
         """
         found = []
         for row, point in zip(self.rows, points(self.rows), strict=True):
@@ -72,7 +71,7 @@ class Runs:
 
 
 LISTS = ("accuracies", "grids", "rtol", "step", "steps")
-NUMBERS = ("error", "time", "evaluations", "calls", "position", "velocity")
+NUMBERS = ("error", "time", "evaluations", "position", "velocity")
 NAMES = ("problem", "solver", "setting", "value", "status", "message", *NUMBERS)
 
 

@@ -40,7 +40,6 @@ TIMED = (
     "wall_s",
     "load",
     "disturbed",
-    "call_costs",
 )  #: of ``timing``, null until the timing pass
 
 

@@ -16,9 +16,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from hhtbench.campaign.call_costs import call_costs
 from hhtbench.campaign.clock import time_cell
-from hhtbench.campaign.run import MEASURING, of_plugins, request_of, run_cell, status_of, text_of, without_output
+from hhtbench.campaign.run import of_plugins, run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.reference import reference_of
@@ -88,10 +87,6 @@ class _Bench:
             return {"status": Status.declined.label, "message": f"it cannot be loaded: {error}"}
         problem, solver = self._problems[names[0], certificate], self._solvers[names[1]]
         warm = self._warm.setdefault(names, {})
-        if task["weighed"]:
-            self._phase(MEASURING)
-            request = without_output(problem, request_of(problem, task["request"]))
-            return {"call_costs": call_costs(problem, solver, request, task["weighed"])}
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._phase)
         asked = {name: task["request"].get(name) for name in ("rtol", "atol", "step", "steps")}

@@ -5,7 +5,7 @@ from Python.  Beside it HHT's loops take machine code by its address from ``nati
 :mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
 """
 
-from hhtbench.lowering.compile.compiling import compile_function, repeated, route_of, routes, too_large
+from hhtbench.lowering.compile.compiling import compile_function, route_of, routes, too_large
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
@@ -41,7 +41,6 @@ __all__ = [
     "padded",
     "reduce_redundant",
     "redundant_rows",
-    "repeated",
     "route_of",
     "routes",
     "singular_at",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from hhtbench import analysis
 from hhtbench.analysis import DOUBTED, Point
 from hhtbench.report.frame import EdgeMark, Trace
-from hhtbench.report.words import counted, doubt, seconds, shown
+from hhtbench.report.words import doubt, seconds, shown
 
 Value = Callable[[Point], float | None]
 
@@ -59,8 +59,7 @@ def described(run: Point) -> str:
     lines = [
         run.setting.text,
         f"error {shown(run.error if run.doubted is None else run.doubted)}",
-        f"{seconds(run.time)}{remark}",
-        counted(run),
+        f"{seconds(run.time)}{remark}, {shown(run.evaluations)} evaluations",
         f"drift: position {shown(run.position)}, velocity {shown(run.velocity)}",
     ]
     return "<br>".join(lines)

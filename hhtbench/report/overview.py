@@ -17,7 +17,7 @@ from hhtbench.report.chart import layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.figures import axis
 from hhtbench.report.series import LEAST_DRIFT
-from hhtbench.report.words import MEASURES, listed, plural, short, weighed
+from hhtbench.report.words import listed, plural, short
 from hhtbench.store.rows import RunRow
 
 Styles = Mapping[str, SolverStyle]
@@ -40,8 +40,7 @@ def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
         found = analysis.drift_costs(rows, measure)
         drawn = {entry: own for entry, lines in found.items() if (own := [line for line in lines if not line.bound])}
         if drawn:
-            counted = "" if measure == "time" else f" {weighed(analysis.points(rows))}"
-            caption = _told(_count(drawn)) + _left_out(found) + counted
+            caption = _told(_count(drawn)) + _left_out(found)
             views.append(View(name=measure, caption=caption, figure=_drift_figure(drawn, measure, styles)))
     return views
 
@@ -78,8 +77,8 @@ def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles
     everything = [line for lines in found.values() for line in lines]
     x = _limits(math.log10(line.ratio) for line in everything)
     y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
-    y_axis = axis("largest drift, scaled", y, True) | {"automargin": True}
-    layout = layout_of(axis(f"{MEASURES[measure]} over HHT's", x, True), y_axis)
+    what = "processor time" if measure == "time" else "evaluations"
+    layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
     layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
     return {"data": data, "layout": layout}
 
@@ -146,13 +145,12 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
     views = []
     for name, found, label in (
         ("time", by_time, "processor time [s]"),
-        ("evaluations", by_count, MEASURES["evaluations"]),
+        ("evaluations", by_count, "evaluations"),
     ):
         if any(reach.cost is not None for reach in found):
             pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
             figure = _profile_figure(pairs, label, styles, shown_first)
-            counted = UNKNOWN if name == "time" else f" {weighed(analysis.points(rows))}"
-            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + counted, figure=figure))
+            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + COUNTED[name], figure=figure))
     if any(reach.cost is not None for reach in by_time):
         figure = _profile_figure(
             [(analysis.relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
@@ -166,7 +164,10 @@ SEARCHED = (
     " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
     "failed ones included. What is not reached, or was not run, is in no curve."
 )
-UNKNOWN = " A run whose time is not known, a crashed one, counts what it was allowed."
+COUNTED = {
+    "time": " A run whose time is not known, a crashed one, counts what it was allowed.",
+    "evaluations": " A call is what a solver evaluates: a residual of IDA's is less work than an acceleration.",
+}
 RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."
 
 

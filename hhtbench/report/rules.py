@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, FIRST, SAME, Point, Rules, family
 from hhtbench.analysis.ladder import MOST, STANDSTILL
-from hhtbench.report.words import listed, plural, seconds, times, weighed
+from hhtbench.report.words import listed, plural, seconds, times
 from hhtbench.store.rows import RunRow
 
 
@@ -21,7 +21,6 @@ def rules(rows: Sequence[RunRow]) -> list[str]:
         _coordinates(runs),
         _drift(),
         *_clock(rows, runs),
-        weighed(runs),
     ]
     return [*parts, _held_out(runs)]
 

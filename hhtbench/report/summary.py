@@ -33,7 +33,6 @@ from hhtbench.report.words import (
     short,
     shown,
     uncounted,
-    weighed,
 )
 from hhtbench.store.rows import RunRow
 
@@ -201,7 +200,7 @@ def _caveats(rows: Sequence[RunRow]) -> str:
     once = [name for name in analysis.problems(rows) if {r.compared for r in runs if r.problem == name} == {1}]
     if once:
         parts.append(f"On {listed(once)} errors are compared at 1 time only.")
-    parts += [weighed(runs), *_times(runs)]
+    parts += _times(runs)
     limited = [run for run in runs if run.error is not None and run.error < run.limit]
     if limited:
         parts.append(f"{plural(len(limited), 'error')} lie below what the reference can judge and are shown as they are.")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from hhtbench.analysis import Comparison, Point, family
 
-MEASURES = {"time": "processor time", "evaluations": "equivalent residual evaluations"}
+MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 SHORT = {"time": "processor time", "evaluations": "evaluations"}
 NOTHING = "\N{EN DASH}"
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
@@ -157,34 +157,6 @@ def timed(run: Point) -> str:
         return NOTHING
     bound = "" if run.alone or not run.success else AT_MOST + " "
     return f"{bound}{seconds(run.time)}{'*' if run.disturbed else ''}"
-
-
-UNIT = (
-    "One equivalent residual evaluation is one of what the problem declares: M v' - F less the reactions, g and k. A "
-    "solver's residuals, accelerations and Jacobians count by what each takes beside it, timed alone, once a problem; its "
-    "linear algebra outside of them counts nothing."
-)
-ALIKE = "every evaluation counts as one, whatever it evaluates, and Jacobians as nothing"
-
-
-def weighed(runs: Iterable[Point]) -> str:
-    """What work is counted in, and whose calls count alike since these rows do not tell what they cost."""
-    known: dict[str, bool] = {}
-    for run in runs:
-        if run.calls is not None:
-            known[run.entry] = known.get(run.entry, False) or run.weighed
-    alike = [entry for entry, told in known.items() if not told]
-    if not known:
-        return ""
-    if len(alike) == len(known):
-        return f"These rows do not tell what a call costs: {ALIKE}."
-    return UNIT + (f" Of {listed(alike)} that is not known: {ALIKE}." if alike else "")
-
-
-def counted(run: Point) -> str:
-    """The solver's own evaluations, and what all that was counted comes to."""
-    own = f"{shown(run.evaluations)} evaluations"
-    return f"{own}, with Jacobians {shown(run.calls)} equivalent" if run.weighed else own
 
 
 def uncounted(entries: Sequence[str]) -> str:

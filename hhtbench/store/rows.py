@@ -76,12 +76,8 @@ class RunRow:
         lower median), ``repeats`` how many.  Of the median reading: ``solves``, how many it lasted for, ``wall_s``, the wall
         time of one, ``load`` the machine's average of running tasks over the last minute (null where the system does not
         tell), ``disturbed`` true where the wall time is more than 1.2 times the processor time: the process waited.  All are
-        null until the timing pass has run, and for a cell that did not succeed.  ``call_costs``: what one call of a counter
-        costs in evaluations of the problem's own residual, ``{"residual_evaluations": 6.9, "jacobian_evaluations": 17.2}``,
-        the same in all rows of a problem and solver, failed ones too; ``{}`` where the solver does not tell what it
-        evaluates, null or absent until that pass.  ``machine``: where times and costs were taken.  ``note``: only where a
-        timed solve failed (then ``repeats`` is 0).  Every solve here is one without output before the end.  ``{}`` where no
-        solve came back.
+        null until the timing pass has run, and for a cell that did not succeed.  ``note``: only where a timed solve failed
+        (then ``repeats`` is 0).  Every solve here is one without output before the end.  ``{}`` where no solve came back.
 
     ``environment``
         ``{"python", "system", "machine", "processor", "cores", "memory_GiB", "hhtbench", "commit", "numpy", ...}``: text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -87,10 +87,6 @@ class HHTSolver:
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
-
-    def evaluates(self, problem: Problem, request: Request, counter: str) -> Callable[[int], None] | None:
-        """``call(times)``: so often what one of ``counter`` evaluates, in a step from the start; None: it cannot be told."""
-        return self.stepper(problem, request).evaluation(counter, problem.t_span[1])
 
 
 def solver(**options: Any) -> HHTSolver:

@@ -6,7 +6,7 @@ import threading
 import time
 import warnings
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -23,7 +23,6 @@ from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.evaluations import evaluation
 from solvers.hht.run.solve import Integration, check_accuracy, end_times, planned
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
@@ -199,11 +198,6 @@ class HHT:
             self._message = self._integrator.message
             self._engine.loops.raise_noted()  # an interrupt in a step that was made
         return status
-
-    def evaluation(self, counter: str, t: float) -> Callable[[int], None] | None:
-        """``call(times)``: so often what one of ``counter`` evaluates, after a step towards ``t``; None: no function."""
-        self.step(t)
-        return None if self._engine is None else evaluation(self._engine.loops, counter)
 
     def interpolate(self, t: Any) -> DenseOutput:
         """q and v at ``t`` [s] (scalar or (k,)) within the last step; at an event that changed the state: after it."""

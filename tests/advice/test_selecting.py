@@ -142,15 +142,6 @@ def test_advice_from_features_shows_evidence_domain_and_reason():
     assert found.reason.startswith("n = 2, m/n = 0.5")
 
 
-def test_evaluations_of_a_database_that_does_not_tell_what_a_call_costs_are_said_to_count_alike(tmp_path: Path):
-    file, asked = tmp_path / "mine.json", {"accuracy": 1e-4, "on": "evaluations"}
-    for weighed in (False, True):
-        write_database(replace(database(), weighed=weighed), file, "")
-        evidence = hb.select("simple_pendulum", database=file, **asked).evidence
-        assert ("every evaluation counts as one" in evidence) is not weighed
-    assert "counts as one" not in hb.select("simple_pendulum", accuracy=1e-4, database=file).evidence
-
-
 def test_an_error_outside_of_the_database_and_python_callables_by_time_cannot_be_told(tmp_path: Path):
     found = hb.select("simple_pendulum", accuracy=1e-9, on="evaluations")
     assert (found.taken, found.text.partition(":")[0]) == (None, "Cannot tell")

@@ -174,15 +174,3 @@ def test_evaluations_that_are_not_reported_have_no_cost_but_time_has():
     rows = [replace(row, counters={"residual_evaluations": None}) for row in law("diffrax", 1.0, 2)]
     assert fronts(rows, "evaluations", [1e-4])[0].missing["diffrax"].text == "evaluations not reported"
     assert fronts(rows, "time", [1e-4])[0].costs[0].entry == "diffrax"
-
-
-def test_work_is_what_calls_cost_and_not_how_many_there_are():
-    """IDA's 300 residuals and 20 Jacobians, at 1 and 4, are less work than 100 accelerations at 7 residuals each."""
-    counted = [run("ida", 1e-4, 1e-4, 300), run("cvode", 1e-4, 1e-4, 100)]
-    counted[0].counters["jacobian_evaluations"] = 20
-    (bare,) = fronts(counted, "evaluations", [1e-4])
-    costs = ({"residual_evaluations": 1.0, "jacobian_evaluations": 4.0}, {"residual_evaluations": 7.0})
-    weighed = [replace(row, timing={**row.timing, "call_costs": own}) for row, own in zip(counted, costs, strict=True)]
-    (front,) = fronts(weighed, "evaluations", [1e-4])
-    assert [(cost.entry, cost.value) for cost in bare.costs] == [("cvode", 100), ("ida", 300)]
-    assert [(cost.entry, cost.value) for cost in front.costs] == [("ida", 380), ("cvode", 700)]

@@ -34,13 +34,6 @@ SOLVERS = {
     "diffrax(method='Dopri8')": (8, 5e-5, None, 0.5),
     "diffrax(method='Kvaerno5')": (5, 2e-5, None, 1.0),
 }
-COSTS = {  # of one call, in residuals of the problem; diffrax does not tell
-    "hht": {"residual_evaluations": 1.3, "jacobian_evaluations": 3.5},
-    "ida": {"residual_evaluations": 1.0, "jacobian_evaluations": 1.7},
-    "cvode": {"residual_evaluations": 7.0, "jacobian_evaluations": 17.0},
-    "scipy(method='DOP853')": {"residual_evaluations": 6.0},
-    "scipy": {"residual_evaluations": 6.0, "jacobian_evaluations": 17.0},
-}
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 MACHINE = {"python": "3.11.9", "system": "Linux", "machine": "x86_64", "processor": "<Test> & Co", "cores": 2, "jax": "0.10"}
 
@@ -91,10 +84,8 @@ def row(problem, solver, rtol, noise=lambda: 1.0, **changes):
         "jacobian_evaluations": None if "diffrax" in solver else evaluations // 10,
         "provenance": "counted",
     }
-    costs = next((found for start, found in COSTS.items() if solver.startswith(start)), {})
     best = None if failed else solve
     values["timing"] = {"compile_s": 1.5, "solve_s": solve * 1.2, "best_s": best, "median_s": best, "repeats": 3}
-    values["timing"]["call_costs"] = costs
     if best is not None:
         values["timing"] |= {"wall_s": best / 0.9, "solves": 3, "load": 1.0, "disturbed": solver == "scipy(method='Radau')"}
     return RunRow(**values | changes)

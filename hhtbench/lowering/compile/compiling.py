@@ -24,7 +24,7 @@ from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id, use_disk_cache
 from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler import Native, NotNative, native, native_call, native_repeated
+from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
 
 ROUTES = ("auto", "native", "xla")
@@ -125,22 +125,6 @@ def routes(dynamics: Compilable) -> tuple[Route, ...]:
     return tuple(route for made in _callables.values() if made.dynamics is dynamics for route in made.routes.values())
 
 
-def repeated(function: Callable[..., Any], *arguments: Any) -> Callable[[int], None]:
-    """``call(times)``: ``function(*arguments)`` so often in a row; where it is machine code, without Python between."""
-    function(*arguments)  # its route is chosen, and its code compiled
-    shapes = tuple(np.shape(argument) for argument in arguments)
-    for made in _callables.values():
-        route = made.routes.get(shapes)
-        if made.call is function and route is not None and route.route == "native":
-            return native_repeated(made.code(shapes), arguments)
-
-    def in_python(times: int) -> None:
-        for _ in range(times):
-            function(*arguments)
-
-    return in_python
-
-
 def _nothing(*_: Any) -> None:
     return None
 
@@ -163,10 +147,6 @@ class _Compiled:
             return self._any(*arguments) if value is None else value
 
         self.call = call
-
-    def code(self, shapes: Shapes) -> Native:
-        """The machine code for arguments of ``shapes``; raises :class:`NotNative` where there is none."""
-        return self._native(shapes=shapes)
 
     def _any(self, *arguments: Any) -> np.ndarray:
         """The value at ``arguments`` of any shapes and types."""

@@ -1,23 +1,6 @@
 """The native route: small functions as straight-line machine code.  LOWERING.md, beside this package, explains it."""
 
-from hhtbench.lowering.scalar_compiler.compiler import (
-    Native,
-    native,
-    native_call,
-    native_repeated,
-    pattern_along,
-    places_of,
-)
-from hhtbench.lowering.scalar_compiler.machine import repeater
+from hhtbench.lowering.scalar_compiler.compiler import Native, native, native_call, pattern_along, places_of
 from hhtbench.lowering.scalar_compiler.store import NotNative
 
-__all__ = [
-    "Native",
-    "NotNative",
-    "native",
-    "native_call",
-    "native_repeated",
-    "pattern_along",
-    "places_of",
-    "repeater",
-]
+__all__ = ["Native", "NotNative", "native", "native_call", "pattern_along", "places_of"]

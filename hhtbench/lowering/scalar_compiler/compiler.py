@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Concatenate
@@ -18,7 +18,7 @@ from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
 from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
-from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load, repeater
+from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 from hhtbench.lowering.scalar_compiler.store import CODES, ZERO, Ids, NotNative, TooLarge
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
@@ -187,14 +187,6 @@ def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | No
         return result.copy()
 
     return call
-
-
-def native_repeated(native: Native, arrays: Sequence[Any]) -> Callable[[int], None]:
-    """``call(times)``: the machine code at ``arrays``, so often in a row, for timing it alone."""
-    memory = _Memory(native, tuple(map(np.shape, arrays)))
-    for (place, _), array in zip(memory.places, arrays, strict=True):
-        place[...] = array
-    return lambda times: repeater(1)(times, native.block_address, memory.block)
 
 
 class _Memory(threading.local):

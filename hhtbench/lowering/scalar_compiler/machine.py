@@ -92,26 +92,3 @@ def load(code: bytes, *names: str) -> tuple[int, ...]:
 def caller(address: int) -> Any:
     """A Python callable of the function behind one pointer; it keeps the interpreter's lock: it is over in microseconds."""
     return ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(address)
-
-
-REPEATED = """define void @{name}(i64 %times, ptr %function{declared}) nounwind {{
-entry:
-  br label %again
-again:
-  %done = phi i64 [ 0, %entry ], [ %next, %again ]
-  call void %function({passed})
-  %next = add i64 %done, 1
-  %more = icmp ult i64 %next, %times
-  br i1 %more, label %again, label %end
-end:
-  ret void
-}}"""
-
-
-@cache
-def repeater(count: int) -> Any:
-    """``call(times, address, *pointers)``: the function of ``count`` pointers there, so often without Python between."""
-    name, pointers = "hhtbench_repeat", [f"ptr %p{i}" for i in range(count)]
-    text = REPEATED.format(name=name, declared="".join(f", {one}" for one in pointers), passed=", ".join(pointers))
-    (address,) = load(generate(text, "", 1), name)
-    return ctypes.PYFUNCTYPE(None, ctypes.c_int64, *[ctypes.c_void_p] * (count + 1))(address)
