@@ -28,8 +28,8 @@ class Ratio:
     at_least: bool  #: one below it is
 
     def within(self, level: float) -> bool:
-        """Whether the two are level: their costs differ by no more than this factor."""
-        return 1 / level <= self.value <= level
+        """Whether the two are level: their costs, no bounds, differ by no more than this factor."""
+        return 1 / level <= self.value <= level and not (self.at_most or self.at_least)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -227,7 +227,7 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
                 readings[key].append(reading)
                 if count == repeats - 1 or enough(readings[key]):
                     cell, row = pending[key]
-                    found = _with_timing(row, {**timing_of(readings[key]), "machine": machine})
+                    found = _with_timing(row, {**dict.fromkeys(TIMED), **timing_of(readings[key]), "machine": machine})
                     timed.append(Entry(row=found, identity=cell.identity, replaces=True))
         finally:
             store.write(timed)

@@ -12,7 +12,7 @@ from hhtbench.report.wording import anchor
 from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
 from hhtbench.store.rows import RunRow
 
-HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on fewer")
+HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
 
 
@@ -22,7 +22,7 @@ def reading(campaign: Campaign) -> str:
         "The table. Solvers in order: first by how many problems of the kind they reach at the error, then by the geometric "
         "mean of their costs there. Second, and HHT's place among all that reach any: how many times dearer than the "
         "cheapest on the problems that both reach; level, by time: by no more than repeats of one solve differ, "
-        f"{repeats(campaign.level)}. Cheaper on fewer: who reaches fewer than the cheapest and costs less there. At most: a "
+        f"{repeats(campaign.level)}. Cheaper on some: who costs less where both get there. At most: a "
         "cost is that of a run more accurate than asked; at least: the cheapest's is; about: both are, and the ratio may be "
         "off either way. Tagged: by the problem's author."
     )
@@ -117,19 +117,21 @@ def _subject(choice: Choice, ranked: Sequence[Place], level: float) -> Cell:
     if number > 1:
         figure = _dearer(best.over(ranked[0]), len(ranked[0].costs), level)
         return Cell(f"{number} of {len(ranked)}", "", _joined(figure, _reach(best), short(best.entry)))
+    beside = [ratio for place in ranked[1:] if (ratio := place.over(best))]
     second = ranked[1].over(best) if len(ranked) > 1 else None
-    shared = second is not None and second.within(level)
-    unclear = best.missing or shared or (second is not None and second.at_most)
-    tone = "" if unclear else "good"
-    return Cell(f"{number} of {len(ranked)}", tone, _joined("level" * shared, _reach(best), short(best.entry)))
+    unclear = second is not None and second.at_most
+    near = any(ratio.value <= level for ratio in beside)
+    tone = "" if best.missing or unclear or near else "good"
+    shared = "level" * (second is not None and second.within(level))
+    return Cell(f"{number} of {len(ranked)}", tone, _joined(shared, _reach(best), short(best.entry)))
 
 
 def _cheaper(ranked: Sequence[Place], level: float) -> str | Cell:
-    """Of those that reach fewer than the cheapest, who is farthest below it where both do, by more than level."""
+    """Who is farthest below the cheapest, which reaches others, where both get there, by more than level."""
     first = ranked[0]
-    fewer = [(place, place.over(first)) for place in ranked if len(place.costs) < len(first.costs)]
+    beside = [(place, place.over(first)) for place in ranked[1:]]
     cheaper = [
-        (ratio.value, place, ratio) for place, ratio in fewer if ratio and not ratio.at_least and ratio.value * level < 1
+        (ratio.value, place, ratio) for place, ratio in beside if ratio and not ratio.at_least and ratio.value * level < 1
     ]
     if not cheaper:
         return NOTHING

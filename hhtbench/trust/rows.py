@@ -163,7 +163,7 @@ def _counters(request: Request, solution: Solution) -> str:
         told = f"{evaluations} evaluations of the forces are too few for {least} steps"
         return f"counters: {told}; None stands for what is not reported."
     steps = counters.steps_accepted or solution.t.size  # 0 where a plugin has left it as it was
-    if request.t_eval is None and solution.t.size - 1 > steps:
+    if request.t_eval is None and solution.t.size - 1 - sum(map(np.size, solution.t_events)) > steps:
         return f"counters: {solution.t.size} rows at the ends of steps are too many for {steps} steps."
     return ""
 

@@ -125,6 +125,15 @@ def test_noise_is_not_taken_for_wrong_declared_derivatives():
     assert solution.success or "noise: two calls of force" in solution.message
 
 
+def test_little_noise_does_not_hide_wrong_declared_derivatives():
+    """A force good to 1e-11, as of an inner iteration: its differences have digits enough, the wrong ones are given up."""
+    wrong = {"force_jacobians": lambda t, q, v: (1e7 * np.ones((2, 2)), np.zeros((2, 2)))}
+    system = pendulum(force=off(gravity, 1e-11, hashed), **wrong)
+    with pytest.warns(UserWarning, match="declared force_jacobians"):
+        solution = HHT(system).solve((0.0, 1.0), Q0, V0, steps=100)
+    assert solution.success, solution.message
+
+
 def diagnosed(force):
     """What is found of a ``force`` between two places far from the origin."""
     started = HHT(hb.NumpySystem(force=force)).begin(

@@ -20,6 +20,7 @@ from solvers._start import Failure
 from solvers.hht import run
 from solvers.hht.rivals import HHTI3Integrator
 from solvers.hht.run import solve
+from solvers.hht.run.beside import differences
 from solvers.hht.run.singular import UnitRows
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.hht.scenes import Q0, SYSTEMS, V0
@@ -366,3 +367,12 @@ def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypat
 def test_a_system_whose_looks_take_minutes_is_not_looked_at():
     large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
     assert run.singular.singular_position(large, None, [], 0.0) is None
+
+
+@pytest.mark.parametrize("pole", [1e8, np.inf])
+def test_a_step_whose_own_multipliers_are_a_pole_does_not_hide_rows_that_are_off(pole: float):
+    steps, multipliers = np.full((100, 1), 25.0), np.full((100, 1), 25.0)
+    steps[50], multipliers[60] = pole, 1e3
+    found = differences(multipliers, steps)
+    assert found[60] > 10.0
+    assert (np.delete(found, [50, 60]) == 0.0).all()

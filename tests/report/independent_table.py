@@ -173,13 +173,17 @@ class Lines(Truth):
         most = self.level if measure == "time" else 1.0
         return ratio is not None and 1 / most <= ratio <= most
 
+    def level_with(self, one, first, measure):
+        ratio, _, upper, lower = self.ratio(one, first)
+        return self.same(ratio, measure) and not (upper or lower)
+
     def dearer(self, one, first, measure, place="", last=()):
         """A cell with how many times dearer it is."""
         ratio, common, upper, lower = self.ratio(one, first)
         head = f"{place or short(one.solver)} | "
         if ratio is None:
             return head + ", ".join(["on other problems", *one.reach, *last]), None, "", ""
-        tail = f" on {common}" * (common < len(first.costs)) + ", level" * self.same(ratio, measure)
+        tail = f" on {common}" * (common < len(first.costs)) + ", level" * self.level_with(one, first, measure)
         return head + sign(upper, lower), ratio, tail + _tail([*one.reach, *last]), ""
 
     def hht(self, ranked, found, measure):
@@ -193,17 +197,18 @@ class Lines(Truth):
         place = f"{ranked.index(best) + 1} of {len(ranked)}"
         if best is not ranked[0]:
             return self.dearer(best, ranked[0], measure, place, [short(best.solver)])
-        ratio, _, upper, _ = self.ratio(ranked[1], best) if len(ranked) > 1 else (None, 0, False, False)
-        shared = self.same(ratio, measure)
+        others = [self.ratio(one, best) for one in ranked[1:]]
+        near = [ratio for ratio, *_ in others if ratio is not None and ratio <= (self.level if measure == "time" else 1.0)]
+        shared = bool(others) and self.level_with(ranked[1], best, measure)
         text = ", ".join([*["level"] * shared, *best.reach, short(best.solver)])
-        return f"{place} | {text}", None, "", "" if best.why or shared or upper else "good"
+        return f"{place} | {text}", None, "", "" if best.why or near or (others and others[0][2]) else "good"
 
     def cheaper(self, ranked, first, measure):
-        """Of those that get less far who costs the least beside the first, if that is less by more than repeats differ."""
+        """Who costs the least beside the first where both get there, if that is less by more than repeats differ."""
         most, found = self.level if measure == "time" else 1.0, []
         for one in ranked:
             ratio, _, _, lower = self.ratio(one, first)
-            if len(one.costs) < len(first.costs) and ratio is not None and not lower and ratio * most < 1:
+            if one is not first and ratio is not None and not lower and ratio * most < 1:
                 found.append((ratio, one))
         return self.dearer(min(found, key=lambda pair: pair[0])[1], first, measure) if found else self.absent()[0]
 

@@ -119,9 +119,9 @@ def test_a_mean_that_rests_on_bounds_says_on_which():
     assert line[3] == f"ida | about {times(0.4)} on 1, reaches 1 of 2, failed on 1"
 
 
-def test_bounds_within_what_repeats_differ_by_are_level_and_hht_is_not_praised_for_one_of_another():
+def test_what_is_only_a_bound_is_not_called_level_and_hht_is_not_praised_for_one_of_another():
     rows = [*law("ida", 40.0, 2), run("hht", 1e-3, 1e-5, 420)]
-    assert told(rows)[0][3] == f"hht | at most {times(1.05)}, level"
+    assert told(rows)[0][3] == f"hht | at most {times(1.05)}"
     rows = [*law("hht", 40.0, 2), run("ida", 1e-3, 1e-5, 2000)]
     assert decisions(rows, {KIND: ("pendulum",)}, WHOLE)["time", None].rows[0][4].tone == ""
 

@@ -161,10 +161,11 @@ def some_of(t: Vector, q: Matrix, v: Matrix) -> list[Place]:
 def differences(multipliers: Matrix, steps: Matrix) -> Vector:
     """The largest of each row of ``multipliers`` from those of the ``steps``, over the size of these there or in the mean.
 
-    A multiplier that stays near zero is measured by the largest one.
+    The mean is that without the largest tenth: a step's own may be poles.  A multiplier that stays near zero is measured by
+    the largest one.
     """
     sizes = np.abs(steps)
-    mean = sizes.mean(axis=0)
+    mean = np.sort(sizes, axis=0)[: max(1, 9 * len(sizes) // 10)].mean(axis=0)  # nan ones are last
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # infinite ones, and zeros all along
         found = (np.abs(multipliers - steps) / np.maximum(sizes, np.maximum(mean, BESIDE * mean.max()))).max(axis=1)
     return np.where(np.isnan(found), np.inf, found)

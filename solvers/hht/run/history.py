@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from itertools import accumulate, pairwise
@@ -183,7 +184,9 @@ class History:
 
     def remarks(self) -> list[str]:
         """What is to be said of singular positions, and of the states at events."""
-        return self._remarks + [f"Event {o.name!r}: {o.note}" for each in self._occurrences for o in each if o.note]
+        notes = Counter((o.name, o.note) for each in self._occurrences for o in each if o.note)
+        times = {count: f", {count} times" if count > 1 else "" for count in notes.values()}
+        return self._remarks + [f"Event {name!r}{times[count]}: {note}" for (name, note), count in notes.items()]
 
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""

@@ -25,7 +25,7 @@ CALLS = 5  # of each function: two may differ by little
 FEW = 9  # roundoffs
 WIDER = 1024.0  # times: so much more do the values of a smooth function differ where its arguments do
 ALIKE = 0.01  # of such differences: those of nearer arguments that are no larger are no noise
-PRESCRIBED = 1e-12  # of the size of values: less is nothing to steps of a given length
+PRESCRIBED = 1e-9  # of the size of values: less is nothing to steps of a given length, and leaves differences a digit
 SHARE = 0.1  # of a step's error: noise that makes so much of it decides how long steps are
 
 

@@ -147,7 +147,13 @@ def is_noise(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= part(z, mem.CONSTANTS)[mem.STAGNATION]:
         return False
     most = UNLIKE * measured(z, slot, code, WIDER * EPS, counts)
-    return moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
+    noisy = moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
+    if not noisy or code == mem.C_CONSTRAINTS:
+        return noisy
+    corrected(z, slot, mem.C_CONSTRAINTS, False, counts)  # what their own rounding makes where they are nearly dependent
+    rounding = UNLIKE * measured(z, slot, mem.C_CONSTRAINTS, EPS, counts)
+    corrected(z, slot, code, False, counts)
+    return moved > rounding
 
 
 @compiled
