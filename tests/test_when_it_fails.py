@@ -174,11 +174,6 @@ DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
     "reaction": lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
 }
-ROUGH = {
-    "constraint": lambda t, q: np.array([q @ q - 1.0 + 1e-9 * RANDOM.standard_normal()]),
-    "constraint_jacobian": lambda t, q: 2.0 * q[None, :],
-    "constraint_time_derivative": lambda t, q: np.zeros(1),
-}
 PROVOKED: dict[str, list[Case]] = {
     "success": [Case("", "", lambda _: fall())],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
@@ -196,7 +191,6 @@ PROVOKED: dict[str, list[Case]] = {
         Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),
         Case("smallest step", "look for a jump", lambda _: fall(weight(force=wall), rtol=1e-4, options={"min_step": 0.1})),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
-        Case("noise", "noise: two calls of constraint", lambda _: hoop(functions=ROUGH, step=0.01)),
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),

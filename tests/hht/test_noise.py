@@ -105,18 +105,14 @@ def test_both_levels_of_a_chain_in_machine_code_hold_beside_a_noisy_force(links,
 
 
 @pytest.mark.parametrize("engine", ["compiled", "python"])
-@pytest.mark.parametrize(
-    ("error", "arguments"),
-    [(hashed, "arguments some roundoffs apart"), (drawn(), "the same arguments")],
-    ids=["of the state", "of the call"],
-)
-def test_noise_that_the_constraint_rows_feel_ends_prescribed_steps_by_its_name(error, arguments, engine):
+@pytest.mark.parametrize("error", [hashed, drawn()], ids=["of the state", "of the call"])
+def test_constraints_that_have_noise_hold_as_well_as_it_allows(error, engine):
     system = pendulum(
         constraint=lambda t, q: circle(t, q) + 1e-9 * error(t, q), constraint_time_derivative=lambda t, q: np.zeros(1)
     )
     solution = HHT(system, engine=engine).solve((0.0, 0.5), Q0, V0, steps=50)
-    assert solution.status is Status.newton_failed
-    assert f"noise: two calls of constraint with {arguments}" in solution.message
+    assert solution.success, solution.message
+    assert max(abs(circle(0.0, q)[0]) for q in solution.q) < 5e-9
 
 
 @pytest.mark.filterwarnings("error")
