@@ -30,7 +30,9 @@ def test_an_exception_after_a_failed_trial_of_derived_derivatives_is_the_users(m
         return 100.0 * q**2
 
     original = Engine.give_up_derivatives
-    monkeypatch.setattr(Engine, "give_up_derivatives", lambda *given: trials.append(original(*given)) or trials[-1])
+    monkeypatch.setattr(
+        Engine, "give_up_derivatives", lambda *given, **named: trials.append(original(*given, **named)) or trials[-1]
+    )
     system = NumpySystem(force=force, force_jacobians=lambda t, q, v: (np.diag(200.0 * q), np.zeros((1, 1))))
     with pytest.raises(Own):
         HHT(system, first_step=1.0).solve((0.0, 0.2), [0.5], [0.0], rtol=1e-4, atol=1e-4)
