@@ -35,6 +35,7 @@ class Request:
     steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
     t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
     dense_output: bool = False  #: of libraries, whose ``solution(t)`` costs work at every step; HHT's is always there
+    keep_steps: bool = False  #: of libraries: the ends of all steps beside the rows at t_eval; HHT's are always there
     max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
     max_evaluations: int | None = None  #: most residual evaluations
     max_seconds: float | None = None  #: most wall-clock time [s]
@@ -216,6 +217,7 @@ CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "steps": _steps,
     "t_eval": _output_times,
     "dense_output": _switch,
+    "keep_steps": _switch,
     "max_seconds": _seconds,
     "max_num_steps": positive_integer,
     "max_evaluations": positive_integer,

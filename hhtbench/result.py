@@ -127,6 +127,16 @@ class StepsData:
     mu_half: Matrix  #: (N, p) multiplier of the velocity constraints at the midpoint
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ends:
+    """States at the start and at the end of every accepted step."""
+
+    t: Vector  #: (k,) [s]
+    q: Matrix  #: (k, n)
+    v: Matrix  #: (k, n)
+    carried: Mapping[str, Matrix] | None = None  #: as that of :class:`Solution`
+
+
 class DenseOutput(NamedTuple):
     """Interpolated state: ``q, v`` (n,) at one time, (k, n) at k times."""
 
@@ -171,6 +181,7 @@ class Solution(Filled):
     counters: Counters = field(default_factory=lambda: NOT_REPORTED)
     steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
+    ends: Ends | None = None  #: of a library, or another solver that tells them, where ``keep_steps`` asked for them
     t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
     q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
@@ -244,7 +255,7 @@ class Solution(Filled):
     @classmethod
     def load(cls, path: str | Path) -> Solution:
         """What :meth:`save` has written.  Raises ``ProblemError`` where the file is none of these."""
-        found = read_arrays(path, (Status, Counters, StepsData, ErrorEstimate, DenseOutput))
+        found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
         told = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
@@ -272,6 +283,17 @@ class Solution(Filled):
             rows.append(("t_events", f"{', '.join(str(np.size(t)) for t in self.t_events)} events"))
         counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
         return rows + [(name, "not reported" if value is None else str(value)) for name, value in counted]
+
+
+def ends_of(solution: Solution) -> Ends | None:
+    """The ends of the steps that ``solution`` tells, itself or by the times ``t`` of its dense output; None: it does not."""
+    if solution.ends is not None:
+        return solution.ends
+    t: Any = getattr(solution.interpolant, "t", ())
+    if not np.size(t):
+        return None
+    at = solution(np.asarray(t, dtype=np.float64))
+    return Ends(t=np.asarray(t, dtype=np.float64), q=at.q, v=at.v)
 
 
 _KEPT = [f.name for f in fields(Solution) if f.name not in OF_FUNCTIONS]  # in a file

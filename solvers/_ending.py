@@ -12,7 +12,7 @@ from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.result import Counters, Ends, Solution, Status
 from solvers._dense import Steps, Until
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
@@ -211,6 +211,10 @@ def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str
     if times := more.get("t_events"):
         for name in ("t_events", "q_events", "v_events"):
             found[name] = tuple(x[early(t)] for x, t in zip(more[name], times, strict=True))
+    if ends := more.get("ends"):
+        kept = early(ends.t)
+        carried = None if ends.carried is None else {name: values[kept] for name, values in ends.carried.items()}
+        found["ends"] = Ends(t=ends.t[kept], q=ends.q[kept], v=ends.v[kept], carried=carried)
     if output is not None:
         found["interpolant"] = None if last is None else Until(output, last, ahead)
     return found

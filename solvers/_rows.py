@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,12 +32,24 @@ class Rows:
         return self.t, self.q, self.v
 
 
-def make_rows(form: Form, times: list[float], states: list[Vector], rates: list[Vector]) -> Rows:
-    """The rows as arrays of their own."""
-    y = np.array(states).reshape(-1, form.size)
-    q, v = (part.copy() for part in form.state(y))
-    complete = holds_integrals(form) and len(rates) == len(times)
-    return Rows(np.array(times), y, q, v, np.array(rates).reshape(len(rates), -1) if complete and rates else None)
+@dataclass
+class Kept:
+    """States that a run keeps on its way."""
+
+    times: list[float] = field(default_factory=list)  #: [s]
+    states: list[Vector] = field(default_factory=list)  #: (size,) each
+    rates: list[Vector] = field(default_factory=list)  #: of the multipliers' integrals, where form and library have them
+
+    def drop_last(self) -> None:
+        """Forget the last one."""
+        del self.times[-1], self.states[-1], self.rates[-1:]
+
+    def rows(self, form: Form) -> Rows:
+        """All as arrays of their own."""
+        y = np.array(self.states).reshape(-1, form.size)
+        q, v = (part.copy() for part in form.state(y))
+        complete = self.rates and len(self.rates) == len(self.times)
+        return Rows(np.array(self.times), y, q, v, np.array(self.rates).reshape(len(self.rates), -1) if complete else None)
 
 
 def holds_integrals(form: Form) -> bool:

@@ -15,7 +15,7 @@ from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, unr
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
-from hhtbench.result import Solution, Status
+from hhtbench.result import Ends, Solution, Status
 from hhtbench.trust import doubt_about_motion, unresolved, violated
 from solvers import forms
 from solvers._dense import OnConstraints, Pieces
@@ -25,10 +25,10 @@ from solvers._guard import Guard, Halt, LibraryWork
 from solvers._multipliers import Recover, plain_start, recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
+    Kept,
     Rows,
     carried,
     holds_integrals,
-    make_rows,
     own_multipliers,
     rates_of,
 )
@@ -78,10 +78,9 @@ class Run:
         self.recover: Recover | None = None  #: the code of a solver that finds many rows' multipliers at once
         self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
-        self._times: list[float] = []
-        self._rows: list[Vector] = []
         self.pieces: Pieces | None = None  #: dense output, where it was asked for
-        self._rates: list[Vector] = []  # of the multipliers' integrals, where the form has them and the library tells
+        self._asked, self._ends = Kept(), Kept()  # rows at t_eval, and ends of steps
+        self._keeps_ends = request.t_eval is None or request.keep_steps
 
     def solution(self, drive: Callable[[Run], None]) -> Solution:
         """The whole solve."""
@@ -97,11 +96,11 @@ class Run:
         held = carried(self.form, rows, self.dynamics)
         end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        more: dict[str, Any] = {}
+        more: dict[str, Any] = {"ends": self._told_ends()}
         if self.pieces is not None and self.steps:
             put = OneByOne(self.dynamics).put_all
             projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
-            more = {"interpolant": self.pieces, "projection": projection}
+            more |= {"interpolant": self.pieces, "projection": projection}
         recover_many = partial(recovered, self.dynamics, self.work, self.recover, *rows.motion, own.lam, own.mu)
         return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
 
@@ -218,7 +217,8 @@ class Run:
         """Take ``steps`` accepted steps at once, the last of which ended at (t, y), and the ``rows`` [t, y] they reach."""
         if steps:
             self._expect_good(t, y)
-        keep = self._keep_end if self.wanted is None else self._keep
+        keep = self._keep_end if self.wanted is None else self._keep_asked
+        self._keeps_ends = self.wanted is None
         for time, row in zip(rows[:, 0].tolist(), rows[:, 1:], strict=True):
             keep(time, row, None)
         if steps:
@@ -244,29 +244,34 @@ class Run:
 
     def _output(self, t: float, y: Vector, between: Interpolate | None, rate: Interpolate | None) -> None:
         """Keep the rows that this step reaches: its end, or the output times within it."""
-        if self.wanted is None:
+        if self._keeps_ends:
             self._keep_end(t, y, rate)
+        if self.wanted is None:
             return
-        rest = self.wanted[len(self._times) :]
+        rest = self.wanted[len(self._asked.times) :]
         for time in rest[: np.searchsorted(self.direction * rest, self.direction * t, "right")].tolist():
             self.work.check_time()
             with self.work.for_output():
-                self._keep(time, y if time == t or between is None else between(time), rate)
+                self._keep_asked(time, y if time == t or between is None else between(time), rate)
 
     def _keep_end(self, t: float, y: Vector, rate: Interpolate | None) -> None:
         """The row at the end of a step; one whose time is rounded to that of the row before takes its place only at t1."""
-        if self._times and self.time(t) == self._times[-1]:
+        if self._ends.times and self.time(t) == self._ends.times[-1]:
             if t != self.t1:
                 return
-            del self._times[-1], self._rows[-1], self._rates[-1:]
-        self._keep(t, y, rate)
+            self._ends.drop_last()
+        self._keep(self._ends, self.time(t), y, partial(rate, t) if rate else None)
 
-    def _keep(self, time: float, y: Any, rate: Interpolate | None) -> None:
-        self._rows.append(np.array(y, dtype=np.float64))
+    def _keep_asked(self, time: float, y: Any, rate: Interpolate | None) -> None:
+        """The row at the next of ``t_eval``, which is ``time`` on the library's clock."""
+        asked: Any = self.request.t_eval
+        self._keep(self._asked, float(asked[len(self._asked.times)]), y, partial(rate, time) if rate else None)
+
+    def _keep(self, kept: Kept, time: float, y: Any, rate: Callable[[], Any] | None) -> None:
+        kept.times.append(time)
+        kept.states.append(np.array(y, dtype=np.float64))
         if rate is not None and holds_integrals(self.form):
-            self._rates.append(rates_of(self.form, np.array(rate(time), dtype=np.float64)))
-        asked = self.request.t_eval
-        self._times.append(self.time(time) if asked is None else float(asked[len(self._times)]))
+            kept.rates.append(rates_of(self.form, np.array(rate(), dtype=np.float64)))
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
@@ -322,4 +327,11 @@ class Run:
 
     def rows(self) -> Rows:
         """The rows so far."""
-        return make_rows(self.form, self._times, self._rows, self._rates)
+        return (self._ends if self.wanted is None else self._asked).rows(self.form)
+
+    def _told_ends(self) -> Ends | None:
+        """The ends of the steps, where they are kept beside the rows."""
+        if not (self.request.keep_steps and self._keeps_ends):
+            return None
+        rows = self._ends.rows(self.form)
+        return Ends(t=rows.t, q=rows.q, v=rows.v, carried=carried(self.form, rows, self.dynamics))

@@ -20,7 +20,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering import AccelerationLevel, Dynamics
 from hhtbench.protocol import MinimalCoordinates, Problem, Scales, Solver
 from hhtbench.request import Request
-from hhtbench.result import Solution
+from hhtbench.result import Ends, Solution, ends_of
 from solvers import cvode, hht, scipy_ivp
 from solvers._ending import OwnMultipliers, solution_of
 from solvers._multipliers import recovered
@@ -53,7 +53,12 @@ class MinimalSolver:
         if not found.t.size:
             n, none = problem.q0.size, np.zeros((0, 0))
             return replace(found, q=np.zeros((0, n)), v=np.zeros((0, n)), lam=none, mu=none)
-        q, v = (np.array(rows) for rows in _embedding(problem.minimal)(found.q, found.v))
+        embedded = _embedding(problem.minimal)
+        q, v = (np.array(rows) for rows in embedded(found.q, found.v))
+        ends = ends_of(found) if request.keep_steps else None
+        if ends is not None:
+            at_ends = [np.array(rows) for rows in embedded(ends.q, ends.v)]
+            ends = Ends(t=ends.t, q=at_ends[0], v=at_ends[1])
         run = _seen(problem)
         s = run.dynamics.structure
         lam, mu = np.full((found.t.size, s.m), np.nan), np.full((found.t.size, s.p), np.nan)
@@ -61,7 +66,7 @@ class MinimalSolver:
         own = OwnMultipliers(lam, mu, guesses, "unknown", "unknown", "unknown")
         many = functools.partial(recovered, run.dynamics, run.work, None, found.t, q, v, lam, mu)
         whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, many)
-        return replace(whole, counters=found.counters)
+        return replace(whole, counters=found.counters, ends=ends)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use."""

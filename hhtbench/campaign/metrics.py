@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
-from hhtbench.drift import Drift, measure_drift, own_multipliers
+from hhtbench.drift import Drift, measure_drift, own_at_rows, own_at_steps
 from hhtbench.evidence import plain
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution
@@ -29,8 +29,8 @@ class Measured:
     note: str  #: "" where all went well
 
 
-def measure(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Measured:
-    """Everything a row holds about the trajectory; drift from ``at_steps``, the same solve with output at every step.
+def measure(problem: Problem, solution: Solution) -> Measured:
+    """Everything a row holds about the trajectory.
 
     A function of the problem that raises costs its own part only.
     """
@@ -44,7 +44,7 @@ def measure(problem: Problem, solution: Solution, at_steps: Solution | None = No
     notes = []
     for part in (_add_states, _add_errors, _add_drift):
         try:
-            part(problem, solution, at_steps, metrics, series)
+            part(problem, solution, metrics, series)
         except Exception as error:  # noqa: BLE001 - a user's function: the solve itself stands
             notes.append(f"{part.__name__.removeprefix('_add_')} not measured: {type(error).__name__}: {error}")
     return Measured(metrics=plain(metrics), series=_for_plots(plain(series)), note="; ".join(notes))
@@ -64,22 +64,18 @@ def counters_of(counters: Counters) -> dict[str, Any]:
     return plain({field.name: getattr(counters, field.name) for field in fields(counters)})
 
 
-def _add_errors(
-    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
-) -> None:
+def _add_errors(problem: Problem, solution: Solution, metrics: dict[str, Any], series: dict[str, Any]) -> None:
     found: Comparison | None = compare(problem, solution)
     if found is None:
         return
     metrics["errors"], series["errors"] = found.metrics(), found.series()
-    own = own_multipliers(solution, None) or own_multipliers(solution, at_steps)  # at the rows where it is known there
+    own = own_at_rows(solution) or own_at_steps(solution)
     if own is not None:
         metrics["errors"] |= compare_multipliers(problem, own.t, {"lam": own.lam, "mu": own.mu})
 
 
-def _add_drift(
-    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
-) -> None:
-    found: Drift | None = measure_drift(problem, solution, at_steps)
+def _add_drift(problem: Problem, solution: Solution, metrics: dict[str, Any], series: dict[str, Any]) -> None:
+    found: Drift | None = measure_drift(problem, solution)
     if found is None:
         return
     metrics["drift"] = found.metrics()
@@ -100,9 +96,7 @@ def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dic
     return {"t": t[ends], **{name: choose.reduceat(values, starts) for name, values in curves.items()}}
 
 
-def _add_states(
-    problem: Problem, solution: Solution, at_steps: Solution | None, metrics: dict[str, Any], series: dict[str, Any]
-) -> None:
+def _add_states(problem: Problem, solution: Solution, metrics: dict[str, Any], series: dict[str, Any]) -> None:
     """Rows at equal distances, the last among them."""
     count, width = solution.t.size, 2 * solution.q.shape[1]
     most = max(1, min(count, MOST_STATES, MOST_NUMBERS // max(1, width)))

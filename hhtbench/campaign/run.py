@@ -1,7 +1,8 @@
 """One cell in a worker: decline, warm up, solve, judge, measure.
 
-Work is that of a solve to the end of the interval, without output on the way.  Errors and curves come from another solve
-with output, drift from a third one with output at every step; neither is timed or counted.
+Work is that of a solve to the end of the interval, without output on the way.  Errors, curves and drift come from another
+solve with output, which keeps its steps; of a solver that does not tell them drift comes from a third one, with output at
+every step.  Neither is timed or counted.
 """
 
 from __future__ import annotations
@@ -16,16 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
-from hhtbench.drift import keeps_steps
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
-from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust.judge import Steps, judge
+from hhtbench.result import Counters, Ends, Solution, Status, ends_of
+from hhtbench.trust.judge import judge
 from hhtbench.trust.rows import doubt_about, ends_elsewhere, impossible_work
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
@@ -119,7 +119,7 @@ def run_cell(
     if "s" not in warm:
         warm["s"] = warm_up(problem, solver, request)
     phase("the solve")
-    outcome = attempt(problem, solver, request)
+    outcome = attempt(problem, solver, replace(request, keep_steps=True))
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
     phase(MEASURING)  # the problem's functions may be traced for the first time
     row["metrics"] = {"system": system_of(problem)}
@@ -129,10 +129,10 @@ def run_cell(
     counters = outcome.solution.counters if work.solution is None else work.solution.counters
     if asked["counting"] and succeeded(work):
         counters = _counted(problem, solver, request, counters, phase)
-    at_steps = _at_steps(problem, solver, request, outcome, phase)
+    solution, doubt = _with_ends(problem, solver, request, outcome, phase)
     phase(MEASURING)
-    judgement = _judged(problem, request, outcome, work, at_steps, draw)
-    measured = measure(problem, outcome.solution, None if at_steps is None else at_steps.solution)
+    judgement = _judged(problem, request, replace(outcome, solution=solution), work, doubt, draw)
+    measured = measure(problem, solution)
     return {
         **row,
         **judgement.row,
@@ -203,19 +203,29 @@ def _counted(problem: Problem, solver: Solver, request: Request, counters: Count
     return counters
 
 
-def _at_steps(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Outcome | None:
-    """The solve once more with output at every step, where its end was reached, believed or not, and it keeps no steps."""
-    ends = (Status.success, Status.event, Status.unreliable)
-    if outcome.solution is None or outcome.status not in ends or keeps_steps(outcome.solution):
-        return None
-    phase("the solve with output at every step")
-    again = attempt(problem, solver, replace(request, t_eval=None))
-    return again if again.status in ends and again.solution is not None else None
+def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> tuple[Solution, str]:
+    """The solution with the ends of its steps, where its end was reached, believed or not; and what speaks against them.
+
+    They are its own, or those of one more solve with output at every step.
+    """
+    reached = (Status.success, Status.event, Status.unreliable)
+    solution: Any = outcome.solution
+    if outcome.status not in reached:
+        return solution, ""
+    ends, doubt = None, ""
+    with suppress(*of_plugins()):  # what a plugin calls dense output
+        ends = ends_of(solution)
+    if ends is None:
+        phase("the solve with output at every step")
+        again = attempt(problem, solver, replace(request, t_eval=None))
+        if again.status in reached and again.solution is not None:
+            found = again.solution
+            ends = Ends(t=found.t, q=found.q, v=found.v, carried=found.carried)
+            doubt = f"{again.message} (with output at every step)" if again.status is Status.unreliable else ""
+    return solution.but(ends=ends), doubt
 
 
-def _judged(
-    problem: Problem, request: Request, outcome: Outcome, work: Outcome, at_steps: Outcome | None, draw: int
-) -> Judged:
+def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, doubt: str, draw: int) -> Judged:
     """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
@@ -223,31 +233,15 @@ def _judged(
         return Judged({"status": Status.unreliable.label, "message": "end: an event is reported, and none was asked for."})
     if not succeeded(work):
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})
-    if at_steps is not None and at_steps.status is Status.unreliable:
-        return Judged({"status": at_steps.status.label, "message": f"{at_steps.message} (with output at every step)"})
-    found = judge(problem, request, outcome.solution, _steps_of(outcome.solution, at_steps), draw=draw)
+    if doubt:
+        return Judged({"status": Status.unreliable.label, "message": doubt})
+    found = judge(problem, request, outcome.solution, draw=draw)
     doubt = found.doubt
     if not doubt and work.solution is not None:
         doubt = ends_elsewhere(problem, request, outcome.solution, work.solution)
     row = {"status": Status.unreliable.label, "message": doubt} if doubt else {}
     note = f"Equations of motion not judged: {found.not_judged}." if found.not_judged else ""
     return Judged(row, note, found.metrics())
-
-
-def _steps_of(solution: Solution, at_steps: Outcome | None) -> Steps | None:
-    """The solver's own steps, from the same solve or from the one with output at every step."""
-    if at_steps is not None and at_steps.solution is not None:
-        t, q, v = at_steps.solution.t, at_steps.solution.q, at_steps.solution.v
-        return Steps(t, lambda some: (q[some], v[some]))
-    if not keeps_steps(solution):
-        return None
-    ends = np.asarray(solution.interpolant.t, dtype=np.float64)  # type: ignore[union-attr]
-
-    def states(some: Any) -> tuple[Matrix, Matrix]:
-        found = solution(ends[some])
-        return found.q, found.v
-
-    return Steps(ends, states)
 
 
 def status_of(error: BaseException) -> Status:

@@ -26,7 +26,7 @@ from hhtbench.drift.energy import (
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol import Problem, declared
-from hhtbench.result import Solution
+from hhtbench.result import Ends, Solution, ends_of
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
@@ -89,14 +89,12 @@ class Drift:
         }
 
 
-def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | None = None) -> Drift | None:
-    """Drift over all internal steps, else over the output rows; None without rows.
+def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
+    """Drift over all internal steps, where they are told (:func:`~hhtbench.result.ends_of`), else over the rows; None: none.
 
     Never over HHT's rows between steps, which are put onto the constraints: they would look better than its steps.
-
-    The steps are those that ``solution`` keeps, or the rows of ``at_steps``, the same solve with output at every step.
     """
-    sampled, t, q, v = _states(solution, at_steps)
+    sampled, t, q, v = _states(solution)
     if t.size == 0:
         return None
     dynamics = derive(problem.system, float(t[0]), q[0], v[0])
@@ -106,7 +104,7 @@ def measure_drift(problem: Problem, solution: Solution, at_steps: Solution | Non
     energetic = declared(problem.system, "energy") is not None
     values = _in_chunks(state_terms, dynamics, (names, energetic), (t, q, v), (s_q, s_v))
     levels, bare, energies, kept = np.split(values, [2, 4, 6], axis=1)
-    own = own_multipliers(solution, at_steps)
+    own = own_at_steps(solution)
     acceleration, note = _acceleration(dynamics, own) if s.constrained else (None, None)
     energy = Balance(None, None)
     if energetic:
@@ -185,41 +183,35 @@ def _in_chunks(
     return np.concatenate(found, axis=0)
 
 
-def keeps_steps(solution: Solution) -> bool:
-    """Whether the solution tells its internal steps: ``interpolant.t`` (k,) are their ends."""
-    return solution.interpolant is not None and np.size(getattr(solution.interpolant, "t", ())) > 0
-
-
-def _states(solution: Solution, at_steps: Solution | None) -> tuple[str, Vector, Matrix, Matrix]:
+def _states(solution: Solution) -> tuple[str, Vector, Matrix, Matrix]:
     """Where the drift is measured, and t, q, v there, up to the first value that is not finite."""
-    if keeps_steps(solution):
-        t = np.asarray(solution.interpolant.t, dtype=np.float64)  # type: ignore[union-attr]
-        rows = solution(t)
-        sampled, q, v = "steps", rows.q, rows.v
-    elif at_steps is not None:
-        sampled, t, q, v = "steps", at_steps.t, at_steps.q, at_steps.v
-    else:
-        sampled, t, q, v = "rows", solution.t, solution.q, solution.v
-    if np.size(t) == 0:
+    ends = ends_of(solution)
+    sampled, told = ("rows", solution) if ends is None else ("steps", ends)
+    if np.size(told.t) == 0:
         return sampled, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
-    t, q, v = (np.asarray(x, dtype=np.float64) for x in (t, q, v))
+    t, q, v = (np.asarray(x, dtype=np.float64) for x in (told.t, told.q, told.v))
     finite = np.isfinite(t) & np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
     kept = t.size if finite.all() else int(np.argmin(finite))
     return sampled, t[:kept], q[:kept], v[:kept]
 
 
-def own_multipliers(solution: Solution, at_steps: Solution | None) -> Own | None:
-    """Where and which multipliers the solver holds: at its steps where they are known, else at the rows; None: nowhere.
+def own_at_rows(rows: Solution | Ends) -> Own | None:
+    """The multipliers that the solver itself holds at ``rows``; None: it has none there.
 
     Not those in ``lam`` and ``mu``: these are recovered from the acceleration level and satisfy it by construction.
     """
-    for rows in (at_steps, solution):
-        if rows is not None and rows.carried is not None:
-            carried = (np.asarray(rows.carried[name], dtype=np.float64) for name in ("lam", "mu"))
-            return Own(np.asarray(rows.t), np.asarray(rows.q), np.asarray(rows.v), *carried)
-    steps = solution.steps_data
-    if steps is None or steps.t.size == 0 or not keeps_steps(solution):
+    if rows.carried is None:
         return None
+    carried = (np.asarray(rows.carried[name], dtype=np.float64) for name in ("lam", "mu"))
+    return Own(np.asarray(rows.t), np.asarray(rows.q), np.asarray(rows.v), *carried)
+
+
+def own_at_steps(solution: Solution) -> Own | None:
+    """The same at its steps where they are known, else at the rows."""
+    found = own_at_rows(solution if solution.ends is None else solution.ends) or own_at_rows(solution)
+    steps = solution.steps_data
+    if found is not None or steps is None or steps.t.size == 0 or solution.interpolant is None:
+        return found
     at = solution(steps.t)
     return Own(steps.t, at.q, at.v, steps.lam_end, steps.mu_half)
 

@@ -5,7 +5,7 @@ The adapters of libraries make the cheap checks themselves (:mod:`hhtbench.trust
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,20 +22,12 @@ from hhtbench.trust.levels import CHECKED_ROWS, spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
 from hhtbench.trust.rank import unknown_without_reason
 from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
-from hhtbench.trust.rows import doubt_about
+from hhtbench.trust.rows import doubt_about, doubt_about_ends
 from hhtbench.trust.sizes import sizes_of
 from hhtbench.trust.suspects import bends, stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
-
-
-@dataclass(frozen=True)
-class Steps:
-    """The solver's own steps: their ends, and the states there, which may have to be interpolated."""
-
-    t: Vector  #: (k,) [s]
-    states: Callable[[Any], tuple[Matrix, Matrix]]  #: q and v (len, n) of those of some indices
 
 
 @dataclass(frozen=True)
@@ -53,22 +45,22 @@ class Judgement:
         return {"motion": worst, "windows": judged, "not_judged": self.not_judged or None}
 
 
-def judge(problem: Problem, request: Request, solution: Any, steps: Steps | None = None, *, draw: int = 0) -> Judgement:
+def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -> Judgement:
     """Every check in turn until one fails; a result that is no success is not judged.
 
-    ``draw`` chooses the rows at which some of the windows begin: nobody knows them before, the same number gives the same.
+    The solver's own steps are looked at where ``solution.ends`` holds them.  ``draw`` chooses the rows at which some of the
+    windows begin: nobody knows them before, the same number gives the same.
     """
-    doubt = doubt_about(problem, request, solution)
+    doubt = doubt_about(problem, request, solution) or doubt_about_ends(problem, request, solution)
     if doubt or not solution.success:
         return Judgement(doubt)
     try:
         levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
         doubt = _multipliers(levels, solution) or unknown_without_reason(levels, problem, solution)
         doubt = doubt or violated(levels, problem, request, (solution.t, solution.q, solution.v))
-        if steps is not None and not doubt:
-            some = spread(steps.t.size)
-            doubt = violated(levels, problem, request, (steps.t[some], *steps.states(some)))
-        return Judgement(doubt) if doubt else _motion(problem, request, solution, steps, draw)
+        if solution.ends is not None and not doubt:
+            doubt = violated(levels, problem, request, (solution.ends.t, solution.ends.q, solution.ends.v))
+        return Judgement(doubt) if doubt else _motion(problem, request, solution, draw)
     except NotJudged as reason:
         return Judgement("", not_judged=str(reason))
     except Exception as error:  # noqa: BLE001 - a function of the problem, which has its own check
@@ -83,14 +75,14 @@ def _multipliers(levels: ConstraintLevels, solution: Solution) -> str:
     return ""
 
 
-def _motion(problem: Problem, request: Request, solution: Solution, steps: Steps | None, draw: int) -> Judgement:
+def _motion(problem: Problem, request: Request, solution: Solution, draw: int) -> Judgement:
     equations, size = Equations(problem), sizes_of(problem, solution.q, solution.v)
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
     starts = _starts(solution, size, draw)
     looked_at = rows_of(follower, solution, _at_no_jump(solution, sorted({*starts, *spread(solution.t.size).tolist()})))
     starts += _bent(follower, looked_at, draw)
     windows = []
-    for rows, multipliers in _windows(problem, solution, steps, size, starts):
+    for rows, multipliers in _windows(problem, solution, size, starts):
         windows.append(follower.follow(rows, multipliers))
         if windows[-1].failed:
             break
@@ -123,7 +115,7 @@ def _starts(solution: Solution, size: Vector, draw: int) -> list[int]:
     if count < 2:
         return []
     drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
-    return sorted({0, count - 2, *drawn, *stand_out(solution.t, lambda some: (solution.q[some], solution.v[some]), size)})
+    return sorted({0, count - 2, *drawn, *stand_out(solution, size)})
 
 
 def _at_no_jump(solution: Solution, some: list[int]) -> list[int]:
@@ -151,9 +143,7 @@ def _bent(follower: Follower, rows: list[Row], draw: int) -> list[int]:
     return [rows[i].i for i in bends(t, y, vdot, between, parts, size)]
 
 
-def _windows(
-    problem: Problem, solution: Solution, steps: Steps | None, size: Vector, starts: list[int]
-) -> Iterator[tuple[Rows, Multipliers]]:
+def _windows(problem: Problem, solution: Solution, size: Vector, starts: list[int]) -> Iterator[tuple[Rows, Multipliers]]:
     """Rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin with.
 
     They begin at the rows ``starts`` and where steps stand out from the others; they end at events, which may change the
@@ -162,10 +152,10 @@ def _windows(
     direction = -1.0 if problem.t_span[1] < problem.t_span[0] else 1.0
     jumps = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
     times = {float(solution.t[i]) for i in starts}
-    if steps is not None:
-        times |= {float(steps.t[k]) for k in stand_out(steps.t, steps.states, size)}
+    if solution.ends is not None:
+        times |= {float(solution.ends.t[k]) for k in stand_out(solution.ends, size)}
     for start in sorted(times, key=lambda t: -direction * t):
-        rows = _rows(solution, steps, start, direction)
+        rows = _rows(solution, start, direction)
         after = jumps[jumps >= direction * rows.t[0]]
         kept = direction * rows.t < after[0] if after.size else np.ones(rows.t.size, dtype=bool)
         rows = Rows(*(part[kept] for part in rows))
@@ -174,14 +164,14 @@ def _windows(
             yield rows, Multipliers(solution.lam[i], solution.mu[i])
 
 
-def _rows(solution: Solution, steps: Steps | None, start: float, direction: float) -> Rows:
+def _rows(solution: Solution, start: float, direction: float) -> Rows:
     """From ``start`` [s] on: rows of output, and the next steps."""
     i = int(np.searchsorted(direction * solution.t, direction * start, "left"))
     parts = [(solution.t[i:], solution.q[i:], solution.v[i:])]
-    if steps is not None:
-        begin = int(np.searchsorted(direction * steps.t, direction * start, "left"))
-        some = np.arange(begin, min(begin + NEAR, steps.t.size))
-        parts.append((steps.t[some], *steps.states(some)))
+    if (ends := solution.ends) is not None:
+        begin = int(np.searchsorted(direction * ends.t, direction * start, "left"))
+        some = slice(begin, begin + NEAR)
+        parts.append((ends.t[some], ends.q[some], ends.v[some]))
     t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(direction * t, kind="stable")
     return Rows(t[order], q[order], v[order])

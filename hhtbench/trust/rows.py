@@ -51,6 +51,23 @@ def doubt_about_motion(problem: Problem, request: Request, motion: Motion, *, co
     return found or _output_times(problem, request, t, complete) or _start(problem, request, motion)
 
 
+def doubt_about_ends(problem: Problem, request: Request, solution: Solution) -> str:
+    """The same of the ends of the steps, where a success tells them."""
+    ends = solution.ends
+    if ends is None or not solution.success:
+        return ""
+    n, k = problem.q0.size, np.size(ends.t)
+    shapes = {"ends.t": (ends.t, (k,)), "ends.q": (ends.q, (k, n)), "ends.v": (ends.v, (k, n))}
+    for name, (value, wanted) in shapes.items():
+        if not (k and isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.shape == wanted):
+            return f"shapes: {name} must be an array of float64, {wanted}, with a row for every end of a step."
+    found = _finite({name: value for name, (value, _) in shapes.items()}) or _order(problem, ends.t)
+    last = solution.t[-1]
+    if not found and (ends.t[0] != problem.t_span[0] or (ends.t[-1] - last) * np.sign(last - ends.t[0]) < 0.0):
+        return f"ends of steps: they go from t = {ends.t[0]:.17g} to {ends.t[-1]:.17g}, the rows up to t = {last:.17g}."
+    return found or _start(problem, request, (ends.t, ends.q, ends.v))
+
+
 def impossible_work(counters: Counters, seconds: float) -> str:
     """Which counter is more than could be done in so many ``seconds`` of wall time, in words."""
     for field in fields(Counters):

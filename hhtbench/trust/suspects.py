@@ -6,33 +6,31 @@ a window to begin.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.result import Ends, Solution
 
 STILL = 1e-3  # of the median speed of change: slower rows may be frozen
 LEAP = 30.0  # times the median of what the velocities leave of the way to the next row: a larger one may be a jump
 APART = 1e-9  # of the interval: the way between rows nearer to one another is roundoff
-BLOCK = 1000  # rows whose states are held at once
 
-States = Callable[[Any], tuple[Matrix, Matrix]]  # q and v (len, n) at some indices
 Between = Callable[[Vector, Matrix, Matrix], Matrix]  # vdot (k, n) at t (k,), q and v (k, n)
 
 
-def stand_out(t: Vector, states: States, size: Vector) -> list[int]:
-    """Rows i whose way to row i + 1 stands out, of rows t (k,) and their ``states``; ``size`` (2n,) of [q, v].
+def stand_out(rows: Solution | Ends, size: Vector) -> list[int]:
+    """Those ``rows`` i whose way to row i + 1 stands out; ``size`` (2n,) of [q, v].
 
     At most three: the first that hardly moves, the slowest of these, and the one whose velocities leave most of its way.
     """
+    t = rows.t
     dt = np.diff(t)
     if dt.size < 3:
         return []
     usable = np.abs(dt) > APART * abs(t[-1] - t[0])
-    ways = [_ways(t[some], *states(some), size) for some in _blocks(t.size)]
-    way, left = (np.concatenate(part) for part in zip(*ways, strict=True))
+    way, left = _ways(t, rows.q, rows.v, size)
     speed = way / np.where(usable, np.abs(dt), np.inf)
     found = set()
     slow = np.flatnonzero(usable & (speed < STILL * np.median(speed[usable]))) if usable.any() else np.empty(0, int)
@@ -74,12 +72,6 @@ def _hermite(s: Matrix, dt: Matrix, x: Matrix, rate: Matrix) -> Matrix:
 def _largest(left: Vector) -> list[int]:
     worst = int(np.argmax(left))
     return [worst] if left[worst] > LEAP * np.median(left) else []
-
-
-def _blocks(count: int) -> Iterator[Any]:
-    """Indices of ``BLOCK`` rows and the one after them, so that every way between two of ``count`` rows is in one block."""
-    for first in range(0, count - 1, BLOCK):
-        yield np.arange(first, min(first + BLOCK + 1, count))
 
 
 def _ways(t: Vector, q: Matrix, v: Matrix, size: Vector) -> tuple[Vector, Vector]:

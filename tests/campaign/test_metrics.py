@@ -15,7 +15,7 @@ from hhtbench.campaign import accuracy
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
 from hhtbench.drift import measure as drift
 from hhtbench.evidence import plain
-from hhtbench.result import DenseOutput
+from hhtbench.result import DenseOutput, Ends
 from tests.adapters import scenes
 
 
@@ -207,17 +207,20 @@ def test_a_solver_without_multipliers_of_its_own_has_no_drift_at_the_acceleratio
     assert "lam_carried" not in found.metrics["errors"]
 
 
+def ends(**changes: Any) -> Ends:
+    made = solution(t=np.linspace(0, 1, 41), **changes)
+    return Ends(t=made.t, q=made.q, v=made.v, carried=made.carried)
+
+
 def test_the_acceleration_level_is_judged_at_every_step():
-    at_steps = solution(t=np.linspace(0, 1, 41), carried=0.75)
-    found = measure(circle(), solution(carried=0.5), at_steps)
+    found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     assert len(found.series["acceleration"]["t"]) == 41
 
 
 def test_the_acceleration_level_of_many_steps_is_judged_at_some_from_the_first_to_the_last(monkeypatch):
     monkeypatch.setattr(drift, "MOST_OWN", 10)
-    at_steps = solution(t=np.linspace(0, 1, 41), carried=0.75)
-    found = measure(circle(), solution(carried=0.5), at_steps)
+    found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     times = found.series["acceleration"]["t"]
     assert (len(times), times[0], times[-1]) == (10, 0.0, 1.0)
@@ -288,9 +291,8 @@ def test_drift_is_measured_at_the_internal_steps_not_at_the_output_rows():
     assert max(found.series["steps"]["h"]) == 0.00166667, "1 / 600 in the digits of a plot"
 
 
-def test_a_second_solve_with_output_at_every_step_shows_the_steps():
-    at_steps = solution(t=np.linspace(0, 1, 41), radius=1.1)
-    drift = measure(circle(), solution(), at_steps).metrics["drift"]
+def test_ends_of_steps_that_a_solver_tells_show_the_drift():
+    drift = measure(circle(), replace(solution(), ends=ends(radius=1.1))).metrics["drift"]
     assert (drift["sampled"], drift["points"]) == ("steps", 41)
     assert drift["position_absolute"] == pytest.approx(0.21)
 

@@ -106,7 +106,7 @@ def main(jobs: int, only: tuple[str, ...], sound: bool) -> None:
         for index in range(jobs):
             trees.put(copy_tree(Path(folder).resolve() / str(index)))
         if sound:
-            refuse_unsound(trees, chosen)
+            refuse_unsound(trees, chosen, threads)
         found = list(threads.map(lambda fault: find(fault, trees), chosen))
     sys.exit(0 if report(found, time.perf_counter() - began) >= WANTED else 1)
 
@@ -124,15 +124,23 @@ def report(found: list[Found], seconds: float) -> float:
     return share
 
 
-def refuse_unsound(trees: Queue[Path], chosen: list[Fault]) -> None:
+def refuse_unsound(trees: Queue[Path], chosen: list[Fault], threads: ThreadPoolExecutor) -> None:
     """End where the checks flag something without any fault: they would find every fault."""
-    tree = trees.get()
-    for checked, first in sorted({(fault.checked, fault.first if fault.by_tests else "") for fault in chosen}):
-        found = run_checks(tree, checked, first)
+
+    def look(checks: tuple[str, str]) -> dict[str, str]:
+        tree = trees.get()
+        try:
+            return run_checks(tree, *checks)
+        finally:
+            trees.put(tree)
+
+    every = sorted({(fault.checked, fault.first if fault.by_tests else "") for fault in chosen})
+    unsound = False
+    for (checked, _), found in zip(every, threads.map(look, every), strict=True):
         click.echo(f"without a fault, {checked}: {found['flagged'] or 'nothing flagged'} {found['message']}", err=True)
-        if found["flagged"]:
-            sys.exit(1)
-    trees.put(tree)
+        unsound = unsound or bool(found["flagged"])
+    if unsound:
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -19,10 +19,10 @@ import numpy as np
 
 from hhtbench import Problem, Request, Solution, Status
 from hhtbench.campaign.accuracy import compare
-from hhtbench.drift import keeps_steps
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem, load_solver
-from hhtbench.trust.judge import Judgement, Steps, judge
+from hhtbench.result import Ends, ends_of
+from hhtbench.trust.judge import Judgement, judge
 from tests.trust.liars import MOTIONS, Liar
 
 CONTROLLED = (
@@ -60,28 +60,21 @@ def honest(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement, f
                 )
                 if made is None:
                     continue
-                solution, steps, request = made
+                solution, request = made
                 found = compare(problem, solution)
                 error = None if found is None or "q" not in found.got else float(np.max(found.scaled("q")))
-                yield name, setting, judge(problem, request, solution, steps), error
+                yield name, setting, judge(problem, request, solution), error
 
 
-def _solved(problem: Problem, name: str, request: Request) -> tuple[Solution, Steps | None, Request] | None:
+def _solved(problem: Problem, name: str, request: Request) -> tuple[Solution, Request] | None:
     """A success with its steps, where the solver makes one."""
     solver = load_solver(name)
     if solver.accepts(problem, request) is not None:
         return None
-    solution = solver.solve(problem, request)
+    solution = solver.solve(problem, replace(request, keep_steps=True))
     if solution.status is not Status.success:
         return None
-    if keeps_steps(solution):
-        ends: Any = solution.interpolant
-        times = np.array(ends.t)
-        return solution, Steps(times, lambda some: tuple(solution(times[some]))), request
-    every = solver.solve(problem, replace(request, t_eval=None))
-    if every.status is not Status.success:
-        return solution, None, request
-    return solution, Steps(every.t, lambda some: (every.q[some], every.v[some])), request
+    return solution.but(ends=ends_of(solution)), request
 
 
 def lies(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:
@@ -90,9 +83,9 @@ def lies(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:
     for motion in MOTIONS:
         rows = Liar(motion).solve(problem, Request(rtol=1e-3, t_eval=t))
         every = Liar(motion).solve(problem, Request(rtol=1e-3))
-        steps = Steps(every.t, lambda some, every=every: (every.q[some], every.v[some]))
+        rows = replace(rows, ends=Ends(t=every.t, q=every.q, v=every.v))
         for setting in settings():
-            yield motion, setting, judge(problem, Request(t_eval=t, **setting), rows, steps)
+            yield motion, setting, judge(problem, Request(t_eval=t, **setting), rows)
 
 
 def show(title: str, table: dict[str, dict[str, Counter[str]]], heads: list[str]) -> None:

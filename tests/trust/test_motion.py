@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hhtbench import NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
-from hhtbench.trust.judge import Judgement, Steps, judge
+from hhtbench.result import Ends
+from hhtbench.trust.judge import Judgement, judge
 from hhtbench.trust.suspects import stand_out
 from tests.trust.liars import MOTIONS, Liar
 
@@ -30,7 +31,7 @@ def judged(problem: Problem, solver: Any, **asked: Any) -> Judgement:
     rows = solver.solve(problem, request)
     every = solver.solve(problem, replace(request, t_eval=None))
     assert rows.success and every.success
-    return judge(problem, request, rows, Steps(every.t, lambda some: (every.q[some], every.v[some])))
+    return judge(problem, request, replace(rows, ends=Ends(t=every.t, q=every.q, v=every.v)))
 
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-8])
@@ -108,12 +109,10 @@ def test_rows_or_steps_alone_may_not_lie():
     """Steps of another gravity beside true rows, and the other way round; a plugin without forces of its own at all."""
     t, ends = np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 40)
     request, true, other = Request(rtol=1e-6, t_eval=t), fall(t), fall(t, g=9.7)
-    true_steps, other_steps = (
-        Steps(ends, lambda some, one=one: (one.q[some], one.v[some])) for one in (fall(ends), fall(ends, 9.7))
-    )
-    assert judge(FALL, request, true, true_steps).doubt == ""
-    assert judge(FALL, request, true, other_steps).doubt.startswith("equations of motion: ")
-    assert judge(FALL, request, other, true_steps).doubt.startswith("equations of motion: ")
+    true_steps, other_steps = (Ends(t=ends, q=one.q, v=one.v) for one in (fall(ends), fall(ends, 9.7)))
+    assert judge(FALL, request, replace(true, ends=true_steps)).doubt == ""
+    assert judge(FALL, request, replace(true, ends=other_steps)).doubt.startswith("equations of motion: ")
+    assert judge(FALL, request, replace(other, ends=true_steps)).doubt.startswith("equations of motion: ")
 
 
 def test_only_the_last_row_lies():
@@ -246,28 +245,28 @@ def test_an_honest_rest_before_does_not_hide_rows_that_stand_still():
     q, v = fall(t).q, fall(t).v
     q[:10], v[:10] = 1e-8 * t[:10, None], 1e-8
     q[301], v[301] = q[300], v[300]
-    found = stand_out(t, lambda some: (q[some], v[some]), np.ones(2))
+    found = stand_out(Ends(t=t, q=q, v=v), np.ones(2))
     assert {0, 300} <= set(found)
 
 
-def test_the_states_of_few_steps_are_held_at_once():
-    ends, asked = np.linspace(0.0, 1.0, 20_001), []
+def test_ends_of_steps_must_fit_the_rows():
+    """Whoever tells steps tells them from the start to the last row, in order, finite, in the shapes of the rows."""
+    t, ends = np.linspace(0.0, 1.0, 11), fall(np.linspace(0.0, 1.0, 41))
+    request = Request(rtol=1e-6, t_eval=t)
+    told = {"t": ends.t, "q": ends.q, "v": ends.v}
+    cut = {name: value[:20] for name, value in told.items()}
+    late = {name: value[1:] for name, value in told.items()}
+    wrong = [({"q": ends.q[:, 0]}, "shapes"), ({"t": ends.t[::-1]}, "order"), ({"v": np.inf * ends.v}, "finiteness")]
+    assert judge(FALL, request, fall(t, ends=Ends(**told))).doubt == ""
+    for changed, check in [*wrong, (cut, "ends of steps"), (late, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
+        assert judge(FALL, request, fall(t, ends=Ends(**told | changed))).doubt.startswith(f"{check}")
 
-    def states(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        asked.append(some.size)
-        one = fall(ends[some])
-        return one.q, one.v
 
-    t = np.linspace(0.0, 1.0, 11)
-    assert judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t), Steps(ends, states)).doubt == ""
-    assert max(asked) <= 1001
-
-
-def test_a_leap_between_two_blocks_of_steps_is_found():
+def test_a_leap_in_the_midst_of_many_steps_is_found():
     ends = np.linspace(0.0, 1.0, 3001)
     t = np.linspace(0.0, 1.0, 11)
     one = fall(ends, q=fall(ends).q + 0.01 * (ends > ends[1000])[:, None])
-    found = judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t), Steps(ends, lambda some: (one.q[some], one.v[some])))
+    found = judge(FALL, Request(rtol=1e-6, t_eval=t), fall(t, ends=Ends(t=ends, q=one.q, v=one.v)))
     assert found.doubt.startswith("equations of motion: ")
 
 
