@@ -30,13 +30,14 @@ if TYPE_CHECKING:
         load_verification,
     )
     from hhtbench.request import Request, plan_steps
-    from hhtbench.result import Counters, Solution, Status
+    from hhtbench.result import Counters, Ends, Solution, Status
 
 __all__ = [
     "HHT",
     "Advice",
     "Counters",
     "Drift",
+    "Ends",
     "Equations",
     "Event",
     "Motion",
@@ -88,7 +89,7 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
         *("load_problem", "load_solver", "load_verification"),
     ),
     "request": ("Request", "plan_steps"),
-    "result": ("Counters", "Solution", "Status"),
+    "result": ("Counters", "Ends", "Solution", "Status"),
 }
 REGISTERED = ("HHT", "Event")  # under the entry-point group hhtbench.names: hhtbench imports no solver
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}

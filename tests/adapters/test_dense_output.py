@@ -47,6 +47,25 @@ def test_the_interpolant_is_as_the_library_has_it_and_changes_no_step(solver, t_
         dense(max(t_span) + 1e-3)
 
 
+@pytest.mark.parametrize(
+    "solver", ["ida(form=ggl)", "ida(form=integrated)", "cvode", "scipy(method=Radau)", "minimal(solver=cvode)"]
+)
+def test_ends_of_steps_beside_rows_are_those_of_a_run_with_output_at_every_step(solver):
+    pendulum = hb.load_problem("simple_pendulum")
+    times = np.linspace(*pendulum.t_span, 7)
+    every = hb.solve(pendulum, solver, rtol=1e-4)
+    rows, both = (hb.solve(pendulum, solver, rtol=1e-4, t_eval=times, keep_steps=kept) for kept in (False, True))
+    assert rows.ends is None
+    for name in ("t", "q", "v"):
+        assert getattr(both.ends, name).tobytes() == getattr(every, name).tobytes()
+        assert getattr(both, name).tobytes() == getattr(rows, name).tobytes()
+    assert (both.ends.carried is None) == (every.carried is None)
+    for name in every.carried or {}:
+        assert both.ends.carried[name].tobytes() == every.carried[name].tobytes()
+    assert both.counters == rows.counters
+    assert both.drift().t.size == every.t.size
+
+
 @pytest.mark.parametrize("solver", ["cvode", "scipy(method=BDF)", "ida", "scipy(method=LSODA)"])
 def test_rows_at_output_times_are_those_of_the_interpolant(solver):
     """Methods of many steps: both are the library's polynomial, which is sampled where the library keeps none."""

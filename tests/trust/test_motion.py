@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhtbench import NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
-from hhtbench.result import Ends
+from hhtbench import Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
 from hhtbench.trust.judge import Judgement, judge
 from hhtbench.trust.suspects import stand_out
 from tests.trust.liars import MOTIONS, Liar
