@@ -134,6 +134,8 @@ def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, s
     for name in ("t", "q", "v", "lam", "mu", "message", "counters"):
         np.testing.assert_array_equal(getattr(few, name), getattr(whole, name))
     assert few.steps_data is few.interpolant is None
+    every = solver.solve(span, Q0, V0, t_eval=asked, keep_steps=True, **how)
+    assert every.interpolant.t.tobytes() == whole.interpolant.t.tobytes()
     with pytest.raises(ValueError, match="steps than it keeps"):
         few(0.5)
 

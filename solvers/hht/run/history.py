@@ -40,15 +40,19 @@ class History:
     """Start, accepted steps and changes of state of one integration, one packed row each.
 
     An event that changes the state has two rows with one time: the end of the step, then the state after the change.
-    Where the rows of the steps would take more than ``KEPT``, only those at the times of ``t_eval`` are kept, if there are.
+    Where the rows of the steps would take more than ``KEPT``, only those at the times of ``t_eval`` are kept, if there are,
+    and if not ``every`` step is asked for.
     """
 
-    def __init__(self, structure: Structure, start: Vector, events: int = 0, t_eval: Vector | None = None) -> None:
+    def __init__(
+        self, structure: Structure, start: Vector, events: int = 0, t_eval: Vector | None = None, *, every: bool = False
+    ) -> None:
         """``start``: its row."""
         self._layout = layout = row_layout(structure)
         self._rows = np.empty((ROOM, layout.columns))
         self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
         self._elapsed, self._begin = 0.0, float(start[0])
+        self._every = every
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
         self._sizes: Any = 0.0  # (2n,) of the steps that were dropped
@@ -63,7 +67,8 @@ class History:
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
-        if self._ahead is not None and self._count > 1 and (self._count + count) * self._rows[0].nbytes > KEPT:
+        few = self._every or self._ahead is None or self._count == 1
+        if not few and (self._count + count) * self._rows[0].nbytes > KEPT:
             self._drop_steps(self._ahead)
         if self._count + count > len(self._rows):  # several times what is there: untouched memory costs nothing
             rows = np.empty((max(GROWTH * len(self._rows), self._count + count), self._rows.shape[1]))
@@ -102,7 +107,7 @@ class History:
         """Of t, h, q, v, a, lam at both ends, mu those that are asked for."""
         return [self._rows[: self._count, self._layout.parts[i]] for i in which]
 
-    def _drop_steps(self, ahead: Vector) -> None:
+    def _drop_steps(self, ahead: Any) -> None:
         """Keep the output rows before the last step's end, which an event may change yet, and that end."""
         t0, t1 = self._rows[[0, self._count - 1], 0].tolist()
         if t0 == t1:

@@ -67,7 +67,8 @@ class Integration:
         if isinstance(started, Failure):
             return self._nothing(started)
         engine, state, events = started.engine, started.state, self.solver.events
-        self.history = History(engine.structure, engine.loops.row(state), len(events), request.t_eval)
+        start, asked = engine.loops.row(state), request.t_eval
+        self.history = History(engine.structure, start, len(events), asked, every=request.keep_steps)
         if steps is None:
             tolerances = make_tolerances(request.rtol, request.atol, state)
             plan: Plan = ByError(tolerances, self.solver.options.control)
