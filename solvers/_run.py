@@ -228,7 +228,7 @@ class Run:
         """Raise :class:`Halt` where steps that ended at (t, y) cannot be what they were reported to be."""
         now, end = self.now, self.time(t)
         if t == self.t:
-            raise Halt(Status.time_resolution, f"t = {now:.17g} was not advanced by a step; {Status.time_resolution.text}")
+            raise Halt(Status.step_too_small, f"A step did not advance t = {now:.17g}. {Status.step_too_small.text}")
         if not self.direction * self.t < self.direction * t <= self.direction * self.t1:
             text = f"a step from t = {now:.17g} towards {self.time(self.t1):.17g} led to t = {end:.17g}"
             raise Halt(Status.unreliable, text)

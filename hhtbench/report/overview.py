@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
 from statistics import median
 from typing import Any
 
@@ -22,6 +21,8 @@ from hhtbench.store.rows import RunRow
 
 Styles = Mapping[str, SolverStyle]
 ROOM = 0.08  # of an axis
+SIZE, LETTER, MARK = (400.0, 200.0), (6.5, 14.0), 8.0  # px: of the figure at its smallest beside another, of texts, of marks
+BESIDE = {"top center": (0, 1), "bottom center": (0, -1), "middle right": (1, 0), "middle left": (-1, 0)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +71,17 @@ def _left_out(found: Mapping[str, Sequence[DriftCost]]) -> str:
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
     medians = {entry: _median(lines) for entry, lines in found.items()}
-    places, most = _label_places(medians), _count(found)
-    own = [entry for entry in styles if entry in found]
-    data = [_single(entry, found[entry], styles[entry]) for entry in own]
-    data += [_middle(entry, medians[entry], len(found[entry]), most, styles[entry], places.get(entry)) for entry in own]
+    most = _count(found)
     everything = [line for lines in found.values() for line in lines]
     x = _limits(math.log10(line.ratio) for line in everything)
     y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
+    names = {entry: short(entry) + f", {len(own)} of {most}" * (len(own) < most) for entry, own in found.items()}
+    places = _label_places({entry: names[entry] for entry in _named(medians)}, medians, (x, y))
+    own = [entry for entry in styles if entry in found]
+    data = [_single(entry, found[entry], styles[entry]) for entry in own]
+    for entry in own:
+        told = f"median of {len(found[entry])} of {plural(most, 'problem')}"
+        data.append(_middle(entry, medians[entry], (names[entry], told), styles[entry], places.get(entry)))
     what = "processor time" if measure == "time" else "evaluations"
     layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
     layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
@@ -87,15 +92,42 @@ def _median(lines: Sequence[DriftCost]) -> tuple[float, float]:
     return median(line.ratio for line in lines), max(median(line.drift for line in lines), LEAST_DRIFT)
 
 
-def _label_places(medians: Mapping[str, tuple[float, float]]) -> dict[str, str]:
-    """Names beside whom no other beats in both, and beside HHT's cheapest: those of all would hide one another."""
+def _named(medians: Mapping[str, tuple[float, float]]) -> list[str]:
+    """HHT's cheapest and those whom no other beats in both, cheapest first: names of all would hide one another."""
 
     def beaten(place: tuple[float, float]) -> bool:
         return any(x <= place[0] and y <= place[1] and (x, y) != place for x, y in medians.values())
 
     own = sorted((entry for entry in medians if family(entry) == SUBJECT), key=lambda entry: medians[entry])
-    named = {*own[:1], *(entry for entry, place in medians.items() if not beaten(place))}
-    return dict(zip(sorted(named, key=lambda entry: medians[entry]), cycle(("top center", "bottom center")), strict=False))
+    best = (entry for entry, place in medians.items() if not beaten(place))
+    return list(dict.fromkeys([*own[:1], *sorted(best, key=lambda entry: medians[entry])]))
+
+
+def _label_places(
+    names: Mapping[str, str], medians: Mapping[str, tuple[float, float]], limits: tuple[list[float], list[float]]
+) -> dict[str, str]:
+    """On which side of their marks ``names`` hide no other and stay in the figure; one that fits nowhere is left out."""
+    places, boxes = dict[str, str](), list[tuple[float, float, float, float]]()
+    for entry, name in names.items():
+        x, y = (
+            (math.log10(value) - low) / (high - low) * size
+            for value, (low, high), size in zip(medians[entry], limits, SIZE, strict=True)
+        )
+        width, height = len(name) * LETTER[0], LETTER[1]
+        for side, (right, up) in BESIDE.items():
+            left, bottom = x - width / 2 + right * (width / 2 + MARK), y - height / 2 + up * (height / 2 + MARK)
+            box = left, bottom, left + width, bottom + height
+            inside = box[0] >= 0 and box[1] >= 0 and box[2] <= SIZE[0] and box[3] <= SIZE[1]
+            if inside and not any(_overlap(box, other) for other in boxes):
+                places[entry] = side
+                boxes.append(box)
+                break
+    return places
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """Whether two boxes, left, bottom, right and top each, have a point in common."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[str, Any]:
@@ -112,19 +144,19 @@ def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[
 
 
 def _middle(
-    entry: str, place: tuple[float, float], count: int, most: int, style: SolverStyle, label: str | None
+    entry: str, place: tuple[float, float], told: tuple[str, str], style: SolverStyle, label: str | None
 ) -> dict[str, Any]:
-    """A median of ``count`` of ``most`` problems."""
+    """A median; ``told``: its name and of what it is one."""
     return {
         "type": "scatter",
         "name": entry,
         "mode": "markers+text" if label else "markers",
         "x": [rounded(place[0])],
         "y": [rounded(place[1])],
-        "text": [short(entry) + f", {count} of {most}" * (count < most)],
+        "text": [told[0]],
         "textposition": label or "top center",
         "textfont": {"size": 12},
-        "customdata": [f"median of {count} of {plural(most, 'problem')}"],
+        "customdata": [told[1]],
         "hovertemplate": "<b>%{fullData.name}</b><br>%{customdata}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
         "marker": {"color": style.colour, "symbol": style.symbol, "size": 13, "line": {"width": 1, "color": "#ffffff"}},
     }

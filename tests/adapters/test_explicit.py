@@ -234,7 +234,7 @@ LIES = {
     "too short": (1.0, np.zeros(3), Status.unreliable),
     "time goes back": (-1.0, np.zeros(4), Status.unreliable),
     "past the end": (1e9, np.zeros(4), Status.unreliable),
-    "nowhere": (0.0, np.zeros(4), Status.time_resolution),
+    "nowhere": (0.0, np.zeros(4), Status.step_too_small),
 }
 
 

@@ -119,8 +119,8 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
         relative += CONSISTENT
     if not case.way.declares:
         relative += BY_DIFFERENCES
-    if spoil is not None and spoil.kind in ("off", "noise"):
-        relative += 3.0 * spoil.since  # (H30) takes noise for roundoff, and stops as far from the constraints
+    if spoil is not None and spoil.kind == "off":
+        relative += spoil.since  # a start that is off by less than can be told
     return ROUNDED * in_q + relative * size_q, ROUNDED * in_v + relative * size_v
 
 

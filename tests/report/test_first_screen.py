@@ -12,7 +12,7 @@ from hhtbench.report.chart import draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import solver_styles
 from hhtbench.report.decisions import decisions
-from hhtbench.report.overview import drift_views, profile_views
+from hhtbench.report.overview import _label_places, drift_views, profile_views
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.runs import failure_table, failures_by_reason
 from hhtbench.report.words import NOTHING, short, times, work
@@ -271,3 +271,11 @@ def test_short_names_leave_out_what_tells_itself():
     assert short("hht(alpha=-0.05), constant step") == "hht(-0.05), constant h"
     assert short("minimal(alpha=-0.05, solver=hht)") == "minimal(-0.05, hht)"
     assert [short(entry) for entry in ("hht(alpha=0)", "hht(rho_inf=0)")] == ["hht(alpha=0)", "hht(rho_inf=0)"]
+
+
+def test_names_in_the_drift_figure_hide_no_other():
+    """Ten marks in one place, and one apart: the first are named around it, the one apart too, the rest in the legend."""
+    medians = {f"solver {i}": (1.0, 1e-15) for i in range(10)} | {"apart": (10.0, 1e-5)}
+    places = _label_places({name: name for name in medians}, medians, ([-1.0, 2.0], [-18.0, -4.0]))
+    assert list(places) == ["solver 0", "solver 1", "solver 2", "solver 3", "apart"]
+    assert len({places[name] for name in places if name != "apart"}) == 4
