@@ -35,7 +35,9 @@ class Request:
     steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
     t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
     dense_output: bool = False  #: of libraries, whose ``solution(t)`` costs work at every step; HHT's is always there
-    keep_steps: bool = False  #: the ends of all steps beside rows at t_eval; HHT's are there unless they are very many
+    keep_steps: bool = (
+        False  #: ends of all steps beside rows at t_eval, in ``ends``; of HHT in ``interpolant``, however many
+    )
     max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
     max_evaluations: int | None = None  #: most residual evaluations
     max_seconds: float | None = None  #: most wall-clock time [s]

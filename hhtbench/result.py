@@ -181,7 +181,7 @@ class Solution(Filled):
     counters: Counters = field(default_factory=lambda: NOT_REPORTED)
     steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
-    ends: Ends | None = None  #: of a library, or another solver that tells them, where ``keep_steps`` asked for them
+    ends: Ends | None = None  #: where ``keep_steps`` asked for them; None for HHT, whose ``interpolant`` has them
     t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
     q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same

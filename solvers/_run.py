@@ -187,6 +187,10 @@ class Run:
                 if self.guard.nonfinite is None:
                     self.rhs(t + part * h, y + part * h * slope)
 
+    def tells_no_steps(self) -> None:
+        """Of a solver whose loop gives rows only, or that ends steps at output times: it keeps the ends of none."""
+        self._keeps_ends = self.wanted is None
+
     # --- the steps -------------------------------------------------------------------------------------------------
 
     def unfinished(self) -> bool:
@@ -218,7 +222,6 @@ class Run:
         if steps:
             self._expect_good(t, y)
         keep = self._keep_end if self.wanted is None else self._keep_asked
-        self._keeps_ends = self.wanted is None
         for time, row in zip(rows[:, 0].tolist(), rows[:, 1:], strict=True):
             keep(time, row, None)
         if steps:

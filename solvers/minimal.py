@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from hhtbench.arguments import Matrix
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import AccelerationLevel, Dynamics
@@ -52,12 +53,11 @@ class MinimalSolver:
         found = self.inner.solve(_reduced(problem.minimal, problem.t_span, problem.name), request)
         if not found.t.size:
             n, none = problem.q0.size, np.zeros((0, 0))
-            return replace(found, q=np.zeros((0, n)), v=np.zeros((0, n)), lam=none, mu=none)
-        embedded = _embedding(problem.minimal)
-        q, v = (np.array(rows) for rows in embedded(found.q, found.v))
+            return replace(found, q=np.zeros((0, n)), v=np.zeros((0, n)), lam=none, mu=none, interpolant=None, ends=None)
+        q, v = _embedded(problem.minimal, found.q, found.v)
         ends = ends_of(found) if request.keep_steps else None
         if ends is not None:
-            at_ends = [np.array(rows) for rows in embedded(ends.q, ends.v)]
+            at_ends = _embedded(problem.minimal, ends.q, ends.v)
             ends = Ends(t=ends.t, q=at_ends[0], v=at_ends[1])
         run = _seen(problem)
         s = run.dynamics.structure
@@ -65,8 +65,8 @@ class MinimalSolver:
         guesses = (np.zeros(s.m) if problem.lam_guess is None else problem.lam_guess, np.zeros(s.p))
         own = OwnMultipliers(lam, mu, guesses, "unknown", "unknown", "unknown")
         many = functools.partial(recovered, run.dynamics, run.work, None, found.t, q, v, lam, mu)
-        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, many)
-        return replace(whole, counters=found.counters, ends=ends)
+        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, many, ends=ends)
+        return replace(whole, counters=found.counters)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
         """Compile what :meth:`solve` will use."""
@@ -108,6 +108,13 @@ def _embedding(make: Callable[[], MinimalCoordinates]) -> Any:
     """(s, u), (k, d) each -> (q, v), (k, n) each."""
     embed = _coordinates(make).embed
     return jax.jit(jax.vmap(lambda s, u: jax.jvp(embed, (s,), (u,))))
+
+
+def _embedded(make: Callable[[], MinimalCoordinates], s: Matrix, u: Matrix) -> list[Matrix]:
+    """q and v, (k, n) each, of s and u, (k, d) each; lengths are rounded up, so that few are compiled."""
+    room = (1 << (len(s) - 1).bit_length()) - len(s)
+    padded = (np.pad(rows, ((0, room), (0, 0)), mode="edge") for rows in (s, u))
+    return [np.array(rows)[: len(s)] for rows in _embedding(make)(*padded)]
 
 
 def solver(*, solver: str = "scipy", **options: Any) -> MinimalSolver:

@@ -206,13 +206,14 @@ def _counted(problem: Problem, solver: Solver, request: Request, counters: Count
 def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> tuple[Solution, str]:
     """The solution with the ends of its steps, where its end was reached, believed or not; and what speaks against them.
 
-    They are its own, or those of one more solve with output at every step.
+    They are its own, or those of one more solve with output at every step, whose counters fit them.
     """
     reached = (Status.success, Status.event, Status.unreliable)
     solution: Any = outcome.solution
     if outcome.status not in reached:
         return solution, ""
-    ends, doubt = None, ""
+    ends, doubt, counters = None, "", solution.counters
+    phase(MEASURING)
     with suppress(*of_plugins()):  # what a plugin calls dense output
         ends = ends_of(solution)
     if ends is None:
@@ -220,9 +221,9 @@ def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outc
         again = attempt(problem, solver, replace(request, t_eval=None))
         if again.status in reached and again.solution is not None:
             found = again.solution
-            ends = Ends(t=found.t, q=found.q, v=found.v, carried=found.carried)
+            counters, ends = found.counters, Ends(t=found.t, q=found.q, v=found.v, carried=found.carried)
             doubt = f"{again.message} (with output at every step)" if again.status is Status.unreliable else ""
-    return solution.but(ends=ends), doubt
+    return solution.but(ends=ends, counters=counters), doubt
 
 
 def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, doubt: str, draw: int) -> Judged:

@@ -22,7 +22,7 @@ from hhtbench.trust.levels import CHECKED_ROWS, spread, violated
 from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
 from hhtbench.trust.rank import unknown_without_reason
 from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
-from hhtbench.trust.rows import doubt_about, doubt_about_ends
+from hhtbench.trust.rows import doubt_about
 from hhtbench.trust.sizes import sizes_of
 from hhtbench.trust.suspects import bends, stand_out
 
@@ -51,7 +51,7 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
     The solver's own steps are looked at where ``solution.ends`` holds them.  ``draw`` chooses the rows at which some of the
     windows begin: nobody knows them before, the same number gives the same.
     """
-    doubt = doubt_about(problem, request, solution) or doubt_about_ends(problem, request, solution)
+    doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
         return Judgement(doubt)
     try:

@@ -15,11 +15,12 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.result import Counters, Ends, Solution, Status
 
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
 ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
+TOLD = 0.9  # of the steps that are counted: so many ends at least, as times may be rounded to one
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 
 Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
@@ -39,6 +40,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
         or doubt_about_motion(problem, request, motion, complete=complete)
         or ("" if complete else _event(problem, solution))
         or _counters(request, solution)
+        or _ends(problem, request, solution)
     )
 
 
@@ -51,20 +53,23 @@ def doubt_about_motion(problem: Problem, request: Request, motion: Motion, *, co
     return found or _output_times(problem, request, t, complete) or _start(problem, request, motion)
 
 
-def doubt_about_ends(problem: Problem, request: Request, solution: Solution) -> str:
-    """The same of the ends of the steps, where a success tells them."""
+def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     ends = solution.ends
-    if ends is None or not solution.success:
+    if ends is None:
         return ""
+    if not isinstance(ends, Ends):
+        return f"type: ends must be an Ends; it is {type(ends).__name__}."
     n, k = problem.q0.size, np.size(ends.t)
     shapes = {"ends.t": (ends.t, (k,)), "ends.q": (ends.q, (k, n)), "ends.v": (ends.v, (k, n))}
     for name, (value, wanted) in shapes.items():
         if not (k and isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.shape == wanted):
             return f"shapes: {name} must be an array of float64, {wanted}, with a row for every end of a step."
     found = _finite({name: value for name, (value, _) in shapes.items()}) or _order(problem, ends.t)
-    last = solution.t[-1]
-    if not found and (ends.t[0] != problem.t_span[0] or (ends.t[-1] - last) * np.sign(last - ends.t[0]) < 0.0):
-        return f"ends of steps: they go from t = {ends.t[0]:.17g} to {ends.t[-1]:.17g}, the rows up to t = {last:.17g}."
+    steps, last, (t0, t1) = solution.counters.steps_accepted or 0, solution.t[-1], problem.t_span
+    if not found and (last - ends.t[-1]) * (t1 - t0) > 0.0:
+        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the last row at t = {last:.17g}."
+    if not found and k < TOLD * steps:
+        return f"ends of steps: {k} are told, and {steps} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
 
 

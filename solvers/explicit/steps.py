@@ -70,6 +70,7 @@ class CompiledSteps:
     def drive(self) -> None:
         """From the start to the end of the interval."""
         run, count = self.run, FIRST
+        run.tells_no_steps()
         run.recover = recover.following(self.z)
         run.holds_constraints = unreduced(run.dynamics) is run.dynamics
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there

@@ -48,7 +48,7 @@ def test_the_interpolant_is_as_the_library_has_it_and_changes_no_step(solver, t_
 
 
 @pytest.mark.parametrize(
-    "solver", ["ida(form=ggl)", "ida(form=integrated)", "cvode", "scipy(method=Radau)", "minimal(solver=cvode)"]
+    "solver", ["ida(form=ggl)", "ida(form=integrated)", "cvode", "scipy(method=Radau)", "diffrax", "minimal(solver=cvode)"]
 )
 def test_ends_of_steps_beside_rows_are_those_of_a_run_with_output_at_every_step(solver):
     pendulum = hb.load_problem("simple_pendulum")

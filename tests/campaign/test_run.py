@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhtbench import Counters, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
+from hhtbench import Counters, Ends, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
 from hhtbench.campaign import run as module
 from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, request_of, run_cell
 from hhtbench.errors import ProblemError
@@ -104,6 +104,7 @@ def test_a_counting_run_that_fails_costs_nothing(monkeypatch: pytest.MonkeyPatch
         ("ida(form=ggl)", {"rtol": 1e-6}),
         ("scipy(method=DOP853)", {"rtol": 1e-6}),
         ("hht", {"rtol": None, "steps": 40}),
+        ("collocation", {"rtol": 1e-6}),
         ("diffrax(method=Tsit5)", {"rtol": 1e-6}),
     ],
 )
@@ -117,6 +118,24 @@ def test_the_work_of_a_cell_does_not_depend_on_its_output_rows(spec: str, accura
     assert few["counters"] == many["counters"]
     assert few["counters"]["residual_evaluations"] > few["counters"]["steps_accepted"] > 2
     assert few["metrics"]["drift"] == many["metrics"]["drift"]
+
+
+class Telling(Line):
+    """The same with the ends of its steps."""
+
+    def solve(self, problem: Any, request: Any) -> Solution:
+        t = np.linspace(0, 1, 41)
+        ends = Ends(t=t, q=t[:, None], v=np.ones((41, 1))) if request.keep_steps else None
+        return replace(super().solve(problem, request), ends=ends)
+
+
+@pytest.mark.parametrize(("solver", "solves"), [(Line(), 3), (Telling(), 2)])
+def test_whoever_tells_the_ends_of_steps_is_not_solved_once_more_for_them(solver: Line, solves: int):
+    row = run(solver)
+    assert row["status"] == "success"
+    assert sum(entry.startswith("solve") for entry in solver.diary) == solves
+    drift = row["metrics"]["drift"]
+    assert (drift["sampled"], drift["points"]) == ("steps", 31 if solves == 3 else 41)
 
 
 @pytest.mark.parametrize("broken", [None, ZeroDivisionError("no"), SystemExit(3)])

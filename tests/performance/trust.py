@@ -74,7 +74,11 @@ def _solved(problem: Problem, name: str, request: Request) -> tuple[Solution, Re
     solution = solver.solve(problem, replace(request, keep_steps=True))
     if solution.status is not Status.success:
         return None
-    return solution.but(ends=ends_of(solution)), request
+    ends = ends_of(solution)
+    if ends is None:
+        every = solver.solve(problem, replace(request, t_eval=None))
+        ends = Ends(t=every.t, q=every.q, v=every.v) if every.status is Status.success else None
+    return solution.but(ends=ends), request
 
 
 def lies(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhtbench import Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
+from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
 from hhtbench.trust.judge import Judgement, judge
 from hhtbench.trust.suspects import stand_out
 from tests.trust.liars import MOTIONS, Liar
@@ -254,10 +254,12 @@ def test_ends_of_steps_must_fit_the_rows():
     request = Request(rtol=1e-6, t_eval=t)
     told = {"t": ends.t, "q": ends.q, "v": ends.v}
     cut = {name: value[:20] for name, value in told.items()}
-    late = {name: value[1:] for name, value in told.items()}
+    many = Counters(steps_accepted=100, residual_evaluations=None)
+    assert judge(FALL, request, fall(t, ends=(1, 2, 3))).doubt == "type: ends must be an Ends; it is tuple."
+    assert judge(FALL, request, fall(t, ends=Ends(**told), counters=many)).doubt.startswith("ends of steps: 41 are told")
     wrong = [({"q": ends.q[:, 0]}, "shapes"), ({"t": ends.t[::-1]}, "order"), ({"v": np.inf * ends.v}, "finiteness")]
     assert judge(FALL, request, fall(t, ends=Ends(**told))).doubt == ""
-    for changed, check in [*wrong, (cut, "ends of steps"), (late, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
+    for changed, check in [*wrong, (cut, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
         assert judge(FALL, request, fall(t, ends=Ends(**told | changed))).doubt.startswith(f"{check}")
 
 
