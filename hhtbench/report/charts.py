@@ -8,11 +8,12 @@ from dataclasses import replace
 from hhtbench import analysis
 from hhtbench.analysis import SUBJECT, Point, family
 from hhtbench.analysis.accuracy import COARSE
+from hhtbench.analysis.cells import entry_of, number
 from hhtbench.report.frame import Chart
 from hhtbench.report.marks import curves_of
 from hhtbench.report.runs import slope_text
 from hhtbench.report.series import LEAST_DRIFT, MULTIPLIERS, charts_over_time
-from hhtbench.report.words import STAR, compared, listed, plural, uncounted
+from hhtbench.report.words import STAR, compared, listed, plural, short, uncounted
 from hhtbench.store.rows import RunRow
 
 AXES = {"rtol": "relative tolerance", "step": "step [s]", "steps": "step / length of the interval"}
@@ -127,6 +128,18 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
     )
 
 
+def _left_out(rows: Sequence[RunRow], name: str) -> str:
+    """Of whom rows are left out because their multipliers are nan, and how many at most."""
+    most: dict[str, tuple[float, float]] = {}
+    for row in rows:
+        unknown, compared_at = (number(row.metrics, "errors", *path) for path in ((name, "unknown"), ("points",)))
+        if unknown:
+            entry = entry_of(row)
+            most[entry] = max(most.get(entry, (0.0, 0.0)), (unknown, compared_at or 0.0))
+    told = listed([f"{short(entry)} ({count:.0f} of {of:.0f})" for entry, (count, of) in most.items()])
+    return f" Rows where they do not exist, or are not known, are left out, at most: {told}." if told else ""
+
+
 def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
     found = {item.point.key: getattr(item, name) for item in analysis.multipliers(rows)}
     if not any(found.values()):
@@ -139,7 +152,7 @@ def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
         group=MULTIPLIERS,
         view=f"error of {symbol.partition(' ')[0]}",
         title=f"Error of the multipliers {symbol}",
-        caption="Multipliers recovered from the acceleration level, against processor time.",
+        caption=f"Multipliers recovered from the acceleration level, against processor time.{_left_out(rows, name)}",
         x_label=WORK["time"],
         y_label=f"scaled error of {symbol.partition(' ')[0]}",
         traces=traces,

@@ -71,6 +71,14 @@ def test_multipliers_are_drawn_over_time_with_their_signs_and_the_largest_compon
     assert _drawn(charts["series-lam"]).layout.yaxis.type is None
 
 
+def test_rows_without_multipliers_are_left_out_of_their_error_and_told():
+    entry = {"max": 1e-3, "max_scaled": 1e-3}
+    errors = {"points": 30, "q": entry, "v": entry, "lam": entry | {"unknown": 4}}
+    rows = [run("hht", 1e-4, 1e-4, 100, metrics={"reached": 1.0, "errors": errors}), run("ida", 1e-4, 1e-4, 100)]
+    caption = _charts(rows)["multipliers-lam"].caption
+    assert caption.endswith("are left out, at most: hht (4 of 30).")
+
+
 def test_invariants_are_drawn_over_time():
     series = {"drift": {"t": [0.0, 1.0], "invariants": {"momentum": [1e-9, 1e-7]}}}
     chart = _charts([run("ida", 1e-4, 1e-4, 100, series=series)])["invariant-momentum"]
