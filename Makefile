@@ -8,7 +8,7 @@
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
 # make fuzz     10,000 random mechanisms, solved in every way: none hangs, crashes or is silently wrong (SEED=N draws those of N
 #               again; half an hour at most on two cores)
-# make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (half an hour and more)
+# make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (a quarter of an hour on two cores)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser
 # make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
