@@ -136,8 +136,10 @@ def _left_out(rows: Sequence[RunRow], name: str) -> str:
         if unknown:
             entry = entry_of(row)
             most[entry] = max(most.get(entry, (0.0, 0.0)), (unknown, compared_at or 0.0))
+    if not most:
+        return ""
     told = listed([f"{short(entry)} ({count:.0f} of {of:.0f})" for entry, (count, of) in most.items()])
-    return f" Rows where they do not exist, or are not known, are left out, at most: {told}." if told else ""
+    return f" Rows where they do not exist, or are not known, are left out, at most: {told}."
 
 
 def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
