@@ -26,7 +26,7 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Ends, Solution, Status, ends_of
 from hhtbench.trust.judge import judge
-from hhtbench.trust.rows import doubt_about, ends_elsewhere, impossible_work
+from hhtbench.trust.rows import doubt_about, ends_elsewhere, impossible_work, too_few
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
 MEASURING = "the measurement"  #: of that which looks at every step
@@ -216,7 +216,7 @@ def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outc
     phase(MEASURING)
     with suppress(*of_plugins()):  # what a plugin calls dense output
         ends = ends_of(solution)
-    if ends is None:
+    if ends is None or too_few(ends, counters):  # the mesh of some dense output is not that of the steps
         phase("the solve with output at every step")
         again = attempt(problem, solver, replace(request, t_eval=None))
         if again.status in reached and again.solution is not None:

@@ -20,7 +20,7 @@ from hhtbench.result import Counters, Ends, Solution, Status
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
 ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
-TOLD = 0.9  # of the steps that are counted: so many ends at least, as times may be rounded to one
+TOLD = 0.9  # of the steps that are counted: so many ends at least
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 
 Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
@@ -53,23 +53,29 @@ def doubt_about_motion(problem: Problem, request: Request, motion: Motion, *, co
     return found or _output_times(problem, request, t, complete) or _start(problem, request, motion)
 
 
+def too_few(ends: Ends, counters: Counters) -> bool:
+    """Whether they cannot be all ends of the steps that are counted; far from t = 0 times are rounded to one."""
+    gap = float(np.abs(np.diff(ends.t)).min(initial=np.inf))
+    return ends.t.size < TOLD * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
+
+
 def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     ends = solution.ends
     if ends is None:
         return ""
     if not isinstance(ends, Ends):
         return f"type: ends must be an Ends; it is {type(ends).__name__}."
-    n, k = problem.q0.size, np.size(ends.t)
+    n, k = problem.q0.size, len(ends.t) if isinstance(ends.t, np.ndarray) else 0
     shapes = {"ends.t": (ends.t, (k,)), "ends.q": (ends.q, (k, n)), "ends.v": (ends.v, (k, n))}
     for name, (value, wanted) in shapes.items():
         if not (k and isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.shape == wanted):
             return f"shapes: {name} must be an array of float64, {wanted}, with a row for every end of a step."
     found = _finite({name: value for name, (value, _) in shapes.items()}) or _order(problem, ends.t)
-    steps, last, (t0, t1) = solution.counters.steps_accepted or 0, solution.t[-1], problem.t_span
-    if not found and (last - ends.t[-1]) * (t1 - t0) > 0.0:
+    last, (t0, t1) = solution.t[-1], problem.t_span
+    if not found and (last - ends.t[-1]) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
         return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the last row at t = {last:.17g}."
-    if not found and k < TOLD * steps:
-        return f"ends of steps: {k} are told, and {steps} steps were accepted."
+    if not found and too_few(ends, solution.counters):
+        return f"ends of steps: {k} are told, and {solution.counters.steps_accepted} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from hhtbench.campaign import run as module
 from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, request_of, run_cell
 from hhtbench.errors import ProblemError
 from hhtbench.request import make_request
+from hhtbench.result import DenseOutput
 from solvers import ida
 from tests.adapters import scenes
 from tests.adapters.liar import lying
@@ -129,7 +130,26 @@ class Telling(Line):
         return replace(super().solve(problem, request), ends=ends)
 
 
-@pytest.mark.parametrize(("solver", "solves"), [(Line(), 3), (Telling(), 2)])
+class Thinned(Line):
+    """Dense output through some of its steps only."""
+
+    def solve(self, problem: Any, request: Any) -> Solution:
+        found = super().solve(problem, request)
+        mesh = Mesh(np.linspace(0, 1, 7))
+        return replace(found, interpolant=mesh, counters=Counters(residual_evaluations=None, steps_accepted=30))
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """The straight line, through ``t``."""
+
+    t: Any
+
+    def __call__(self, t: Any) -> DenseOutput:
+        return DenseOutput(np.array(t)[:, None], np.ones((np.size(t), 1)))
+
+
+@pytest.mark.parametrize(("solver", "solves"), [(Line(), 3), (Telling(), 2), (Thinned(), 3)])
 def test_whoever_tells_the_ends_of_steps_is_not_solved_once_more_for_them(solver: Line, solves: int):
     row = run(solver)
     assert row["status"] == "success"

@@ -10,6 +10,7 @@ import pytest
 
 from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
 from hhtbench.trust.judge import Judgement, judge
+from hhtbench.trust.rows import too_few
 from hhtbench.trust.suspects import stand_out
 from tests.trust.liars import MOTIONS, Liar
 
@@ -257,7 +258,14 @@ def test_ends_of_steps_must_fit_the_rows():
     many = Counters(steps_accepted=100, residual_evaluations=None)
     assert judge(FALL, request, fall(t, ends=(1, 2, 3))).doubt == "type: ends must be an Ends; it is tuple."
     assert judge(FALL, request, fall(t, ends=Ends(**told), counters=many)).doubt.startswith("ends of steps: 41 are told")
-    wrong = [({"q": ends.q[:, 0]}, "shapes"), ({"t": ends.t[::-1]}, "order"), ({"v": np.inf * ends.v}, "finiteness")]
+    far = {**told, "t": 1e17 + 0 * ends.t}  # rounded to one
+    assert not too_few(Ends(**far), many)
+    wrong = [
+        ({"t": [0.0, [1.0]]}, "shapes"),
+        ({"q": ends.q[:, 0]}, "shapes"),
+        ({"t": ends.t[::-1]}, "order"),
+        ({"v": np.inf * ends.v}, "finiteness"),
+    ]
     assert judge(FALL, request, fall(t, ends=Ends(**told))).doubt == ""
     for changed, check in [*wrong, (cut, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
         assert judge(FALL, request, fall(t, ends=Ends(**told | changed))).doubt.startswith(f"{check}")
