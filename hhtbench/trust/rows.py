@@ -74,6 +74,8 @@ def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     last, (t0, t1) = solution.t[-1], problem.t_span
     if not found and (last - ends.t[-1]) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
         return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the last row at t = {last:.17g}."
+    if not found and (ends.t[-1] - t1) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
+        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the interval ends at t = {t1:.17g}."
     if not found and too_few(ends, solution.counters):
         return f"ends of steps: {k} are told, and {solution.counters.steps_accepted} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))

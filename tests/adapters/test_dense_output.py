@@ -10,6 +10,7 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.result import Status
+from solvers._ending import until
 
 INTERPOLATE = (
     *("ida(form=ggl)", "ida(form=integrated)", "cvode(method=bdf)", "cvode(method=adams)", "collocation"),
@@ -50,8 +51,11 @@ def test_the_interpolant_is_as_the_library_has_it_and_changes_no_step(solver, t_
 @pytest.mark.parametrize(
     "solver", ["ida(form=ggl)", "ida(form=integrated)", "cvode", "scipy(method=Radau)", "diffrax", "minimal(solver=cvode)"]
 )
-def test_ends_of_steps_beside_rows_are_those_of_a_run_with_output_at_every_step(solver):
+@pytest.mark.parametrize("back", [False, True], ids=["forward", "backward"])
+def test_ends_of_steps_beside_rows_are_those_of_a_run_with_output_at_every_step(solver, back):
     pendulum = hb.load_problem("simple_pendulum")
+    t0, t1 = pendulum.t_span
+    pendulum = replace(pendulum, t_span=(t0, t0 - (t1 - t0)) if back else (t0, t1))
     times = np.linspace(*pendulum.t_span, 7)
     every = hb.solve(pendulum, solver, rtol=1e-4)
     rows, both = (hb.solve(pendulum, solver, rtol=1e-4, t_eval=times, keep_steps=kept) for kept in (False, True))
@@ -64,6 +68,23 @@ def test_ends_of_steps_beside_rows_are_those_of_a_run_with_output_at_every_step(
         assert both.ends.carried[name].tobytes() == every.carried[name].tobytes()
     assert both.counters == rows.counters
     assert both.drift().t.size == every.t.size
+
+
+@pytest.mark.parametrize("solver", ["collocation", "projected"])
+def test_whose_steps_end_at_output_times_or_are_not_seen_tells_none(solver):
+    found = hb.solve(swing(), solver, rtol=1e-4, t_eval=np.linspace(*SPAN, 7), keep_steps=True)
+    assert found.success
+    assert found.ends is None
+
+
+def test_ends_of_steps_are_cut_with_the_rows():
+    """As far as 2 s, in both directions of time."""
+    t = np.arange(5.0)
+    for sign in (1.0, -1.0):
+        told = hb.Ends(t=sign * t, q=t[:, None], v=t[:, None], carried={"lam": t[:, None]})
+        found = until(2.0 * sign, 4.0 * sign, {"ends": told})["ends"]
+        assert found.t.tolist() == [0.0, sign, 2.0 * sign]
+        assert found.q.size == found.v.size == found.carried["lam"].size == 3
 
 
 @pytest.mark.parametrize("solver", ["cvode", "scipy(method=BDF)", "ida", "scipy(method=LSODA)"])

@@ -258,6 +258,8 @@ def test_ends_of_steps_must_fit_the_rows():
     many = Counters(steps_accepted=100, residual_evaluations=None)
     assert judge(FALL, request, fall(t, ends=(1, 2, 3))).doubt == "type: ends must be an Ends; it is tuple."
     assert judge(FALL, request, fall(t, ends=Ends(**told), counters=many)).doubt.startswith("ends of steps: 41 are told")
+    past = {name: np.concatenate([value, value[-1:]]) for name, value in told.items()}
+    past["t"][-1] = 1.1
     far = {**told, "t": 1e17 + 0 * ends.t}  # rounded to one
     assert not too_few(Ends(**far), many)
     wrong = [
@@ -267,7 +269,7 @@ def test_ends_of_steps_must_fit_the_rows():
         ({"v": np.inf * ends.v}, "finiteness"),
     ]
     assert judge(FALL, request, fall(t, ends=Ends(**told))).doubt == ""
-    for changed, check in [*wrong, (cut, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
+    for changed, check in [*wrong, (cut, "ends of steps"), (past, "ends of steps"), ({"q": ends.q + 1.0}, "start")]:
         assert judge(FALL, request, fall(t, ends=Ends(**told | changed))).doubt.startswith(f"{check}")
 
 
