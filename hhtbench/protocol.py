@@ -353,7 +353,8 @@ class Solver(Protocol):
     """What the bench knows of a solver.
 
     It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
-    ``count(problem, request)`` gives the Counters of an untimed run, and with a true ``judges_itself`` ``hb.solve`` returns
+    ``count(problem, request)`` gives the Counters of an untimed run, ``evaluates(problem)`` says what its residual
+    evaluations are, "residual" or "acceleration", and of which problem.  With a true ``judges_itself`` ``hb.solve`` returns
     its results as they are; a campaign judges them all the same.
     """
 

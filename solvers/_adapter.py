@@ -119,6 +119,10 @@ class Adapter:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
 
+    def evaluates(self, problem: Problem) -> tuple[str, Problem]:
+        """What one of its residual evaluations is, and of which problem: the underlying ODE needs accelerations."""
+        return "acceleration" if self.form == "ode" else "residual", problem
+
     def drive(self, run: Run) -> None:
         """Step the library from ``run.t`` to ``run.t1``, giving every step to ``run.accept``."""
         raise NotImplementedError

@@ -73,6 +73,14 @@ class MinimalSolver:
         short = replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None)
         self.solve(problem, short)
 
+    def evaluates(self, problem: Problem) -> tuple[str, Problem]:
+        """What one of its residual evaluations is, of the problem in minimal coordinates."""
+        if problem.minimal is None:
+            raise ProblemError(f"{problem.name} has no minimal coordinates.")
+        inner: Any = self.inner  # those of INNER tell it
+        found: tuple[str, Problem] = inner.evaluates(_reduced(problem.minimal, problem.t_span, problem.name))
+        return found
+
 
 @dataclass
 class _Seen:

@@ -40,7 +40,7 @@ class Scene:
     spec: str
     features: Features
     costs: Mapping[tuple[str, float | None], Matrix]  #: (measure, bound) -> (entries, accuracies); infinite: not reached
-    probe_evaluations: int
+    probe_evaluations: float  #: what the probe's accelerations count as, beside the evaluations of ``costs``
     probe_seconds: float  #: [s]
 
     @property
@@ -122,8 +122,11 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
                 )
                 for cost in front.costs:
                     table[entries.index(cost.entry), ACCURACIES.index(front.target)] = cost.value
+    calls = dict.fromkeys(tables, 1.0)
+    for run in analysis.points(known):
+        calls[run.problem] = max(calls.get(run.problem, 1.0), run.call or 1.0)
     scenes = tuple(
-        Scene(spec, probes[spec].features, costs, probes[spec].evaluations, probes[spec].seconds)
+        Scene(spec, probes[spec].features, costs, calls[spec] * probes[spec].evaluations, probes[spec].seconds)
         for spec, costs in tables.items()
         if np.any(np.isfinite(costs["evaluations", None]))
     )
@@ -201,7 +204,7 @@ def _plain(scene: Scene) -> dict[str, Any]:
     return {
         "spec": scene.spec,
         "features": [round(float(value), 3) for value in scene.features.vector],
-        "probe": [scene.probe_evaluations, float(f"{scene.probe_seconds:.2g}")],
+        "probe": [round(scene.probe_evaluations), float(f"{scene.probe_seconds:.2g}")],
         **{_name(*key): [_coded(table_row) for table_row in table] for key, table in scene.costs.items()},
     }
 

@@ -61,7 +61,8 @@ class Point:
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve
-    evaluations: float | None
+    call: float | None  #: operations of what the solver evaluates over those of a residual of the problem's equations
+    evaluations: float | None  #: counted, each as ``call`` of them; as one where that is not known
     position: float | None  #: largest drift at this level
     velocity: float | None
     absolute: float | None  #: largest |g_i| in its own unit
@@ -144,6 +145,7 @@ def _reduced(row: RunRow) -> Point:
     alone = number(row.timing, "best_s")
     digits = number(row.metrics, "errors", "digits")
     compared = number(row.metrics, "errors", "points")
+    call, count = _call(row), number(row.counters, "residual_evaluations")
     return Point(
         key=row.key,
         problem=row.problem,
@@ -165,11 +167,17 @@ def _reduced(row: RunRow) -> Point:
         alone=alone is not None,
         disturbed=row.timing.get("disturbed") is True,
         share=_share(row),
-        evaluations=number(row.counters, "residual_evaluations"),
+        call=call,
+        evaluations=None if count is None else count * (call or 1.0),
         position=number(row.metrics, "drift", "position"),
         velocity=number(row.metrics, "drift", "velocity"),
         absolute=number(row.metrics, "drift", "position_absolute"),
     )
+
+
+def _call(row: RunRow) -> float | None:
+    own, residual = (number(row.metrics, "call", name) for name in ("operations", "of_residual"))
+    return own / residual if own and residual else None
 
 
 def rules_of(row: RunRow) -> Rules | None:

@@ -21,7 +21,7 @@ from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import derive
+from hhtbench.lowering import derive, operations
 from hhtbench.protocol import Problem, Solver
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Counters, Ends, Solution, Status, ends_of
@@ -122,7 +122,7 @@ def run_cell(
     outcome = attempt(problem, solver, replace(request, keep_steps=True))
     row: dict[str, Any] = {"status": outcome.status.label, "message": outcome.message}
     phase(MEASURING)  # the problem's functions may be traced for the first time
-    row["metrics"] = {"system": system_of(problem)}
+    row["metrics"] = {"system": system_of(problem), "call": call_of(problem, solver)}
     if outcome.solution is None:
         return row
     work = _work(problem, solver, request, outcome, phase)
@@ -151,6 +151,23 @@ def system_of(problem: Problem) -> dict[str, Any]:
         found = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
         sizes |= {"m": found.m, "p": found.p}
     return {**sizes, "tags": list(problem.tags)}
+
+
+def call_of(problem: Problem, solver: Solver) -> dict[str, Any] | None:
+    """``metrics["call"]`` of a row: what one of the solver's residual evaluations is and costs; None where it is not known.
+
+    Its operations, and those of a residual of the problem's own equations.
+    """
+    evaluates = getattr(solver, "evaluates", None)
+    if not callable(evaluates):
+        return None
+    with suppress(*of_plugins()):  # the counts stay what they are
+        what, solved = evaluates(problem)
+        own = operations(problem.system, problem.t_span[0], problem.q0, problem.v0)
+        there = own if solved is problem else operations(solved.system, solved.t_span[0], solved.q0, solved.v0)
+        if own is not None and there is not None:
+            return {"evaluates": what, "operations": there[what], "of_residual": own["residual"]}
+    return None
 
 
 def succeeded(outcome: Outcome) -> bool:

@@ -11,6 +11,7 @@ from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
+from hhtbench.lowering.dynamics.operations import operations
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
 from hhtbench.lowering.dynamics.reductions import REDUCTIONS
 from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
@@ -38,6 +39,7 @@ __all__ = [
     "mass_is_singular",
     "minimum_norm",
     "native",
+    "operations",
     "padded",
     "reduce_redundant",
     "redundant_rows",

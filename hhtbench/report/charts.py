@@ -13,7 +13,7 @@ from hhtbench.report.frame import Chart
 from hhtbench.report.marks import curves_of
 from hhtbench.report.runs import slope_text
 from hhtbench.report.series import LEAST_DRIFT, MULTIPLIERS, charts_over_time
-from hhtbench.report.words import STAR, compared, listed, plural, short, uncounted
+from hhtbench.report.words import STAR, compared, listed, plural, short, uncounted, weighed
 from hhtbench.store.rows import RunRow
 
 AXES = {"rtol": "relative tolerance", "step": "step [s]", "steps": "step / length of the interval"}
@@ -50,7 +50,7 @@ def _shows_something(chart: Chart) -> bool:
 def _against_work(rows: Sequence[RunRow], measure: str) -> Chart | None:
     runs = analysis.points(rows)
     traces, marks = curves_of(runs, lambda run: run.work(measure), _error)
-    remark = _remark(runs) if measure == "time" else f" {uncounted(analysis.silent(rows))}".rstrip()
+    remark = _remark(runs) if measure == "time" else f" {weighed(runs)} {uncounted(analysis.silent(rows))}".rstrip()
     return Chart(
         id=f"work-{measure}",
         group=PRECISION,

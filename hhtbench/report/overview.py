@@ -16,7 +16,7 @@ from hhtbench.report.chart import layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.figures import axis
 from hhtbench.report.series import LEAST_DRIFT
-from hhtbench.report.words import listed, plural, short
+from hhtbench.report.words import listed, plural, short, weighed
 from hhtbench.store.rows import RunRow
 
 Styles = Mapping[str, SolverStyle]
@@ -182,7 +182,8 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
         if any(reach.cost is not None for reach in found):
             pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
             figure = _profile_figure(pairs, label, styles, shown_first)
-            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + COUNTED[name], figure=figure))
+            what = UNKNOWN if name == "time" else f" {weighed(analysis.points(rows))}"
+            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + what, figure=figure))
     if any(reach.cost is not None for reach in by_time):
         figure = _profile_figure(
             [(analysis.relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
@@ -196,10 +197,7 @@ SEARCHED = (
     " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
     "failed ones included. What is not reached, or was not run, is in no curve."
 )
-COUNTED = {
-    "time": " A run whose time is not known, a crashed one, counts what it was allowed.",
-    "evaluations": " A call is what a solver evaluates: a residual of IDA's is less work than an acceleration.",
-}
+UNKNOWN = " A run whose time is not known, a crashed one, counts what it was allowed."
 RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."
 
 

@@ -159,6 +159,19 @@ def timed(run: Point) -> str:
     return f"{bound}{seconds(run.time)}{'*' if run.disturbed else ''}"
 
 
+def weighed(runs: Iterable[Point]) -> str:
+    """What an evaluation is."""
+    counted = [run for run in runs if run.evaluations is not None]
+    dearest = max((run.call for run in counted if run.call is not None), default=None)
+    unknown = len({run.problem for run in counted if run.call is None})
+    known = (
+        "An evaluation is one of the residual of the problem's equations; what a solver evaluates counts by its operations, "
+        f"an acceleration as up to {dearest or 1.0:.1f}."
+    )
+    alike = f"On {plural(unknown, 'problem')} a solver's call counts as one whatever it is: its operations are not known."
+    return " ".join([known] * (dearest is not None) + [alike] * (unknown > 0))
+
+
 def uncounted(entries: Sequence[str]) -> str:
     """Who is in no ranking by evaluations, and why; "" where all report theirs."""
     if not entries:

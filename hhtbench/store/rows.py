@@ -29,6 +29,9 @@ class RunRow:
         (null where its functions raise at the start), and its tags.  ``t_end``: last time reached [s].  ``reached``:
         fraction of the interval, 0 to 1.  ``rows``: output rows.
 
+        ``call``: ``{"evaluates", "operations", "of_residual"}``, what one of the solver's residual evaluations is, its
+        operations, and those of a residual of the problem's equations; null where they are not known.
+
         ``errors``: absent where the problem has neither exact solution nor reference, or no row meets one.  It holds
         ``against``: "exact" or "reference"; ``digits``: verified digits of the reference or null; ``points``: number
         of times compared; and one entry for each of ``q``, ``v``, ``lam``, ``mu`` that the problem has, and

@@ -88,6 +88,10 @@ class HHTSolver:
         """Compile what :meth:`solve` will use, by one step without budgets; nothing is counted."""
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
 
+    def evaluates(self, problem: Problem) -> tuple[str, Problem]:
+        """What one of its residual evaluations is, and of which problem."""
+        return "residual", problem
+
 
 def solver(**options: Any) -> HHTSolver:
     """The extended HHT-alpha method; options as in :class:`~solvers.hht.options.HHTOptions`."""

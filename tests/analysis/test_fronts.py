@@ -174,3 +174,13 @@ def test_evaluations_that_are_not_reported_have_no_cost_but_time_has():
     rows = [replace(row, counters={"residual_evaluations": None}) for row in law("diffrax", 1.0, 2)]
     assert fronts(rows, "evaluations", [1e-4])[0].missing["diffrax"].text == "evaluations not reported"
     assert fronts(rows, "time", [1e-4])[0].costs[0].entry == "diffrax"
+
+
+def test_evaluations_count_by_their_operations():
+    """The acceleration is called half as often, and takes three times the operations of a residual."""
+    calls = {"ida": {"operations": 100, "of_residual": 100}, "cvode": {"operations": 300, "of_residual": 100}, "own": None}
+    rows = [*law("ida", 10.0, 2), *law("cvode", 5.0, 2), *law("own", 12.0, 2)]
+    told = [replace(row, metrics={**row.metrics, "call": calls[row.solver]}) for row in rows]
+    alike, weighed = (fronts(found, "evaluations", [1e-4])[0].costs for found in (rows, told))
+    assert [(cost.entry, round(cost.value)) for cost in alike] == [("cvode", 500), ("ida", 1000), ("own", 1200)]
+    assert [(cost.entry, round(cost.value)) for cost in weighed] == [("ida", 1000), ("own", 1200), ("cvode", 1500)]

@@ -10,8 +10,9 @@ import pytest
 
 from hhtbench import Counters, Ends, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
 from hhtbench.campaign import run as module
-from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, request_of, run_cell
+from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, call_of, request_of, run_cell
 from hhtbench.errors import ProblemError
+from hhtbench.lowering import operations
 from hhtbench.request import make_request
 from hhtbench.result import DenseOutput
 from solvers import ida
@@ -121,6 +122,28 @@ def test_the_work_of_a_cell_does_not_depend_on_its_output_rows(spec: str, accura
     assert few["metrics"]["drift"] == many["metrics"]["drift"]
 
 
+@pytest.mark.parametrize(
+    ("spec", "evaluates"), [("hht", "residual"), ("cvode", "acceleration"), ("minimal(solver=cvode)", "acceleration")]
+)
+def test_a_row_tells_what_an_evaluation_costs(spec: str, evaluates: str):
+    """Of minimal coordinates that of their own equations, beside the problem's residual."""
+    pendulum = load_problem("simple_pendulum")
+    found = call_of(pendulum, load_solver(spec))
+    assert found is not None
+    own = operations(pendulum.system, 0.0, pendulum.q0, pendulum.v0)
+    assert (found["evaluates"], found["of_residual"]) == (evaluates, own["residual"])
+    coordinates = pendulum.minimal()
+    there = operations(coordinates.system, 0.0, coordinates.s0, coordinates.u0) if spec.startswith("minimal") else own
+    assert found["operations"] == there[evaluates]
+
+
+def test_a_solver_that_does_not_tell_what_it_evaluates_or_fails_to_is_counted_call_by_call(monkeypatch: pytest.MonkeyPatch):
+    assert run(Line())["metrics"]["call"] is None
+    monkeypatch.setattr(Line, "evaluates", lambda self, problem: ("nonsense", problem), raising=False)
+    row = run(Line())
+    assert (row["status"], row["metrics"]["call"]) == ("success", None)
+
+
 class Telling(Line):
     """The same with the ends of its steps."""
 
@@ -175,7 +198,7 @@ def test_a_row_holds_sizes_and_tags_of_its_problem_as_far_as_they_can_be_told(
     problem = Problem(name="held", system=system, t_span=(0.0, 1.0), q0=[0.0, 1.0], v0=[0.0, 1.0], tags=("stiff",))
     row = run_cell(problem, Line(), ASKED, {}, lambda _: None)
     sizes = {"m": 1, "p": 0} if broken is None else {"m": None, "p": None}
-    assert row["metrics"] == {"system": {"n": 2, **sizes, "tags": ["stiff"]}}
+    assert row["metrics"] == {"system": {"n": 2, **sizes, "tags": ["stiff"]}, "call": None}
     assert "metrics" not in run_cell(problem, Declines(), ASKED, {}, lambda _: None)
 
 

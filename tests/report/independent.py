@@ -33,7 +33,8 @@ def error(row):
 def work(row, measure):
     """Processor time alone on a core; where there is none, beside other work."""
     if measure != "time":
-        return row.counters.get("residual_evaluations")
+        count, call = row.counters.get("residual_evaluations"), row.metrics.get("call")
+        return count * call["operations"] / call["of_residual"] if count and call else count
     return row.timing.get("best_s") or row.timing.get("solve_cpu_s") or row.timing.get("solve_s")
 
 

@@ -77,6 +77,7 @@ def row(problem, solver, rtol, noise=lambda: 1.0, **changes):
     reached = 0.4 if failed else 1.0
     solve = evaluations * seconds * noise() if not failed or failed[0] != "deadline" else 20.0
     values["metrics"] = _metrics(error, drift, span * reached, reached, (position, velocity, known))
+    values["metrics"]["call"] = {"operations": 250, "of_residual": 100} if "cvode" in solver or "scipy" in solver else None
     values["series"] = _series(drift, span * reached, (position, velocity), noise)
     values["counters"] = {
         "steps_accepted": evaluations // 3,

@@ -19,7 +19,7 @@ from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
 from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
-from hhtbench.lowering.scalar_compiler.store import CODES, ZERO, Ids, NotNative, TooLarge
+from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
 MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
@@ -110,6 +110,23 @@ def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Sha
     with _uncollected():
         lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
     return np.flatnonzero(lowered.outputs != ZERO)
+
+
+def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> int:
+    """Scalar operations that one call of what :func:`native` would compute makes, each of them once; a sine is one.
+
+    Raises
+    ------
+    NotNative
+        The same; or it solves a linear system.
+    """
+    flat = flat_function(function, tree, *static)
+    with _uncollected():
+        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
+        codes = lowered.graph.column("code")[np.flatnonzero(needed(lowered.graph, lowered.outputs))]
+    if np.isin(codes, [CODES[name] for name in CALLS]).any():
+        raise NotNative("it solves linear systems, whose operations are not in the graph")
+    return int(np.count_nonzero(codes > CODES[CALLS[-1]]))
 
 
 def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids]:

@@ -1,0 +1,77 @@
+"""What one evaluation costs, counted in operations on numbers: of the equations' residual, and of an acceleration.
+
+A residual of (H16) multiplies; an acceleration solves it for v', lam and mu, and so needs the entries of its matrix too and
+their factorisation.  Counted, not timed: the same on every machine, whatever code a solver runs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from hhtbench.arguments import Vector
+from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.compile.coloured import Indices, find_pattern
+from hhtbench.lowering.compile.compiling import MOST_UNKNOWNS, route_of
+from hhtbench.lowering.dynamics.derive import derive
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
+from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
+from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
+from hhtbench.lowering.scalar_compiler import NotNative, count_operations, places_of
+from hhtbench.protocol import NumpySystem, System
+
+_counted = Cache(64)  # a second for some mechanisms
+
+
+def operations(system: System | NumpySystem, t: float, q: Vector, v: Vector) -> dict[str, int] | None:
+    """Operations of one residual and of one acceleration of ``system`` by name; None where its functions cannot be read.
+
+    Of an acceleration that Newton's iteration finds, a reaction being nonlinear in the multipliers, one iteration.
+    """
+    dynamics = derive(system, t, q, v)
+    found: dict[str, int] | None = _counted.find(by_id(dynamics), lambda: _operations(dynamics))
+    return found
+
+
+def _operations(dynamics: Any) -> dict[str, int] | None:
+    s = dynamics.structure
+    if route_of(dynamics) == "numpy":
+        return None
+    if s.n + s.m + s.p > MOST_UNKNOWNS:
+        dynamics = matrix_free(dynamics) or dynamics
+    try:
+        residual = count_operations(kkt_residual, dynamics, shapes=((s.n + s.m + s.p,), (), (s.n,), (s.n,)))
+        return {"residual": residual, "acceleration": _of_acceleration(dynamics, s)}
+    except (NotNative, NotImplementedError):  # the second: a pattern that cannot be read
+        return None
+
+
+def _of_acceleration(dynamics: Dynamics, s: Structure) -> int:
+    """Of residual and matrix at once, and of the linear system."""
+    size, vector = s.n + s.m + s.p, (s.n,)
+    shapes = (), vector, vector, (size,)
+    if dynamics.matrices:
+        made = count_operations(kkt_terms, dynamics, shapes=shapes)
+        places = places_of(kkt_terms, dynamics, shapes=shapes)
+        rows, columns = np.divmod(places[places >= size] - size, size)
+    else:
+        pattern = find_pattern(kkt_residual, dynamics, example=(np.zeros(size), 0.0, np.zeros(s.n), np.zeros(s.n)))
+        made = count_operations(kkt_entries, dynamics, pattern, shapes=shapes)
+        rows, columns = pattern.rows, pattern.columns
+    factors, solve = _of_solve(rows, columns, size)
+    return made + solve + (factors if s.constrained or s.mass == "variable" else 0)
+
+
+def _of_solve(rows: Indices, columns: Indices, size: int) -> tuple[int, int]:
+    """Of the factorisation of a matrix with such entries, by SuperLU on arbitrary values, and of one solve with it.
+
+    A step of the elimination divides the column below its pivot and takes it off as many others as the row has entries.
+    """
+    values = 1.0 + np.random.default_rng(0).random(rows.size)
+    made = splu(sp.csc_array((values, (rows, columns)), shape=(size, size)))
+    below = np.diff(made.L.tocsc().indptr) - 1
+    beside = np.diff(made.U.tocsr().indptr) - 1
+    return int(np.sum(below * (1 + 2 * beside))), int(2 * (below.sum() + beside.sum()) + size)
