@@ -186,6 +186,7 @@ DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
     "reaction": lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
 }
+NEARLY_TWICE = {"constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0 + 1e-8 * q[1]])}
 PROVOKED: dict[str, list[Case]] = {
     "success": [Case("", "", lambda _: fall())],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
@@ -206,6 +207,7 @@ PROVOKED: dict[str, list[Case]] = {
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),
+        Case("nearly depend", "rank 1 of 2 rows", lambda _: hoop(functions=NEARLY_TWICE, step=0.01)),
         Case("lose rank", "lose rank", lambda _: flat_bars()),
     ],
     "redundant_constraints": [
@@ -229,7 +231,7 @@ PROVOKED: dict[str, list[Case]] = {
     "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],
     "unreliable": [
         Case("", "", lambda _: cell(Lies())),
-        Case("change too much", "(H52)", lambda _: uneven()),
+        Case("change too much", "(H53)", lambda _: uneven()),
         Case("constraint forces carry", "forces carry a vibration", lambda _: swing()),
     ],
     "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],

@@ -1,4 +1,4 @@
-"""Prescribed steps of changing length: what they amplify is told, (H52), and what they do no harm to is not."""
+"""Prescribed steps of changing length: what they amplify is told, (H53), and what they do no harm to is not."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -146,10 +146,10 @@ def test_a_vibration_that_does_not_grow_is_not_told(o, options):
 
 
 def test_what_changing_steps_amplify_is_not_blamed_on_the_tension():
-    """A stiff spring along the circle: it goes back and forth with the steps and grows by (H52)."""
+    """A stiff spring along the circle: it goes back and forth with the steps and grows by (H53)."""
     stiff = pendulum(force=lambda t, q, v: np.array([-1e8 * q[0], -9.81]))
     steps = np.tile([1.0, 10.0], 15)
     solution = hb.HHT(stiff, alpha=-0.3).solve((0.0, 1.0), HANGING, [1e-9, 0.0], steps=steps / steps.sum())
     assert solution.status is Status.unreliable
-    assert "(H52)" in solution.message
+    assert "(H53)" in solution.message
     assert "constraint forces" not in solution.message

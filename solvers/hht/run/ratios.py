@@ -1,4 +1,4 @@
-"""Prescribed steps of changing length that amplify what vibrates too fast for them, (H52), and motions that show it."""
+"""Prescribed steps of changing length that amplify what vibrates too fast for them, (H53), and motions that show it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VISIBLE = 1e-6  # of the largest speed
 
 
 def stiff_step(c: Coefficients, ratio: float) -> Matrix:
-    """(3, 3) map of (h f, v, h a) by a step and the change to one ``ratio`` times as long, h omega -> infinity, (H52)."""
+    """(3, 3) map of (h f, v, h a) by a step and the change to one ``ratio`` times as long, h omega -> infinity, (H53)."""
     alpha, beta, gamma = c.alpha, c.beta, c.gamma
     a = np.array([0.0, -1.0 / beta, -(0.5 - beta) / beta])
     v = np.array([0.0, 1.0, 1.0 - gamma]) + gamma * a
@@ -30,7 +30,7 @@ def stiff_step(c: Coefficients, ratio: float) -> Matrix:
 
 
 def amplification(c: Coefficients, lengths: Vector) -> float:
-    """By how much steps of ``lengths`` (k,) amplify the speed of an infinitely fast vibration somewhere on their way, (H52).
+    """By how much steps of ``lengths`` (k,) amplify the speed of an infinitely fast vibration somewhere on their way, (H53).
 
     From there on where nothing is left of what was before; ``ALL_DIGITS`` stands for all that is more.
     """
@@ -46,7 +46,7 @@ def amplification(c: Coefficients, lengths: Vector) -> float:
 
 
 def limit(alpha: float) -> float:
-    """The ratio r of steps 1 : r : 1 : r ... beyond which they amplify infinitely fast vibrations, (H53); infinite: none."""
+    """The ratio r of steps 1 : r : 1 : r ... beyond which they amplify infinitely fast vibrations, (H54); infinite: none."""
     if alpha == 0.0:
         return math.inf
     return (1.0 + math.sqrt(1.0 - 4.0 * alpha * alpha)) / (-2.0 * alpha)
@@ -75,7 +75,7 @@ def amplified(method: Method, h: Vector, q: Matrix, v: Matrix) -> str:
     within = f"below {limit(alpha):.3g}, where alternating steps are stable with alpha = {alpha:.3g}"
     return (
         f"growth: steps that change by up to {largest:.3g} times amplify vibrations far faster than they are "
-        f"{more}{times:.1g} times, (H52), and the speeds of coordinates {grown} "
+        f"{more}{times:.1g} times, (H53), and the speeds of coordinates {grown} "
         f"have grown so; keep the ratios of neighbouring steps {within}, or give rtol instead of steps"
     )
 
