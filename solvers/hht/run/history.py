@@ -101,6 +101,11 @@ class History:
         first += int(changed[-1]) if changed.size else 0
         return [self._rows[first : self._count, self._layout.parts[i]] for i in which]
 
+    def lengths_and_states(self) -> tuple[Vector, Matrix, Matrix]:
+        """h (k,), q and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        h, q, v = self._columns(1, 2, 3)
+        return h[:, 0], q, v
+
     def handing_over(self) -> float:
         """About how many seconds it takes to hand over the rows, multipliers apart."""
         return PER_NUMBER * self._count * self._rows.shape[1]
