@@ -174,6 +174,7 @@ DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
     "reaction": lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
 }
+NEARLY_TWICE = {"constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0 + 1e-8 * q[1]])}
 PROVOKED: dict[str, list[Case]] = {
     "success": [Case("", "", lambda _: fall())],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
@@ -194,6 +195,7 @@ PROVOKED: dict[str, list[Case]] = {
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),
+        Case("nearly depend", "rank 1 of 2 rows", lambda _: hoop(functions=NEARLY_TWICE, step=0.01)),
         Case("lose rank", "lose rank", lambda _: flat_bars()),
     ],
     "redundant_constraints": [

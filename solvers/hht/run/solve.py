@@ -22,6 +22,7 @@ from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.beside import settle
+from solvers.hht.run.by_velocity import lost_by_velocity
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -165,6 +166,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
         history.commit(accepted.made)
+        if lost := lost_by_velocity(stepper.engine, history, accepted.made):
+            return lost
         clock.kept_back = history.handing_over()
         each = (time.perf_counter() - began) / max(accepted.made, 1)
         count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
