@@ -240,8 +240,8 @@ which nothing is allocated, in such a run; bytes that steps by hand leave behind
 its rows, to some hundred: its arrays grow fourfold. Judged of an absent part: no calls of its own, none in Python, no bytes
 left behind; of functions that it shares fewer calls or operations than with it, and of what only reads none at all. Room for
 error control and steps of up to 24 MB are kept in any case. Derivatives that are zero are no reduction: the compiler leaves
-them out. Separable parts are not reduced; a constant G is by no switch of its own, its entries are among the constants of the
-matrix."""
+them out. Separable parts are not reduced; a constant G has no switch of its own: its entries are
+constants of the matrix."""
 
 
 def study_parts(rounds: int = 9, tell: Callable[[int, int], None] = lambda done, total: None) -> Study:
