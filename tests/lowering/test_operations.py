@@ -48,7 +48,7 @@ def test_operations_are_those_counted_by_hand():
 
 
 def test_a_linear_system_inside_a_force_counts_by_gauss():
-    """Of three unknowns: two rows, then one, are divided and taken off; then three divisions, and six products are taken off."""
+    """Of three unknowns: two rows, then one, are divided and taken off; then three divisions and six products."""
 
     class Solved(System):
         inertia: object = parameter([[2.0, 0.3, 0.4], [0.3, 3.0, 0.5], [0.4, 0.5, 4.0]])
