@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 import hhtbench as hb
 from hhtbench.errors import BudgetSpent
+from hhtbench.lowering import derive
 from hhtbench.result import Status
 from hhtbench.testing.extremes import scenes
 from solvers import _ending
@@ -170,6 +171,28 @@ def test_a_bead_that_slides_into_a_cusp_is_told_of_the_lost_rank(rtol):
     assert solution.status is Status.singular_iteration_matrix, solution.message
     assert "rank 0 of 1 rows" in solution.message
     assert abs(float(solution.message.split("lose rank at t = ")[1].split(":")[0]) - CUSP) < 10.0 * rtol
+
+
+class Ray(hb.System):
+    """A bead pushed out along it, whose angle changes ever less with the position; the force jumps at 1e6 m."""
+
+    def force(self, t, q, v):
+        return jnp.where(jnp.sqrt(q @ q) > 1e6, -1e9 * jnp.sign(v @ q) * jnp.ones(2), 2.5 * q)
+
+    def constraint(self, t, q):
+        return jnp.array([jnp.arctan2(q[1], q[0]) - 0.5])
+
+
+def test_a_row_that_only_becomes_small_is_not_the_cause_of_a_failure():
+    along = np.array([np.cos(0.5), np.sin(0.5)])
+    solution = hb.HHT(Ray()).solve((0.0, 10.0), along, along, steps=1_000)
+    assert solution.status is Status.newton_failed, solution.message
+
+
+def test_where_nothing_has_fallen_no_rank_is_lost():
+    place = run.singular.Place(0.0, BARS.q0, BARS.v0, np.zeros_like(BARS.q0))
+    rows = UnitRows(derive(BARS.system, 0.0, BARS.q0, BARS.v0), place)
+    assert run.singular._told(rows, place, place) is None
 
 
 def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():

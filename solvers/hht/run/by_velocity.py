@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from hhtbench.arguments import Matrix
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from solvers._start import Failure
+from solvers._start import Failure, finite_levels
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History
 from solvers.hht.run.singular import (
@@ -19,6 +19,7 @@ from solvers.hht.run.singular import (
     Place,
     SingularPosition,
     UnitRows,
+    dense,
     dependent_at,
     places_of,
     seconds_of_look,
@@ -28,7 +29,12 @@ from solvers.hht.run.singular import (
 BESIDE = 3  # steps on either side of a pole of mu, above which it stands out
 SHARP = 1.5  # times their size, at least
 AHEAD = 2.0  # steps within which rank is lost
-LEFT = 0.5  # of a singular value, at most, where it is: v' by a difference leads past its zero
+FALLS = 0.95  # of a singular value, at most, after a tenth of them, if it is on its way to zero
+GONE = 1e-3  # of it, at most, where it is zero
+LEFT = 0.5  # of it, at most, where t and q alone lose rank
+MET = 1e-2  # of the change of v, at most, that v there may be off the constraints
+WITHIN: Any = {"bounds": (0.0, 1.0), "method": "bounded", "options": {"xatol": 1e-5}}  # from none to all of AHEAD
+MOST, SAME = 30, 1e-4  # changes by Newton's iteration, which halve v where it vanishes, and the one that ends it, of v
 OPEN = "k_v loses rank with v, and v' may take another direction there"
 
 
@@ -65,11 +71,31 @@ def poles(mu: Matrix) -> Any:
 
 
 def _position(rows: UnitRows, place: Place, s: float) -> SingularPosition | None:
-    """Where v loses rank within ``s`` [s] after ``place``."""
-    here, bound = rows.at(place), LEFT * rows.least(place)
-    if np.linalg.norm(rows.at(place.moved(s)) - here, 2) < bound:  # as far as rows are straight: it changes by no more
+    """Where v loses rank within ``s`` [s] after ``place``, on the constraints."""
+    here = rows.least(place)
+    if rows.least(_there(rows, place, s / 10)[0]) > FALLS * here:
         return None
-    found = place.moved(s * minimize_scalar(lambda x: rows.least(place.moved(x * s)), bounds=(0.0, 1.0), method="bounded").x)
-    if rows.least(found) > bound or rows.least(replace(found, v=place.v)) <= bound:
+    found, lacks = _there(rows, place, s * minimize_scalar(lambda x: rows.least(_there(rows, place, x * s)[0]), **WITHIN).x)
+    if rows.least(found) > GONE * here or lacks > MET * float(np.linalg.norm(found.v - place.v)):
         return None
-    return dependent_at(rows, found, linalg.svd(rows.at(found))[0][:, len(here) - 1 :])
+    if rows.least(replace(found, v=place.v)) <= LEFT * here:
+        return None
+    return dependent_at(rows, found, linalg.svd(rows.at(found))[0][:, -1:])
+
+
+def _there(rows: UnitRows, place: Place, s: float) -> tuple[Place, float]:
+    """``s`` [s] after ``place``, with v on the constraints by Newton's iteration from its own, and the last change.
+
+    Each change is the least in the metric of the mass: along the reactions.  Not the nearest v, to which no iteration
+    leads where constraints bend within the way.
+    """
+    there, changed = replace(place.moved(s), v=place.v), np.inf
+    root = rows.root(there)
+    for _ in range(MOST):
+        at = finite_levels(rows.projection.levels, there.t, there.q, there.v)
+        across = linalg.solve_triangular(root, dense(at.rows).T, lower=True).T
+        change = linalg.solve_triangular(root, linalg.lstsq(across, -at.velocity_drift)[0], trans=1, lower=True)
+        there, changed = replace(there, v=there.v + change), float(np.linalg.norm(change))
+        if changed <= SAME * np.linalg.norm(there.v):
+            break
+    return there, changed

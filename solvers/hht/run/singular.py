@@ -36,6 +36,7 @@ LAST_ROWS = 400  # rows of a run, at most: near the position steps shrink by a f
 APART = 50  # of those rows: where they are looked at, with the start, for what a singular value is elsewhere
 PROBE = 1e-6  # of the time in which the motion crosses its own size: there the fall of a singular value is looked at
 BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
+FALL = 8.0  # of a singular value between two of three places that tell how it goes on
 LOST = 0.05  # of a singular value, at most, that is left where it vanishes: all of it but errors of the way there
 
 
@@ -139,7 +140,8 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         clear = _last(places, lambda place: rows.least(place) >= bound)
         found = last if clear is None else _vanishing(rows, clear)
         if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
-            if rows.least(last) ** 3 >= EPS * rows.least(elsewhere) ** 3:  # (H51)
+            lost = rows.least(last) ** 3 < EPS * rows.least(elsewhere) ** 3  # (H51)
+            if not (lost and _to_zero(rows, places) <= max(reach, BESIDE * last.scale)):
                 return None
             found = last
         return _told(rows, clear or elsewhere, found)
@@ -175,12 +177,27 @@ def _vanishing(rows: UnitRows, place: Place) -> Place | None:
     return found if rows.least(found) <= LOST * start else None
 
 
-def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition:
-    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``."""
+def _to_zero(rows: UnitRows, places: list[Place]) -> float:
+    """[s] from the last of ``places`` on to where the least singular value vanishes, if it falls as a power; else infinite.
+
+    From where it was ``FALL`` and ``FALL**2`` times as large: it over its slope is linear there, and vanishes with it.
+    """
+    size, end = rows.least(places[-1]), places[-1].t
+    far, near = (_last(places, lambda place, more=more: rows.least(place) >= more * size) for more in (FALL**2, FALL))
+    if far is None or near is None or far is near:
+        return np.inf
+    lengths = abs(far.t - near.t), abs(near.t - end)
+    fallen = np.log([rows.least(far) / rows.least(near), rows.least(near) / size])
+    (before, after), apart = lengths / fallen, sum(lengths) / 2
+    return float(after / (before - after) * apart - lengths[1] / 2) if before > after else np.inf
+
+
+def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
+    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing."""
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
     lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
-    return dependent_at(rows, found, left[:, : sizes.size][:, lost])
+    return dependent_at(rows, found, left[:, : sizes.size][:, lost]) if lost.any() else None
 
 
 def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
