@@ -183,7 +183,8 @@ def _to_zero(rows: UnitRows, places: list[Place]) -> float:
     From where it was ``FALL`` and ``FALL**2`` times as large: it over its slope is linear there, and vanishes with it.
     """
     size, end = rows.least(places[-1]), places[-1].t
-    far, near = (_last(places, lambda place, more=more: rows.least(place) >= more * size) for more in (FALL**2, FALL))
+    far = _last(places, lambda place: rows.least(place) >= FALL**2 * size)
+    near = _last(places, lambda place: rows.least(place) >= FALL * size)
     if far is None or near is None or far is near:
         return np.inf
     lengths = abs(far.t - near.t), abs(near.t - end)
