@@ -26,8 +26,8 @@ from solvers.hht.run.singular import (
     told,
 )
 
-BESIDE = 3  # steps on either side of a pole of mu, above which it stands out
-SHARP = 1.5  # times their size, at least
+BESIDE = 3  # steps from a pole of mu, on one side at least: above what it is there it stands out
+SHARP = 1.5  # times that, at least
 AHEAD = 2.0  # steps within which rank is lost
 FALLS = 0.95  # of a singular value, at most, after a tenth of them, if it is on its way to zero
 GONE = 1e-3  # of it, at most, where it is zero
@@ -61,12 +61,12 @@ def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | N
 
 def poles(mu: Matrix) -> Any:
     """Steps at which a column of ``mu`` (k, p) is larger than about them."""
-    size = np.pad(np.abs(mu), ((BESIDE, BESIDE), (0, 0)))
+    size = np.pad(np.abs(mu), ((BESIDE, BESIDE), (0, 0)), mode="edge")
 
     def moved(steps: int) -> Matrix:
         return size[BESIDE + steps : len(size) - BESIDE + steps]
 
-    beside = np.maximum(np.maximum(moved(-1), moved(1)), SHARP * np.maximum(moved(-BESIDE), moved(BESIDE)))
+    beside = np.maximum(np.maximum(moved(-1), moved(1)), SHARP * np.minimum(moved(-BESIDE), moved(BESIDE)))
     return np.flatnonzero(((moved(0) > 0.0) & (moved(0) >= beside)).any(axis=1))
 
 
