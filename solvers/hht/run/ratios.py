@@ -100,7 +100,7 @@ def grown_ones(h: Vector, q: Matrix, v: Matrix, c: Coefficients) -> dict[int, fl
     digits = DIGITS * float(np.abs(v).max() + np.abs(q).max() / np.abs(h).sum())
     bends[~(np.abs(bends) > SEEN * ranges[:, None])] = np.nan
     seen = np.abs(bends) > np.maximum(VISIBLE * ranges, digits)[:, None]
-    found = {}
+    found: dict[int, float] = {}
     for i in np.flatnonzero(seen.any(axis=0)).tolist():
         for lag in (1, 2):  # with each step or, far beyond (H54) at a small alpha, with each second one
             first, last = to_and_fro(bends[:, i], seen[:, i], lag)
