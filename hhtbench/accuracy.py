@@ -17,7 +17,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_number
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, Solver
+from hhtbench.protocol import NumpySystem, Problem, Solver
 from hhtbench.request import Request
 from hhtbench.result import Counters, DenseOutput, ErrorEstimate, Solution, Status
 
@@ -41,6 +41,7 @@ AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
 MOST_FINER = 1e4  # at once, of a tolerance
 MOST_RUNS = 12
 BUDGETS = (Status.deadline, Status.evaluation_budget)
+PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
 TOLERATED = 3  # runs in a row that fail: some libraries start at tight tolerances only
 
 
@@ -89,10 +90,13 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
 
 def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tuple[str | None, str]:
     """Tolerances if the solver takes them, else the number of equal steps; None and the reason where it takes neither."""
-    reason = solver.accepts(problem, replace(request, rtol=COARSEST["rtol"]))
-    if reason is None:
-        return "rtol", ""
-    return ("steps", "") if solver.accepts(problem, replace(request, steps=25)) is None else (None, reason)
+    asked = {"rtol": replace(request, rtol=COARSEST["rtol"]), "steps": replace(request, steps=round(1 / COARSEST["steps"]))}
+    reasons = {kind: solver.accepts(problem, one) for kind, one in asked.items()}
+    for kind, reason in reasons.items():
+        if reason is None:
+            return kind, ""
+    usual = next((kind for kind, one in asked.items() if solver.accepts(PLAIN, one) is None), "rtol")
+    return None, reasons[usual] or ""
 
 
 @dataclass(frozen=True)
@@ -257,8 +261,7 @@ class _Search:
         return self._solution(status, text, None)
 
     def _scales(self) -> str:
-        declared = any(np.ndim(size) or size != 1.0 for size in (self.problem.scales.q, self.problem.scales.v))
-        return "" if declared else " The problem declares no scales: errors are in its own units."
+        return f" {self.problem.note_on_scales}".rstrip()
 
     def _told(self, setting: float | None = None) -> str:
         setting = self.runs[-1].setting if setting is None else setting
@@ -294,12 +297,12 @@ class _Search:
     def _extrapolated(self, bound: float | None) -> DenseOutput | None:
         """The limit of the last two runs, on the constraints, where errors fall by four, as those of three runs show.
 
-        Offered of solvers whose error is a smooth function of the step, or of the tolerance (``smooth_error``).
+        Offered without events, of solvers whose error is a smooth function of step or tolerance (``smooth_error``).
         """
         if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
             return None
         before, last = self.differences[-2:]
-        if not 0.8 * before < 4 * last < 1.25 * before:
+        if not 0.8 * before < 4 * last < 1.25 * before or any(map(np.size, self.runs[-1].solution.t_events)):
             return None
         fine, coarse = self.runs[-1].solution, self.runs[-2].solution
         limit = DenseOutput(fine.q + (fine.q - coarse.q) / 3, fine.v + (fine.v - coarse.v) / 3)

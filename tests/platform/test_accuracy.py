@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import hhtbench as hb
 from hhtbench.accuracy import MOST_RUNS
+from hhtbench.cli import main
 from hhtbench.result import Status
 
 SOLVERS = ["hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected", "generalised_alpha", "rattle"]
@@ -75,6 +78,16 @@ def test_the_extrapolated_answer_is_better_and_on_the_constraints(pendulum):
     assert (
         hb.solve(pendulum, "ida", accuracy=1e-2).extrapolated is None
     )  # its errors are no smooth function of its tolerance
+
+
+def test_no_better_answer_is_offered_where_an_event_changed_the_state():
+    wall = hb.Event(lambda t, q, v: q[0] - 0.3, direction=1, change=lambda t, q, v: (q, -0.8 * v), name="wall")
+    found = hb.solve(
+        "simple_pendulum", accuracy=1e-3, events=[wall], t_span=(0.0, 3.0), q0=[-0.6, -0.8], v0=[0.0, 0.0], t_eval=[0.5, 3.0]
+    )
+    assert found.success, found.message
+    assert found.t_events[0].size
+    assert found.extrapolated is None
 
 
 def test_the_cost_is_that_of_all_runs(pendulum):
@@ -183,6 +196,8 @@ def test_a_solver_that_fails_says_how():
     declined = hb.solve("jay_negrut_test1", "cvode", accuracy=1e-3)
     assert declined.status is Status.declined
     assert "linear" in declined.message
+    declined = hb.solve("chaplygin_sleigh", "rattle", accuracy=1e-3)
+    assert declined.message == "rattle takes position constraints only"
 
 
 def test_a_problem_without_scales_is_told_so():
@@ -221,3 +236,19 @@ def test_a_terminal_event_leaves_the_error_unshown():
     assert "a terminal event ended the run" in solution.message
     assert abs(solution.t[-1] - 0.5) < 1e-6
     assert solution.error is None
+
+
+def test_the_command_writes_the_estimate_and_the_known_error_at_the_end(tmp_path):
+    file = tmp_path / "s.json"
+    result = CliRunner().invoke(main, ["solve", "simple_pendulum(t_end=1)", "--accuracy", "1e-2", "--json", str(file)])
+    assert result.exit_code == 0, result.output
+    told = json.loads(file.read_text())
+    assert told["error"]["asked"] == 1e-2
+    assert f"at most {told['error']['bound']:.2g}" in told["message"]
+    assert len(told["error"]["q"]) == len(told["error"]["lam"]) == len(told["extrapolated"]["q"]) == len(told["t"])
+    assert len(told["error"]["settings"]) == len(told["error"]["differences"]) + 1
+    assert told["at_end"]["against"] == "exact solution"
+    for name in ("q", "v", "lam"):
+        assert f"{told['at_end'][name]['largest']:.3e}" in result.output
+    CliRunner().invoke(main, ["solve", "kapitza_pendulum", "--steps", "10", "--json", str(file)])
+    assert json.loads(file.read_text())["error"] is None
