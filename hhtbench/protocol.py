@@ -315,7 +315,7 @@ class Problem:
     scales: Scales = field(default_factory=Scales)
     observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
     exact: Callable[[float], Motion] | None = None  #: closed solution
-    reference: Mapping[str, Any] | None = None  #: {"t": (k,), "q": (k,n), "v": (k,n), "lam": (k,m), "digits": int}
+    reference: Mapping[str, Any] | None = None  #: t (k,), q, v (k, n), maybe lam (k, m), mu (k, p), digits
     sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
     minimal: Callable[[], MinimalCoordinates] | None = None  #: where somebody has written them down
     tags: tuple[str, ...] = ()  #: of ``TAGS``, what a solver must be able to take
@@ -349,9 +349,9 @@ class Problem:
 
         That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
         """
-        given: dict[str, Any] = {
-            name: value for name, value in (("t_span", t_span), ("q0", q0), ("v0", v0)) if value is not None
-        }
+        n = self.q0.size
+        given: dict[str, Any] = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
+        given |= {} if t_span is None else {"t_span": t_span}
         return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None) if given else self
 
 

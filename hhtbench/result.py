@@ -20,6 +20,7 @@ from hhtbench.saved import read_arrays, write_arrays
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
 OF_FUNCTIONS = ("interpolant", "projection", "drift_of")  #: its fields that call functions
+NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
 
 
 class Status(enum.Enum):
@@ -190,6 +191,7 @@ class Solution(Filled):
     #: what puts it onto the constraints; not pickled
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
     drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
+    file: str = ""  #: that :meth:`load` read, or ""
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
 
@@ -209,6 +211,8 @@ class Solution(Filled):
         ``project``: on both levels of the constraints, which an interpolant leaves by its error; where no state near it
         meets them it stays as it is, with a warning.
         """
+        if self.interpolant is None and self.file:
+            raise ValueError(f"{self.file} holds no dense output: save one with rows at the times wanted (t_eval=...).")
         if self.interpolant is None:
             raise ValueError(
                 "this solution has no dense output: no step was accepted, the solver is a library's that was not asked "
@@ -228,14 +232,15 @@ class Solution(Filled):
         """
         if self.drift_of is None:
             raise ValueError(
-                "this solution came without its problem's functions; hhtbench.measure_drift(problem, solution)."
+                "this solution came without its problem's functions, as from a file or a pickle; give the problem: "
+                "hhtbench.measure_drift(problem, solution)."
             )
         return self.drift_of(self)
 
     def plot(self) -> Any:
         """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
 
-        Drift where the problem's functions are at hand, as after ``hb.solve``.
+        Drift where the problem's functions are at hand: after ``hb.solve``, not after :meth:`load` or from a pickle.
         """
         return plot_solution(self, None if self.drift_of is None else self.drift_of(self))
 
@@ -249,19 +254,22 @@ class Solution(Filled):
         return DataFrame({"t": self.t, **columns})
 
     def save(self, path: str | Path) -> Path:
-        """Write everything but dense output to an ``.npz`` file of plain arrays and one text; returns its path."""
+        """Write all but functions (dense output, :meth:`drift`) to an ``.npz`` file of arrays and one text; its path."""
         return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
-        """What :meth:`save` has written.  Raises ``ProblemError`` where the file is none of these."""
+        """What :meth:`save` has written: no dense output, and drift by ``hhtbench.measure_drift(problem, solution)``.
+
+        Raises ``ProblemError`` where the file is none of these.
+        """
         found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
         told = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
         if not told or len(shapes) < len(rows) or len(set(shapes)) > 1 or set(found) != set(_KEPT):
             raise ProblemError(f"{path} is no saved solution: {', '.join(_KEPT)} do not fit one another.")
-        return cls(**found)
+        return cls(**found, file=str(path))
 
     def __getstate__(self) -> dict[str, Any]:
         return super().__getstate__() | {"drift_of": None}
@@ -296,7 +304,7 @@ def ends_of(solution: Solution) -> Ends | None:
     return Ends(t=np.asarray(t, dtype=np.float64), q=at.q, v=at.v)
 
 
-_KEPT = [f.name for f in fields(Solution) if f.name not in OF_FUNCTIONS]  # in a file
+_KEPT = [f.name for f in fields(Solution) if f.name not in NOT_KEPT]  # in a file
 
 
 def _span(t: Vector) -> str:

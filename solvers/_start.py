@@ -21,6 +21,7 @@ from hhtbench.lowering import (
     Dynamics,
     Levels,
     augment,
+    constraint_rank,
     derive,
     reduce_redundant,
     route_of,
@@ -37,6 +38,7 @@ from hhtbench.result import Status
 from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
+NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
 
@@ -283,6 +285,10 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
         if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
             return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
+        nearly = constraint_rank(at.rows, NEARLY) if at.ranked else None
+        if nearly and nearly.redundant:
+            message += f", as rows nearly depend on others: up to {NEARLY:g} of their length {nearly.text}"
+            message += "; take them out, or write them so that they differ by more"
         return Failure(Status.singular_iteration_matrix, message)
     if not all_finite(found.vdot):
         explain_nonfinite(run.dynamics, t, q, v)

@@ -150,6 +150,18 @@ def rods(ratio: float, **request: Any) -> Any:
     return hb.HHT(DoublePendulum(ratio=ratio)).solve((0.0, 1.0), *DoublePendulum.straight(0.5), **request)
 
 
+def uneven() -> Any:
+    """A stiff spring that is hardly moved at all, by steps 1 : 10 : 1 : 10 ..."""
+    steps = np.tile([1.0, 10.0], 100)
+    spring = hb.NumpySystem(force=lambda t, q, v: -1e8 * q)
+    return hb.HHT(spring, alpha=-0.3).solve((0.0, 1.0), [1e-12], [0.0], steps=steps / steps.sum())
+
+
+def swing() -> Any:
+    """A pendulum that swings 210 times in 2 pi seconds."""
+    return hb.solve(hb.load_problem("simple_pendulum(g=44100.0, amplitude=1e-6, t_end=0.2)"), "hht", step=0.01)
+
+
 def flat_bars() -> Any:
     """A run that fails beside a position of lost rank; it has an event, and so does not go across."""
     with pytest.MonkeyPatch.context() as patch:
@@ -174,6 +186,7 @@ DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
     "reaction": lambda t, q, lam: -2 * q * (lam[0] + lam[1]),
 }
+NEARLY_TWICE = {"constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0 + 1e-8 * q[1]])}
 PROVOKED: dict[str, list[Case]] = {
     "success": [Case("", "", lambda _: fall())],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
@@ -194,6 +207,7 @@ PROVOKED: dict[str, list[Case]] = {
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),
+        Case("nearly depend", "rank 1 of 2 rows", lambda _: hoop(functions=NEARLY_TWICE, step=0.01)),
         Case("lose rank", "lose rank", lambda _: flat_bars()),
     ],
     "redundant_constraints": [
@@ -215,7 +229,11 @@ PROVOKED: dict[str, list[Case]] = {
     ],
     "interrupted": [Case("", "", lambda _: left_over(KeyboardInterrupt()))],
     "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],
-    "unreliable": [Case("", "", lambda _: cell(Lies()))],
+    "unreliable": [
+        Case("", "", lambda _: cell(Lies())),
+        Case("change too much", "(H53)", lambda _: uneven()),
+        Case("constraint forces carry", "forces carry a vibration", lambda _: swing()),
+    ],
     "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],
     "crashed": [Case("", "", crash)],
     "out_of_memory": [Case("", "", lambda _: cell(Eats()))],

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from hhtbench.analysis.cells import CONSTANT
 from hhtbench.campaign import Campaign, Grid
 from hhtbench.specs import canonical
 
@@ -21,7 +22,7 @@ class Candidate:
     def entry(self) -> str:
         """As the analysis names its curve (:func:`hhtbench.analysis.cells.entry_of`)."""
         name = canonical(self.spec).replace("'", "").replace('"', "")
-        return name if self.refine == "rtol" else f"{name}, constant step"
+        return name if self.refine == "rtol" else name + CONSTANT
 
 
 CANDIDATES = (  # first the smooth, then what holds constraints, then the stiff: the order where nothing else is known

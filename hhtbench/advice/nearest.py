@@ -26,14 +26,23 @@ class Expectation:
     order: tuple[tuple[str, float], ...]  #: entry and mean cost over the cheapest, best first
     neighbours: tuple[str, ...]  #: specs, the nearest first
     distance: float  #: of the nearest, in standard deviations of the features
-    reach: float  #: distance up to which the database speaks
+    reach: float  #: distance up to which the database speaks; infinite where all scenes are of one family
     agreed: float  #: share of the neighbours on which the first is within twice the cheapest
+
+    @property
+    def unknown(self) -> str:
+        """Why the known problems are too few to speak at all, or ""."""
+        if len(self.neighbours) < NEIGHBOURS:
+            return f"too few known problems: on {len(self.neighbours)} somebody reaches this error, {NEIGHBOURS} are needed"
+        if np.isinf(self.reach):
+            return "the known problems are of one family, two are needed to say how far they speak"
+        return ""
 
     @property
     def doubt(self) -> str:
         """Why it cannot be told, or ""."""
-        if not self.order:
-            return "no neighbour has anybody who reaches this error"
+        if self.unknown:
+            return self.unknown
         if self.distance > self.reach:
             return f"the nearest known problem is {self.distance:.2g} away, the database speaks up to {self.reach:.2g}"
         if self.agreed < AGREED:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import ranking, sentence
 from hhtbench.advice.wish import Wish
+from hhtbench.analysis.cells import Point, asked_of, kind_of, spec_of
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem
@@ -29,8 +31,10 @@ class Advice:
     """What :func:`select` says."""
 
     problem: str
-    taken: str | None  #: the solver, with its options; None: it cannot be told
+    taken: str | None  #: the solver with its options, as ``hb.solve`` takes it; None: it cannot be told
+    taken_by: str | None  #: what ``hb.solve`` is given for the error: "rtol", or "steps" for constant ones
     second: str | None
+    second_by: str | None
     on: str  #: what was compared: "time" or "evaluations"
     text: str  #: whom to take and what it costs, or why it cannot be told and what to do
     evidence: str  #: what it rests on
@@ -113,14 +117,24 @@ def _from_rows(known: Known, wish: Wish) -> Advice | None:
     refused = [REFUSED.format(why=known.refusal)] if known.refusal else []
     return Advice(
         problem=known.problem,
-        taken=ranked[0][0],
-        second=ranked[1][0] if len(ranked) > 1 else None,
+        **_first_two([(spec_of(run), kind_of(run)) for run in (_run_of(known, entry) for entry, _ in ranked)]),
         on=known.on,
         text=sentence(known.fronts, wish),
         evidence=known.text,
         domain=f"this problem, error {wish.accuracies[0]:g}",
         reason=" ".join([*refused, f"the least {known.on} of {len(ranked)} that get there"]),
     )
+
+
+def _run_of(known: Known, entry: str) -> Point:
+    """A run of ``entry`` that gets to an error."""
+    return next(cost.run for front in known.fronts for cost in front.costs if cost.entry == entry)
+
+
+def _first_two(asked: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """The solvers of an :class:`Advice`, of ``asked``: specs and what each is given, the cheapest first."""
+    (taken, taken_by), (second, second_by), *_ = [*asked, (None, None), (None, None)]
+    return {"taken": taken, "taken_by": taken_by, "second": second, "second_by": second_by}
 
 
 def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -> Advice:
@@ -132,8 +146,7 @@ def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -
         return replace(told, text=found.sentence)
     return Advice(
         problem=found.problem,
-        taken=None,
-        second=None,
+        **_first_two([]),
         on=wish.on,
         text=found.sentence,
         evidence=evidence,
@@ -162,8 +175,7 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
     sure = told if told is not None and not doubt else None
     return Advice(
         problem=problem.name,
-        taken=None if sure is None else sure.order[0][0],
-        second=None if sure is None or len(sure.order) == 1 else sure.order[1][0],
+        **_first_two([] if sure is None else [asked_of(entry) for entry, _ in sure.order]),
         on=wish.on,
         text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
         evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told)]),
@@ -211,6 +223,6 @@ def _compared(wish: Wish) -> str:
 
 def _domain(told: Expectation | None) -> str:
     errors = f"errors {max(ACCURACIES):g} to {min(ACCURACIES):g}"
-    if told is None or not told.order:
+    if told is None or not told.order or told.unknown:
         return errors
     return f"{errors}; distance {told.distance:.2g} of at most {told.reach:.2g}; {told.agreed:.0%} of the neighbours agree"

@@ -22,7 +22,7 @@ from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
 from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
-from hhtbench.arguments import positive_integer, real_number
+from hhtbench.arguments import positive_integer, real_number, shown
 from hhtbench.campaign.asked import refuse_misspelt
 from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool, machine_limits
@@ -166,7 +166,11 @@ def trade(
     """
     wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
     if not isinstance(problem, str):
-        raise TypeError(f"trade takes a spec, as text, since other processes load the problem; got {problem!r}.")
+        given = f"the Problem {problem.name}" if isinstance(problem, Problem) else shown(problem)
+        raise TypeError(
+            f"trade takes a spec, as text, since other processes load the problem; got {given}. "
+            "Give the name that `hhtbench list` shows, or the file and what makes it, as 'my.py:problem'."
+        )
     return _traded(problem, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
 
 

@@ -36,9 +36,7 @@ def truth_of(
     said: list[str] = []
     found = auto_references(campaign, store, jobs, said.append, seconds)
     if not found:
-        why = "; ".join(said) or "none was made"
-        hint = "A shorter span may have a reference: of chaotic motion nobody knows a long one."
-        return Truth("nothing", missing=f"{why}. {hint}")
+        return Truth("nothing", missing=f"{'; '.join(said).rstrip('.') or 'none was made'}.")
     reference = reference_of(next(iter(found.values())))
     bar = max(float(reference["bars"][name].max()) for name in ("q", "v"))
     return Truth(f"{reference['source']}, error bar {bar:.1e}", found)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhtbench.advice.wish import Wish
+from hhtbench.analysis.cells import spec_of
 from hhtbench.analysis.decision import places
 from hhtbench.analysis.fronts import Cost, Front
 from hhtbench.report.words import seconds, shown
@@ -22,6 +23,11 @@ class Choice:
     best: Cost
     second: Cost | None
 
+    @property
+    def solver(self) -> str:
+        """The cheapest as ``hb.solve`` takes it; ``best.run.setting`` is what it was given."""
+        return spec_of(self.best.run)
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
@@ -34,7 +40,7 @@ class Choice:
 def _plain(cost: Cost) -> dict[str, Any]:
     run = cost.run
     numbers = {name: getattr(run, name) for name in ("error", "time", "evaluations", "position", "velocity")}
-    return {"solver": run.entry, "setting": run.setting.text, "cost": cost.value, **numbers}
+    return {"solver": spec_of(run), "setting": run.setting.text, "cost": cost.value, **numbers}
 
 
 def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:

@@ -11,7 +11,7 @@ from hhtbench.analysis.fronts import MEASURES
 from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
 
-RANGE = re.compile(r"(?P<first>[^.]+(?:\.\d+)?[^.]*)\.\.(?P<last>.+)$")
+RANGE = re.compile(r"(?P<first>[^.]+(?:\.\d+)?[^.]*)\.\.(?!\.)(?P<last>.+)$")  # three dots are a slip, no .1e-6
 DECADE = 10.0
 
 

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hhtbench.errors import ProblemError
+from hhtbench.specs import canonical
 from hhtbench.store.rows import RunRow
 
 SUBJECT = "hht"  # the family that the comparison is about
@@ -15,6 +17,7 @@ TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest t
 NEAR = 10.0  # errors within this factor of one another are called equal
 MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
 KEPT = "_point"  # no field: it is neither compared nor written
+CONSTANT = ", constant step"  # after a solver's spec: the curve of its runs with prescribed steps
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
@@ -43,7 +46,8 @@ class Point:
 
     key: str
     problem: str
-    entry: str  #: the solver's spec, with ", constant step" where the request prescribes steps
+    solver: str  #: its canonical spec
+    entry: str  #: the same without quotes, with ``CONSTANT`` where the request prescribes steps
     setting: Setting
     status: str
     message: str
@@ -118,7 +122,22 @@ def kind_of(run: Point) -> str:
 def entry_of(row: RunRow) -> str:
     """The curve that the row belongs to."""
     name = row.solver.replace("'", "").replace('"', "")
-    return name if setting_of(row).kind == "rtol" else f"{name}, constant step"
+    return name if setting_of(row).kind == "rtol" else name + CONSTANT
+
+
+def asked_of(entry: str) -> tuple[str, str]:
+    """The solver's spec without quotes, and what is given it to reach an error: "rtol" or "steps", as :func:`kind_of`."""
+    spec = entry.removesuffix(CONSTANT)
+    return spec, "rtol" if spec == entry else "steps"
+
+
+def spec_of(run: Point) -> str:
+    """What ``hb.solve`` takes: without quotes where that reads the same."""
+    plain, _ = asked_of(run.entry)
+    try:
+        return plain if canonical(plain) == run.solver else run.solver
+    except ProblemError:
+        return run.solver
 
 
 def state_error(row: RunRow) -> float | None:
@@ -149,6 +168,7 @@ def _reduced(row: RunRow) -> Point:
     return Point(
         key=row.key,
         problem=row.problem,
+        solver=row.solver,
         entry=entry_of(row),
         setting=setting_of(row),
         status=row.status,

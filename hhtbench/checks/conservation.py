@@ -6,6 +6,7 @@ the start both of its sides may vanish: nothing moves there, and a motion may no
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import jax
@@ -74,7 +75,8 @@ def _balance_row(dynamics: Dynamics, problem: Problem, motion: list[Point], size
 def _constancy_row(problem: Problem, names: list[str], motion: list[Point]) -> Row:
     """Change since the start over the size, for the worst of what is conserved."""
     claim = f"the {'closed solution' if problem.exact else 'reference'} conserves {' and '.join(names)}"
-    bars = [] if problem.reference is None or problem.exact else [problem.reference["bars"][name] for name in ("q", "v")]
+    known: Any = {} if problem.reference is None or problem.exact else problem.reference
+    bars = [known["bars"][name] for name in ("q", "v")] if "bars" in known else [10.0 ** -known.get("digits", math.inf)]
     limit = max([CONSERVED, *(SLACK * float(np.max(bar)) for bar in bars)])
     outcome = attempt(lambda: _changes(problem, names, motion))
     if outcome.fault:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +45,7 @@ def stability_command(
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():
+        from hhtbench.studies.stability.newton import efforts
         from hhtbench.studies.stability.page import write_stability
         from hhtbench.studies.stability.study import study_stability
         from hhtbench.studies.stability.tables import markdown
@@ -59,11 +61,13 @@ def stability_command(
     click.echo()
     for solver in found.solvers:
         click.echo(found.sentence(solver))
+    for effort in efforts(found):
+        click.echo(effort)
     if out is not None:
         out.write_text(markdown(found), encoding="utf-8")
     if folder is not None:
         click.echo(f"written: {write_stability(found, folder)}")
-    write_json(found.as_dict(), json_file)
+    write_json({**found.as_dict(), "newton": [asdict(effort) for effort in efforts(found)]}, json_file)
 
 
 def _shown(batch: Batch, measured: Sequence[Measured]) -> str:

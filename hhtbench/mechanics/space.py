@@ -73,16 +73,16 @@ def quaternion_rate(p: Any, rate: Any) -> Array:
     return jnp.einsum("...ij,...i->...j", space_rate_matrix(p), jnp.asarray(rate)) / 2
 
 
-def rotational_mass(p: Array, J: Array, j0: Array) -> Array:
+def rotational_mass(p: Array, J: Any, j0: Any) -> Array:
     """``4 G^T J G + 4 j0 p p^T``, (..., 4, 4) [kg m^2]; ``J`` (..., 3) principal moments, ``j0`` (...)."""
     G = body_rate_matrix(p)
     along = jnp.asarray(j0)[..., None, None] * p[..., :, None] * p[..., None, :]
-    return 4 * jnp.einsum("...ij,...i,...ik->...jk", G, J, G) + 4 * along
+    return 4 * jnp.einsum("...ij,...i,...ik->...jk", G, jnp.asarray(J), G) + 4 * along
 
 
-def rotational_force(p: Array, pdot: Array, J: Array) -> Array:
+def rotational_force(p: Array, pdot: Array, J: Any) -> Array:
     """``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]."""
-    return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), J * body_rate(p, pdot))
+    return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), jnp.asarray(J) * body_rate(p, pdot))
 
 
 def split(q: Any) -> tuple[Array, Array]:
@@ -91,32 +91,33 @@ def split(q: Any) -> tuple[Array, Array]:
     return bodies[:, :3], bodies[:, 3:]
 
 
-def mass_of_bodies(q: Array, m: Array, J: Array, j0: Array) -> Array:
+def mass_of_bodies(q: Array, m: Any, J: Any, j0: Any) -> Array:
     """(7 k, 7 k), one block a body; masses ``m`` and ``j0`` (k,), moments ``J`` (k, 3)."""
+    m = jnp.asarray(m)
     bodies = jnp.arange(m.size)
     blocks = jnp.zeros((m.size, 7, 7))
     blocks = blocks.at[:, :3, :3].set(m[:, None, None] * jnp.eye(3)).at[:, 3:, 3:].set(rotational_mass(split(q)[1], J, j0))
     return jnp.zeros((m.size, 7, m.size, 7)).at[bodies, :, bodies, :].set(blocks).reshape(q.size, q.size)
 
 
-def force_on_bodies(q: Array, v: Array, m: Array, J: Array, gravity: Array) -> Array:
+def force_on_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
     """Weight and terms quadratic in p', (7 k,); ``gravity`` (3,) [m/s^2]."""
     rotational = rotational_force(split(q)[1], split(v)[1], J)
-    return jnp.concatenate([m[:, None] * gravity, rotational], axis=1).ravel()
+    return jnp.concatenate([jnp.asarray(m)[:, None] * jnp.asarray(gravity), rotational], axis=1).ravel()
 
 
-def energy_of_bodies(q: Array, v: Array, m: Array, J: Array, gravity: Array) -> Array:
+def energy_of_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
     """Kinetic energy and height [J]; j0 takes no part."""
-    (x, p), (xdot, pdot) = split(q), split(v)
+    (x, p), (xdot, pdot), m = split(q), split(v), jnp.asarray(m)
     w = body_rate(p, pdot)
-    return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(J * w**2) / 2 - m @ x @ gravity
+    return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(jnp.asarray(J) * w**2) / 2 - m @ x @ jnp.asarray(gravity)
 
 
-def moment_of_momentum(q: Array, v: Array, m: Array, J: Array) -> Array:
+def moment_of_momentum(q: Array, v: Array, m: Any, J: Any) -> Array:
     """About the origin, (3,) [kg m^2/s]."""
     (x, p), (xdot, pdot) = split(q), split(v)
-    spin = jnp.einsum("kij,kj->i", rotation(p), J * body_rate(p, pdot))
-    return spin + m @ jnp.cross(x, xdot)
+    spin = jnp.einsum("kij,kj->i", rotation(p), jnp.asarray(J) * body_rate(p, pdot))
+    return spin + jnp.asarray(m) @ jnp.cross(x, xdot)
 
 
 def norm_rows(p: Array) -> Array:
@@ -139,7 +140,8 @@ def placed_with_ground(q: Array) -> Placement:
 
 def points_on(at: Placement, body: Any, local: Any) -> Array:
     """Points (j, 3) [m]; ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,)."""
-    return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], local)
+    body = jnp.asarray(body)
+    return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], jnp.asarray(local))
 
 
 def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
@@ -149,8 +151,9 @@ def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Ar
 
 def perpendicular_rows(at: Placement, first: Any, second: Any, across: Any, axis: Any) -> Array:
     """Two directions ``across`` (j, 2, 3) of ``first`` times ``axis`` (j, 3) of ``second``, (2 j,)."""
-    turned = jnp.einsum("jcb,jab->jca", across, at.R[first])
-    return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], axis).ravel()
+    first, second = jnp.asarray(first), jnp.asarray(second)
+    turned = jnp.einsum("jcb,jab->jca", jnp.asarray(across), at.R[first])
+    return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], jnp.asarray(axis)).ravel()
 
 
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, across: Any, axis: Any) -> Array:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import fcntl
+import os
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +42,10 @@ def take_lock(path: Path) -> Any:
 
     ``path`` is the file itself, not a link to it: else two runners through two names would both write.
     """
+    file = path.with_name(f"{path.name}.lock")
     try:
-        lock = path.with_name(f"{path.name}.lock").open("w")
+        file.touch()
+        lock = file.open("r+b", buffering=0)  # what the last runner has left in it stays
     except OSError as error:
         raise ProblemError(f"{path.parent} cannot be written: {error.strerror}.") from error
     try:
@@ -49,3 +54,20 @@ def take_lock(path: Path) -> Any:
         lock.close()
         raise ProblemError(f"another `hhtbench run` writes {path}; wait for it, or use another store.") from error
     return lock
+
+
+def leave_count(lock: Any, database: Any) -> None:
+    """Write into the lock file how often the database's file has been changed: an older copy has been less often."""
+    with suppress(OSError):  # what is counted is on the disk
+        os.pwrite(lock.fileno(), b"changes %10d\n" % count_of_changes(database), 0)
+
+
+def left_count(lock: Any) -> int:
+    """What the last runner left there; 0 where it left nothing."""
+    found = re.match(rb"changes +(\d+)\n", os.pread(lock.fileno(), 64, 0))
+    return int(found[1]) if found else 0
+
+
+def count_of_changes(database: Any) -> int:
+    """SQLite's own count of the transactions that changed an open file (sqlite.org/fileformat2.html, 1.3.7)."""
+    return int.from_bytes(os.pread(database.fileno(), 4, 24), "big")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from hhtbench.errors import ProblemError
 from hhtbench.store.columns import COLUMNS, PACKED, hash_of, row_of, shown, texts_of
-from hhtbench.store.files import store_file, take_lock
+from hhtbench.store.files import count_of_changes, leave_count, left_count, store_file, take_lock
 from hhtbench.store.reading import ERRORS, VERSION, Reading, damage, read, refuse_other_version
 from hhtbench.store.rows import RunRow
 
@@ -66,11 +66,14 @@ class Store:
         if not self._file.parent.is_dir():
             raise ProblemError(f"there is no folder {self._file.parent} for the store {self.path.name}; make it first.")
         self._lock = take_lock(self._file)
+        left = left_count(self._lock) if self._file.exists() else 0
         try:
             self._connection = self._open()
+            self._bytes = self._file.open("rb", buffering=0)  # closed last: that would let go of SQLite's own locks
         except BaseException:
             self._lock.close()
             raise
+        self._look_for_older(left)
 
     def __enter__(self) -> Store:
         return self
@@ -81,6 +84,7 @@ class Store:
     def close(self) -> None:
         """Close the file and let another runner have it."""
         self._connection.close()
+        self._bytes.close()
         self._lock.close()
 
     def get(self, key: str) -> RunRow | None:
@@ -111,11 +115,23 @@ class Store:
         """
         try:
             with self._connection:
-                return [entry.row for entry in entries if not self._write(entry)]
+                differing = [entry.row for entry in entries if not self._write(entry)]
         except sqlite3.Error as error:
             raise ProblemError(
                 f"{self.path} cannot be written: {error}. All rows written before are kept; the same command resumes."
             ) from error
+        leave_count(self._lock, self._bytes)
+        return differing
+
+    def _look_for_older(self, left: int) -> None:
+        """Tell a file that has been changed less often than the ``left`` times after which the last runner left it."""
+        now = count_of_changes(self._bytes)
+        if not self.repairs and now < left:
+            told = (
+                f"the file is an older copy: it has been changed {now} times, the last runner left it after {left} changes"
+            )
+            self.repairs = (f"{told}; rows that were written since are gone, their cells run again.",)
+        leave_count(self._lock, self._bytes)
 
     def _write(self, entry: Entry) -> bool:
         """False where another result is there, which stays."""

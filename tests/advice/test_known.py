@@ -16,9 +16,10 @@ from hhtbench.advice.wish import Wish
 from hhtbench.campaign.machine import machine_facts
 from tests.advice.plugin import PROBLEM
 from tests.advice.test_trading import CHEAP
-from tests.analysis.laws import failed, law
+from tests.analysis.laws import failed, law, run
 
 WISH = Wish(accuracies=(1e-4,), on="evaluations")
+NESTED = "minimal(solver='ida(form=ggl)')"
 RULES = {"accuracies": [1e-2, 1e-4], "max_seconds": 1.0, "pair_seconds": 4.0, "refinements": 9}
 
 
@@ -110,3 +111,12 @@ def test_times_of_rows_made_elsewhere_or_with_other_versions_are_refused(changed
         "time",
         "",
     )
+
+
+def test_solvers_are_named_as_solve_takes_them_and_beside_it_what_they_are_given(stored):
+    constant = {"rtol": None, "atol": None, "step": None, "steps": 200}
+    stored([run("hht(alpha=-0.05)", 1e-4, 1e-5, 200.0, request=constant), run(NESTED, 1e-5, 1e-5, 900.0)])
+    found = advice()
+    assert (found.taken, found.taken_by) == ("hht(alpha=-0.05)", "steps")
+    assert (found.second, found.second_by) == (NESTED, "rtol")
+    assert found.text.startswith("Take hht(alpha=-0.05), constant step: 200 steps gives")

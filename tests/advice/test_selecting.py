@@ -49,6 +49,30 @@ def test_neighbours_that_disagree_cannot_be_told():
     assert "neighbours only" in found.doubt
 
 
+@pytest.mark.parametrize(
+    ("families", "each", "text"),
+    [
+        (1, 1, "too few known problems: on 1 somebody reaches this error, 10 are needed"),
+        (1, 12, "the known problems are of one family, two are needed"),
+    ],
+)
+def test_too_few_known_problems_cannot_tell_and_say_how_many_are_needed(families, each, text, tmp_path: Path):
+    file = tmp_path / "few.json"
+    write_database(database(families, each), file, "")
+    found = hb.select("simple_pendulum", on="evaluations", database=file)
+    assert found.taken is None
+    assert found.text.startswith(f"Cannot tell: {text}")
+    assert "inf" not in str(found)
+
+
+def test_a_solver_of_a_database_is_named_as_solve_takes_it_and_beside_it_what_it_is_given(tmp_path: Path):
+    file = tmp_path / "one.json"
+    write_database(read_database().of_entries("hht(alpha=-0.05), constant step".__eq__), file, "")
+    found = hb.select("simple_pendulum", on="evaluations", database=file)
+    assert (found.taken, found.taken_by, found.second, found.second_by) == ("hht(alpha=-0.05)", "steps", None, None)
+    assert hb.solve("simple_pendulum", found.taken, t_span=(0.0, 0.1), **{found.taken_by: 20}).success
+
+
 def test_a_database_is_written_and_read_to_two_percent(tmp_path: Path):
     known, file = database(), tmp_path / "database.json"
     write_database(known, file, "hhtbench study selection")

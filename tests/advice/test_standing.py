@@ -63,6 +63,13 @@ def test_the_sentence_ranks_by_the_mean_over_the_errors_and_names_who_is_cheaper
     assert [choice.second.entry for choice in choices_of(fronts)] == ["hht", "hht"]
 
 
+def test_a_choice_names_its_solver_as_solve_takes_it_and_its_setting_beside():
+    constant = run("hht(alpha=-0.05)", 1e-3, 1e-4, 100.0, request={"rtol": None, "atol": None, "step": None, "steps": 400})
+    (choice,) = choices_of(Standing.of([constant], Wish(accuracies=(1e-2,), on="evaluations")).fronts)
+    assert (choice.best.entry, choice.solver) == ("hht(alpha=-0.05), constant step", "hht(alpha=-0.05)")
+    assert (choice.as_dict()["solver"], choice.as_dict()["setting"]) == ("hht(alpha=-0.05)", "400 steps")
+
+
 def test_who_is_taken_is_the_cheapest_by_the_run_that_is_told_not_by_one_between_two():
     wish = Wish(accuracies=(1e-2,), on="evaluations")
     coarse, fine = run("ida", 3e-2, 3e-2, 60.0), run("ida", 3e-5, 3e-4, 130.0)  # about 75 between them at 1e-2

@@ -18,6 +18,7 @@ from hhtbench.store import load_rows
 from tests.report.drawings import figures_of
 
 CHEAP, DEAR, MIDDLE = "priced(price=10)", "priced(price=1000)", "priced(price=15)"
+OWN = hb.Problem(name="own", system=hb.NumpySystem(force=lambda t, q, v: -q), t_span=(0, 1), q0=[1], v0=[0])
 ASKED = {"on": "evaluations", "seconds": 300.0, "jobs": 1}
 
 
@@ -124,7 +125,8 @@ def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
         ("fall", {"seconds": 0.0}, hb.ProblemError, "seconds must be above 0"),
         ("fall", {"drift": -1.0}, hb.ProblemError, "drift must be above 0"),
         ("fall", {"on": "memory"}, hb.ProblemError, "time or evaluations"),
-        (3, {}, TypeError, "takes a spec"),
+        (3, {}, TypeError, "takes a spec, .* got 3"),
+        (OWN, {}, TypeError, r"got the Problem own\. Give the name .* 'my\.py:problem'\.$"),
     ],
 )
 def test_wrong_use_is_refused_before_anything_runs(prices, problem, asked, error, text):

@@ -20,7 +20,9 @@ def test_errors_are_read_as_they_are_written(text, values):
     assert accuracies_of(text) == pytest.approx(values)
 
 
-@pytest.mark.parametrize("text", ["", "small", "1e-2..", "1e-2..0", "1e-2..x", "inf..1e-3", "1e-3..inf", "nan..1e-3"])
+@pytest.mark.parametrize(
+    "text", ["", "small", "1e-2..", "1e-2..0", "1e-2..x", "inf..1e-3", "1e-3..inf", "nan..1e-3", "1e-2...1e-6"]
+)
 def test_what_is_no_error_is_refused_with_examples(text):
     with pytest.raises(ProblemError, match=r"1e-2\.\.1e-6"):
         accuracies_of(text)

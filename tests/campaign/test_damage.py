@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import random
 import shutil
+import statistics
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -100,11 +102,23 @@ def test_a_file_that_ends_anywhere_is_told_or_harmless(
     assert ends.keys() <= {"whole", "told", "refused"}, ends
 
 
-def test_the_work_of_writing_a_row_does_not_grow_with_their_number(tmp_path: Path):
-    """Counted in instructions of SQLite's machine, by tens: pages of an index become one level more, no more."""
+def test_the_work_of_writing_a_row_does_not_grow_with_their_number_and_stays_below_five_milliseconds(tmp_path: Path):
+    """Counted in instructions of SQLite's machine, by tens: pages of an index become one level more, no more.
+
+    The time is the processor's: it does not wait for the disk, nor for others.
+    """
     with Store(tmp_path / "runs.db") as store:
         few, many = (work_of_a_row(store, count) for count in (1_000, MANY))
-    assert many <= 1.5 * few
+        assert many <= 1.5 * few
+        rows = [replace(ROW, key=f"late {i}") for i in range(21)]
+        assert statistics.median(seconds_of(store, row) for row in rows) < 5e-3
+
+
+def seconds_of(store: Store, row: RunRow) -> float:
+    """Of the processor, to write it."""
+    began = time.process_time()
+    store.put(row, row.key)
+    return time.process_time() - began
 
 
 def work_of_a_row(store: Store, count: int) -> int:

@@ -97,7 +97,20 @@ def test_families_that_disagree_certify_nothing_and_it_is_said(mine: Path, monke
     monkeypatch.setattr(auto, "METHODS", auto.METHODS[:1])
     said = auto.certify_one("mine.py:swing", mine / "swing.json")
     assert said.startswith("not certified: collocation(form=ggl) and projected(method=DOP853) do not agree")
+    assert said.endswith("A shorter span may have a reference: of chaotic motion nobody knows a long one")
     assert not (mine / "swing.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("force", "told"),
+    [("raise RuntimeError('no force today')", "RuntimeError: no force today"), ("return jnp.nan * q", "nonfinite_callback")],
+)
+def test_the_reason_is_what_the_functions_say_and_chaos_is_not_blamed(force, told, mine: Path):
+    (mine / "bad.py").write_text(MINE.replace("return jnp.stack([0.0, -9.81])", force))
+    said = auto.certify_one("bad.py:swing", mine / "bad.json")
+    assert told in said
+    assert "JAX" not in said
+    assert "chaotic" not in said
 
 
 def test_a_certificate_does_not_rest_on_what_measures_runs():

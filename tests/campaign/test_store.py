@@ -282,6 +282,26 @@ def test_a_file_that_was_cut_off_to_nothing_is_told(tmp_path: Path):
         assert store.repairs == ()
 
 
+def test_an_older_copy_of_the_file_in_its_place_is_told(tmp_path: Path):
+    path = tmp_path / "runs.db"
+    rows = fill(path, 4)
+    older = path.read_bytes()
+    with Store(path) as store:
+        assert store.repairs == ()
+        store.put(replace(ROW, key="late"), "late")
+        newer = path.read_bytes()  # as a runner that is killed here leaves it
+        path.write_bytes(older)
+    with Store(path) as store:
+        assert store.get("late") is None and store.get("k3") == rows[3]
+        assert "an older copy" in store.repairs[0]
+    path.write_bytes(newer)
+    with Store(path) as store:
+        assert store.repairs == ()
+    path.unlink()
+    with Store(path) as store:  # begun anew
+        assert store.repairs == ()
+
+
 def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
     path = tmp_path / "notes.db"
     path.write_text("my notes " * 500)

@@ -113,3 +113,18 @@ def test_a_wrong_energy_is_found_where_constraints_are_redundant_too():
     both = {"tags": ("redundant",), "exact": None, "v0": np.array([1.0, 0.0])}
     assert verdict(slide(Twice(c=0.0), **both), "energy/balance") is True
     assert verdict(slide(Wrong(c=0.0), **both), "energy/balance") is False
+
+
+@pytest.mark.parametrize(("faster", "holds"), [(0.0, True), (1e-4, False)])
+def test_a_reference_of_ones_own_needs_no_error_bars(faster, holds):
+    class Free(System):
+        def force(self, t, q, v):
+            return 0 * q
+
+        def energy(self, t, q, v):
+            return v @ v / 2
+
+    known = {"t": np.array([0.0, 1.0]), "q": np.array([[0.0], [1.0]]), "v": np.array([[1.0], [1.0 + faster]]), "digits": 9}
+    free = Problem(name="free", system=Free(), t_span=(0.0, 1.0), q0=[0.0], v0=[1.0], reference=known)
+    (row,) = [row for row in check(free).rows if row.id == "energy/conserved"]
+    assert row.passed is holds

@@ -1,13 +1,15 @@
 """Every fast row of the acceptance matrix: it holds, or the solver says why it cannot be asked."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 
 from hhtbench.result import Counters, Status
 from hhtbench.studies.acceptance.asked import ASKED, Asked
-from hhtbench.studies.acceptance.rows import CORE, Verdict
-from hhtbench.studies.acceptance.study import all_rows, chosen_rows
+from hhtbench.studies.acceptance.rows import CORE, Verdict, bounded, tested
+from hhtbench.studies.acceptance.study import Acceptance, all_rows, chosen_rows
 from solvers._ending import empty_solution
 from solvers._start import Failure
 
@@ -76,3 +78,29 @@ def test_no_row_of_the_matrix_is_missing():
     letters = {"M": 15, "I": 8, "C": 15, "O": 7, "S": 9, "P": 14, "J": 5, "E": 2, "R": 9, "A": 3, "K": 12}
     assert set(all_rows()) == {f"{letter}{k}" for letter, most in letters.items() for k in range(1, most + 1)}
     assert set(all_rows()) >= CORE
+
+
+def test_rows_that_hold_in_part_are_counted_apart_and_tell_what_they_do_not_show():
+    whole, part = (tested(name, "in", "out", "tests/x.py", gap) for name, gap in (("K1", ""), ("K5", "the rest")))
+    measured = replace(whole, id="M1", measure=lambda asked: bounded(1.0, 2.0), gap="more", long=True)
+    wrong = replace(measured, id="M2", measure=lambda asked: bounded(3.0, 2.0))
+    rows = whole, part, measured, wrong
+    found = Acceptance(rows=rows, outcomes=tuple(row.outcome(PLAIN) for row in rows))
+    assert [x.verdict.name for x in found.outcomes] == ["tested", "in_part", "in_part", "fails"]
+    assert [x.measured.partition("not shown: ")[2] for x in found.outcomes] == ["", "the rest", "more", ""]
+    assert found.summary.splitlines() == [
+        "hht in Python: 1 rows hold (1 of them by tests of their own), "
+        "2 hold in part (K5, M1), 1 fail (M2), 0 cannot be asked",
+        "measured by this study only, since tests may not take so long: M1, M2",
+    ]
+
+
+def test_the_tests_that_rows_name_are_there():
+    named, root = 0, Path(__file__).parents[2]
+    for row in all_rows().values():
+        source = ""
+        for file, name in re.findall(r"(tests/[a-z_/]+[.]py)|::(test_[a-z0-9_]+)", row.tests):
+            source = (root / file).read_text() if file else source
+            assert not name or f"def {name}(" in source, f"{row.id}: {name}"
+            named += bool(name)
+    assert named > 20

@@ -40,7 +40,7 @@ def watch(family: str, first: int, count: int) -> dict:
         found: dict = json.loads(*last)
     except (ValueError, TypeError):
         why = f"ends its process ({ended.returncode}): {' | '.join(ended.stderr.splitlines()[-8:])}"
-        found = {"cases": 0, "sound": 0, "ends": {}, "faults": [(why, *last)]}
+        found = {"cases": 0, "sound": 0, "ends": {}, "motion": {}, "faults": [(why, *last)]}
     told = [f"\n{fault}\n  python -m tests.fuzz --case {json.dumps(case)}" for fault, case in found["faults"]]
     click.echo(f"{family}, seed {first}: {found['cases']} cases, {len(told)} faults{''.join(told)}")
     return {"family": family, **found}
@@ -55,6 +55,10 @@ def report(found: list[dict]) -> int:
         told = ", ".join(f"{name} {count}" for name, count in ends.most_common())
         table.append([family, sum(one["cases"] for one in own), sum(one["sound"] for one in own), told])
     click.echo(tabulate(table, headers=["family", "cases", "must arrive", "ends"]))
+    motion = sum((Counter(one["motion"]) for one in found), Counter())
+    if motion:
+        click.echo("\nThe motions of hostile cases that say success are judged by:")
+        click.echo(tabulate([[name, count, f"{count / motion.total():.1%}"] for name, count in motion.most_common()]))
     return sum(len(one["faults"]) for one in found)
 
 

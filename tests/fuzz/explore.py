@@ -10,6 +10,7 @@ from tests.fuzz.cases import Case, Way, World, cases, drawn
 from tests.fuzz.mechanism import Mechanism, Shape
 from tests.fuzz.oracles import judged
 from tests.fuzz.runs import Setting, hht
+from tests.fuzz.second import second_opinion
 from tests.fuzz.systems import Spoil
 from tests.fuzz.twins import compared
 
@@ -23,23 +24,28 @@ class Explored:
     cases: int = 0
     sound: int = 0  #: of which those that must succeed
     ends: Counter = field(default_factory=Counter)  #: statuses
+    motion: Counter = field(default_factory=Counter)  #: by what the motions of hostile cases that arrive were judged
     faults: list[tuple[str, str]] = field(default_factory=list)  #: what is wrong, and the case as text
 
 
 def fault_of(case: Case, solver=hht, tally: Explored | None = None) -> str:
     """What is wrong with the case's own run, or else with its twin; "" for nothing."""
-    setting, fault = Setting(case, solver), ""
+    setting, fault, judge = Setting(case, solver), "", ""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             judged(setting)
             compared(setting)
+            if case.family == "hostile" and setting.base.solution is not None and setting.base.solution.success:
+                judge = second_opinion(setting, setting.base.solution)
         except AssertionError as found:
             fault = str(found)
     if tally is not None:
         tally.cases += 1
         tally.sound += setting.must_succeed
         tally.ends[setting.base.status] += 1
+        if judge:
+            tally.motion[judge] += 1
         tally.faults += [(fault, repr(case))] if fault else []
     return fault
 

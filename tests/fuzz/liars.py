@@ -49,6 +49,7 @@ def raising(*_):
 LIARS = {  # with the family and the twin by which they are found
     "beside": (ending("q", lambda q, s, asked: q * (1.0 + 1e-6)), "steps", "none"),
     "powerless": (telling(lambda s, asked: {"lam": 0.0 * s.lam, "mu": 0.0 * s.mu}), "steps", "none"),
+    "adrift": (faster(lambda s, asked: 0.5), "hostile", "none"),
     "early": (telling(lambda s, asked: {name: getattr(s, name)[:-1] for name in MOTION}), "control", "none"),
     "empty": (ending("q", lambda q, s, asked: np.nan), "hostile", "none"),
     "afraid": (telling(lambda s, asked: {"status": Status.newton_failed, "message": "did not converge"}), "steps", "none"),

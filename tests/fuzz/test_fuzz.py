@@ -1,11 +1,17 @@
 """Some fifty random mechanisms show no fault, and solvers that mislead are found; ``make fuzz`` draws 10,000."""
 
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from tests.fuzz.cases import World
+from tests.fuzz.cases import World, cases, drawn
 from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
 from tests.fuzz.mechanism import Shape
+from tests.fuzz.oracles import energies
+from tests.fuzz.runs import Setting
 
 CASES = {"steps": 20, "control": 12, "machine": 4, "hostile": 20}
 SEED = 20_260
@@ -33,3 +39,25 @@ def test_no_random_case_shows_a_fault(family):
 def test_a_solver_that_misleads_is_found(name):
     solver, family, twin = LIARS[name]
     assert explore(family, SEED, LIES, solver, world=WORLD, stop=True, twin=twin).faults
+
+
+@pytest.mark.parametrize(("alpha", "told"), [(0.0, {1.1, 0.9}), (-0.3, {1.1})])
+def test_energy_is_kept_at_alpha_0_and_may_fall_but_not_grow_below(alpha, told):
+    """Of conservative motions whose last velocities are changed."""
+    settings, found = [], set()
+    for number in range(SEED, SEED + 40):
+        case = drawn(cases("steps", WORLD), number)
+        options = {**case.way.options, "alpha": alpha}
+        setting = Setting(replace(case, way=replace(case.way, options=options, watch="", ratios=())))
+        if setting.judge.conserves and setting.judge.sound:
+            settings.append(setting)
+    for setting in settings[:3]:
+        s = setting.base.solution
+        energies(setting, s)
+        for change in (1.1, 0.9):
+            v = np.concatenate([s.v[:-1], change * s.v[-1:]])
+            with suppress(AssertionError):
+                energies(setting, s.but(v=v))
+                continue
+            found.add(change)
+    assert found == told

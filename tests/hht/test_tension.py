@@ -120,3 +120,36 @@ def test_other_failures_at_prescribed_steps_do_not_speak_of_vibrations():
     solution = hb.HHT(jump).solve((0.0, 1.0), HANGING, [1.0, 0.0], step=1e-2)
     assert solution.status is Status.newton_failed
     assert "vibration" not in solution.message
+
+
+def swing(o, h=0.01, count=20, amplitude=1e-6, **options):
+    """A swing of the frequency ``o`` / h by prescribed steps."""
+    problem = hb.load_problem(f"simple_pendulum(g={(o / h) ** 2!r}, amplitude={amplitude!r}, t_end={h * count!r})")
+    return hb.solve(problem, hb.load_solver("hht", **options), step=h)
+
+
+@pytest.mark.parametrize("count", [6, 20])
+def test_a_vibration_that_grows_to_the_end_of_a_run_is_told(count):
+    """Just beyond the bound, where Newton's iteration converges."""
+    solution = swing(2.1, count=count)
+    assert np.abs(solution.q[:, 0]).max() > 1e-5
+    assert solution.status is Status.unreliable
+    assert "growth" in solution.message
+    assert "carry a vibration of 210 rad/s" in solution.message
+
+
+@pytest.mark.parametrize(
+    ("o", "options"), [(1.9, {}), (0.1, {}), (2.1, {"b": 1.0}), (200.0, {"b": 1.0}), (5.0, {"alpha": 0.0, "b": 1.0})]
+)
+def test_a_vibration_that_does_not_grow_is_not_told(o, options):
+    assert swing(o, count=200, **options).status is Status.success
+
+
+def test_what_changing_steps_amplify_is_not_blamed_on_the_tension():
+    """A stiff spring along the circle: it goes back and forth with the steps and grows by (H53)."""
+    stiff = pendulum(force=lambda t, q, v: np.array([-1e8 * q[0], -9.81]))
+    steps = np.tile([1.0, 10.0], 15)
+    solution = hb.HHT(stiff, alpha=-0.3).solve((0.0, 1.0), HANGING, [1e-9, 0.0], steps=steps / steps.sum())
+    assert solution.status is Status.unreliable
+    assert "(H53)" in solution.message
+    assert "constraint forces" not in solution.message

@@ -47,6 +47,20 @@ def test_operations_are_those_counted_by_hand():
     assert line == {"residual": residual, "acceleration": residual + factors + solve}
 
 
+def test_a_linear_system_inside_a_force_counts_by_gauss():
+    """Of three unknowns: two rows, then one, are divided and taken off; then three divisions and six products."""
+
+    class Solved(System):
+        inertia: object = parameter([[2.0, 0.3, 0.4], [0.3, 3.0, 0.5], [0.4, 0.5, 4.0]])
+
+        def force(self, t, q, v):
+            return jnp.linalg.solve(self.inertia, q)
+
+    found = operations(Solved(), 0.0, np.zeros(3), np.zeros(3))
+    elimination, solve, difference = 2 * (1 + 2 * 2) + 1 * (1 + 2 * 1), 3 + 2 * (3 + 3), 3
+    assert found["residual"] == elimination + solve + difference
+
+
 @pytest.mark.parametrize(("problem", "size", "order"), [("planar_chain(n_links={})", 20, 1), ("fekete(n_points={})", 20, 2)])
 def test_operations_grow_as_the_mechanism_does(problem, size, order):
     """Chains by the link, whose matrix is banded; points that repel one another by their pairs."""

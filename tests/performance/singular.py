@@ -56,6 +56,16 @@ def counted(windows: int, phases: int, alpha: float, tolerances: tuple[float, ..
     return kinds
 
 
+def good(kinds: Counter[str]) -> float:
+    """The share of right ends and named refusals."""
+    return (kinds["right"] + kinds["across"] + kinds["named"]) / kinds.total()
+
+
+def passed(kinds: Counter[str]) -> bool:
+    """Whether no run takes another branch and ``ENOUGH`` of them end well."""
+    return not kinds["wrong"] and good(kinds) >= ENOUGH
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--phases", type=int, default=50)
@@ -75,9 +85,8 @@ def main(arguments: list[str] | None = None) -> int:
         ]
         sys.stdout.write(f"{windows or 'all':>7}  " + "  ".join(f"{x:5d}" for x in numbers) + "\n")
         sys.stdout.flush()
-    good = total["right"] + total["across"] + total["named"]
-    sys.stdout.write(f"right or named: {good / total.total():.2%}; wrong branch: {total['wrong']}\n")
-    return 1 if total["wrong"] or good < ENOUGH * total.total() else 0
+    sys.stdout.write(f"right or named: {good(total):.2%}; wrong branch: {total['wrong']}\n")
+    return 0 if passed(total) else 1
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from hhtbench.campaign.references import auto_references
 from hhtbench.store import RunRow, Store
 
 SCENES = Path(__file__).parent.parent / "advice" / "mechanisms.py"
-NAMES = ("excavator", "press")
+NAMES = ("excavator", "press", "lorry", "arm")
 SECONDS = 60.0
 MOST = 1.3  # times the best of the exhaustive search
 
@@ -58,7 +58,7 @@ def compared(spec: str, on: str, rows: tuple[RunRow, ...], folder: Path) -> list
 
 
 def main() -> int:
-    """Both mechanisms, by time and by evaluations."""
+    """All mechanisms, by time and by evaluations."""
     warnings.simplefilter("ignore")
     lines = []
     for name in NAMES:

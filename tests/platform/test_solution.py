@@ -8,7 +8,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.errors import ProblemError
-from hhtbench.result import OF_FUNCTIONS, Solution, Status
+from hhtbench.result import NOT_KEPT, Solution, Status
 from hhtbench.saved import write_arrays
 
 mpl.use("agg")
@@ -31,7 +31,7 @@ def assert_same(a, b, where=""):
     elif isinstance(a, dict) or (hasattr(a, "__dict__") and not isinstance(a, Status)):
         a, b = (x if isinstance(x, dict) else vars(x) for x in (a, b))
         for name in a:
-            if name not in OF_FUNCTIONS:
+            if name not in NOT_KEPT:
                 assert_same(a[name], b[name], f"{where}.{name}")
     elif isinstance(a, (tuple, list)):
         assert len(a) == len(b), where
@@ -48,6 +48,17 @@ def test_a_saved_solution_comes_back_whole_but_for_dense_output(name, request, t
     assert file == tmp_path / "run.npz"
     assert_same(solution, Solution.load(file))
     np.testing.assert_array_equal(np.load(file)["q"], solution.q)
+
+
+def test_a_loaded_solution_says_what_its_file_does_not_hold_and_what_to_do(swing, tmp_path):
+    again = Solution.load(swing.save(tmp_path / "run.npz"))
+    with pytest.raises(ValueError, match=r"run\.npz holds no dense output: .*t_eval"):
+        again(0.5)
+    with pytest.raises(ValueError, match=r"from a file .*hhtbench\.measure_drift\(problem, solution\)"):
+        again.drift()
+    problem = hb.load_problem("simple_pendulum").starting(t_span=(0.0, 1.0))
+    assert hb.measure_drift(problem, again).position.max() < 1e-12
+    assert Solution.load(again.save(tmp_path / "twice.npz")).file.endswith("twice.npz")
 
 
 def test_events_and_multipliers_of_a_librarys_own_are_saved_too(tmp_path):
@@ -81,7 +92,7 @@ def test_a_file_that_is_no_saved_solution_is_refused_by_name(content, tmp_path):
     ],
 )
 def test_parts_that_do_not_fit_are_refused(changes, swing, tmp_path):
-    parts = {name: value for name, value in vars(swing).items() if name not in OF_FUNCTIONS}
+    parts = {name: value for name, value in vars(swing).items() if name not in NOT_KEPT}
     file = write_arrays(tmp_path / "other.npz", {**parts, **changes})
     with pytest.raises(ProblemError, match=r"other\.npz is no saved solution"):
         Solution.load(file)
@@ -140,3 +151,9 @@ def test_another_interval_and_start_leave_behind_what_is_known_of_the_problems_o
     assert problem.reference is not None or problem.exact is not None
     assert other.reference is None and other.exact is None
     assert hb.solve("simple_pendulum", step=0.01, t_span=(0.0, 0.5)).t[-1] == 0.5
+
+
+@pytest.mark.parametrize("name", ["q0", "v0"])
+def test_a_start_of_another_size_is_refused_by_its_own_name(name):
+    with pytest.raises(ProblemError, match=rf"{name} must have shape \(2,\); got \(3,\)"):
+        hb.solve("simple_pendulum", **{name: [1.0, 2.0, 3.0]})

@@ -170,3 +170,20 @@ class Growing(Spoiled):
         off = float(problem.system.constraint(0.0, problem.q0)[0]) + float(problem.q0 @ problem.v0)
         normal = found.q / np.linalg.norm(found.q, axis=1, keepdims=True)
         return found.q + off * np.expm1(found.t - found.t[0])[:, None] * normal, found.v
+
+
+class Drifting(Spoiled):
+    """Leaves the constraints by little more than roundoff."""
+
+    def spoil(self, problem, request, found):
+        return found.q * (1.0 + 5e-12), found.v
+
+
+class Losing(Spoiled):
+    """A pendulum whose swings are lower by a thousandth of a radian at every row but the first."""
+
+    def spoil(self, problem, request, found):
+        angle = np.where(found.t > 0.0, -1e-3, 0.0) * np.sign(found.q[:, 0])
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = found.q.T
+        return np.column_stack([c * x - s * y, s * x + c * y]), found.v

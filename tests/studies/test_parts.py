@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ from hhtbench.cli import main
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import REDUCTIONS as SWITCHES
 from hhtbench.studies.parts import measure, study
-from hhtbench.studies.parts.measure import Cost, counted, height, memory_of, run
-from hhtbench.studies.parts.scenes import Measured, Scene
+from hhtbench.studies.parts.measure import Cost, counted, height, left_by, memory_of, operations_of, own, python_of, run
+from hhtbench.studies.parts.scenes import Measured, Scene, Spring
 from hhtbench.studies.parts.study import PARTS, REDUCTIONS, SPHERE, SPRING, Gain, PartCost, Study, difference, line_of
 from solvers.hht.loops import memory as mem
 
@@ -25,7 +26,11 @@ EMPTY = {  # sections of the loops' memory, by the part whose absence leaves the
     "mass, variable": (mem.INVERSE_MASS, mem.END_INVERSE_MASS),
     "events": (mem.EVENT_VALUES, mem.SAMPLE_TIMES, mem.SAMPLE_VALUES),
 }
-COST = Cost(calls={"force": 3.0}, once={"force": 2.0}, seconds=1e-6, memory=100, allocated=0.0)
+FIELDS = ("request", *(field.name for field in fields(Scene)))
+COST = Cost(
+    calls={"force": 3.0}, once={"force": 2.0}, seconds=1e-6, memory=100, allocated=0.0, operations=50, python=0.0, left=0.0
+)
+FULL = replace(COST, operations=60, memory=200)
 GAIN = Gain(reduction=REDUCTIONS[0], seconds=1e-6, seconds_without=2e-6, difference=1e-15, line="M: factorised once")
 
 
@@ -96,12 +101,12 @@ def test_every_reduction_that_is_read_off_a_system_is_measured():
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        (PartCost(part=NAMED["g"], absent=COST, present=COST), ""),
+        (PartCost(part=NAMED["g"], absent=COST, present=FULL), ""),
         (
-            PartCost(part=NAMED["g"], absent=replace(COST, calls={"constraint": 2.0}), present=COST),
+            PartCost(part=NAMED["g"], absent=replace(COST, calls={"constraint": 2.0}), present=FULL),
             "g: 0 calls and 2 a step",
         ),
-        (PartCost(part=NAMED["k"], absent=replace(COST, once={"velocity_reaction": 1.0}), present=COST), "k: 1 calls"),
+        (PartCost(part=NAMED["k"], absent=replace(COST, once={"velocity_reaction": 1.0}), present=FULL), "k: 1 calls"),
         (GAIN, ""),
         (replace(GAIN, difference=2e-12), "the answer differs by 2.0e-12"),
         (replace(GAIN, difference=np.nan), "the answer differs by nan"),
@@ -133,3 +138,52 @@ def test_the_command_prints_both_tables_and_writes_them(monkeypatch, tmp_path):
 def test_a_run_that_ends_early_is_not_measured():
     with pytest.raises(ProblemError, match="Sphere: inconsistent_initial"):
         run(replace(SPHERE, q0=np.array([2.0, 0.0, 0.0])), 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "absent", "present", "words"),
+    [
+        ("force of v", {"operations": 60}, {"operations": 60}, "60 operations where it is absent, 60 where it is there"),
+        ("time in g", {"calls": {"constraint": 3.0}}, {"calls": {"constraint": 3.0}, "operations": 60}, "3 calls a step of"),
+        ("dense output", {}, {"calls": {"force": 4.0}}, "dense output: it calls functions of the system"),
+        ("energy", {"python": 0.5}, {}, "0.5 calls in Python a step"),
+        ("energy", {"left": 40.0}, {}, "40 bytes left behind"),
+        ("events", {}, {}, "100 bytes of the loop's arrays where it is absent, 100 where"),
+    ],
+)
+def test_what_an_absent_part_costs_besides_calls_of_its_own_is_told(name, absent, present, words):
+    found = PartCost(part=NAMED[name], absent=replace(COST, **absent), present=replace(COST, **present))
+    assert words in found.fault
+
+
+@pytest.mark.parametrize("scene", [SPRING, SPHERE])
+def test_steps_in_machine_code_call_nothing_in_python_and_leave_nothing_behind(scene):
+    assert python_of(scene) == 0.0
+    assert left_by(scene) <= study.ROUNDING
+
+
+def test_calls_in_python_and_what_steps_leave_behind_are_seen():
+    kept = []
+
+    def hoarding(t, q, v):
+        kept.append(np.zeros(8))
+        return q[2] - 100.0
+
+    def remembers(event, system=None, **options):
+        return Scene.integrator(scene, hoarding, system, **options)
+
+    scene = Scene(system=Spring(), watched=True)
+    told = SimpleNamespace(integrator=remembers, **{name: getattr(scene, name) for name in FIELDS})
+    assert python_of(told) > 0.0
+    assert left_by(told) > study.ROUNDING
+
+
+@pytest.mark.parametrize("name", sorted(x.name for x in PARTS if x.longer))
+def test_functions_of_a_step_are_longer_for_a_part_of_the_equations(name):
+    assert operations_of(NAMED[name].absent) < operations_of(NAMED[name].present)
+
+
+@pytest.mark.parametrize("name", ["time in g", "nonlinear reaction", "error control", "rows with multipliers"])
+def test_a_part_adds_calls_of_functions_that_it_shares(name):
+    few, many = (counted(getattr(NAMED[name], side), 6) for side in ("absent", "present"))
+    assert own(few, NAMED[name].more) < own(many, NAMED[name].more)

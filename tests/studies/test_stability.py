@@ -13,24 +13,28 @@ from hhtbench.report import STABILITY
 from hhtbench.store.rows import RunRow
 from hhtbench.studies.stability import workers
 from hhtbench.studies.stability.atlas import failure_atlas
+from hhtbench.studies.stability.newton import efforts
 from hhtbench.studies.stability.page import write_stability
 from hhtbench.studies.stability.study import Stability, letters, study_stability
 from hhtbench.studies.stability.tables import allowed, markdown
 from hhtbench.studies.stability.workers import Batch, Measured, Worker
 from hhtbench.testing import Kind as CheckKind
 from hhtbench.testing import check_solver
-from hhtbench.testing.extremes import linkages, recurrence, scenes
+from hhtbench.testing.extremes import linkages, modes, recurrence, scenes
 from hhtbench.testing.extremes.cell import Kind, Outcome, measure
+from hhtbench.testing.extremes.quaternions import turning
 from hhtbench.testing.extremes.table import AXES, chosen_axes
 from solvers.hht.verify.vibration import roots
 from tests.studies.liars import (
     Across,
     Beside,
     Deaf,
+    Drifting,
     Exact,
     FirstOrder,
     Growing,
     Ignoring,
+    Losing,
     OutOfPhase,
     Powerless,
     Raising,
@@ -73,6 +77,8 @@ CLOSED = {
     "sliding": lambda: scenes.sliding(0.2, 2.0),
     "leaning": lambda: scenes.leaning([[1.0, 0.0], [1.0, 0.1]], 2.0),
     "parallelogram": lambda: linkages.parallelogram(2.0),
+    "turning": lambda: turning(3.0, 1e-2),
+    "guided": lambda: modes.guided(0.2),
 }
 
 
@@ -86,9 +92,11 @@ def test_closed_solutions_satisfy_the_equations_of_motion(name):
         assert (after.q - before.q) / (2 * h) == pytest.approx(now.v, abs=1e-5)
         rows = np.array([np.asarray(system.constraint(t, now.q + d)) for d in 1e-6 * np.eye(now.q.size)])
         rows = ((rows - np.asarray(system.constraint(t, now.q))) / 1e-6).T
-        unbalanced = acceleration - np.asarray(system.force(t, now.q, now.v))
+        mass = np.asarray(system.mass_matrix(t, now.q)) if hasattr(system, "mass_matrix") else np.eye(now.q.size)
+        unbalanced = mass @ acceleration - np.asarray(system.force(t, now.q, now.v))
         reaction = rows.T @ np.linalg.lstsq(rows.T, unbalanced, rcond=None)[0]
         assert unbalanced == pytest.approx(reaction, abs=1e-4)
+        assert np.isnan(now.lam).all() or unbalanced == pytest.approx(-rows.T @ now.lam, abs=1e-4)
         assert np.asarray(system.constraint(t, now.q)) == pytest.approx(0.0, abs=1e-12)
 
 
@@ -132,7 +140,19 @@ def test_a_motion_straight_on_is_nowhere_right_where_the_motion_turns(axis):
     assert is_told(axis, Straight())
 
 
-HELD = ("stiffness", "dampers", "spin", "steps", "rank", "redundant", "jump", "wrong_a0", "friction", "contact")
+HELD = (
+    "stiffness",
+    "dampers",
+    "spin",
+    "quaternions",
+    "steps",
+    "rank",
+    "redundant",
+    "jump",
+    "wrong_a0",
+    "friction",
+    "contact",
+)
 
 
 @pytest.mark.parametrize("axis", HELD)
@@ -166,6 +186,8 @@ LIES = (
     ("dead_points", Beside, lambda cell: "slider" in cell.line),
     ("perturbations", Growing, None),
     ("ratios", Shaking, lambda cell: "stiff" in cell.line),
+    ("long_run", Drifting, lambda cell: cell.small and by_steps(cell)),
+    ("long_run", Losing, lambda cell: cell.small and by_steps(cell) and "pendulum" in cell.line),
 )
 
 
@@ -174,10 +196,22 @@ def test_what_an_axis_is_named_after_is_measured(axis, liar, cells):
     assert is_told(axis, liar(), cells)
 
 
-@pytest.mark.parametrize("axis", ["stiffness", "rank", "friction", "span", "jump", "dead_points"])
+@pytest.mark.parametrize("axis", ["stiffness", "rank", "friction", "span", "jump", "dead_points", "quaternions"])
 def test_the_closed_solution_is_right_everywhere(axis):
     kinds = of_liar(axis, Exact(), lambda cell: not (axis == "dead_points" and "slider" not in cell.line))
     assert kinds and set(kinds) == {Kind.right}
+
+
+@pytest.mark.parametrize(
+    ("solver", "line", "other"),
+    [("hht", "force", {"alpha": -0.2}), ("generalised_alpha", "velocity", {"rho_inf": 0.7, "form": "index3"})],
+)
+def test_multipliers_find_back_as_the_closed_recurrence_of_the_method_says_and_of_no_other(solver, line, other):
+    cells = small("multiplier_modes", solver)
+    assert {measure(cell, solver).kind for cell in cells} == {Kind.right}
+    (cell,) = [cell for cell in cells if cell.line.startswith(line)]
+    found = measure(replace(cell, options={**cell.options, **other}), solver)
+    assert found.kind is Kind.wrong and found.errors["multipliers"] > 0.01
 
 
 def test_an_exception_is_a_crash():
@@ -227,6 +261,29 @@ def test_a_sentence_says_where_a_solver_is_safe():
         )
     assert found.sentence("shy") == "shy can be asked none of these."
     assert letters(found.measured)["bad"] == {"h = 1 s": "rW"}
+
+
+def counted(axis, x, line, iterations, accepted, rejected):
+    steps = {"newton_iterations": iterations, "steps": accepted, "attempts": accepted + rejected}
+    return Measured("hht", axis, x, line, outcome(Kind.right, **steps))
+
+
+def test_iterations_a_step_are_told_of_steps_tried_and_accepted_beside_the_figure():
+    measured = (
+        counted("order", 1e10, "rtol 0.001", 1000, 88, 84),
+        counted("stiffness", 1e4, "rtol 0.001", 300, 100, 0),
+        counted("masses", 1e8, "rtol 0.0001", 9000, 10, 0),
+        counted("masses", 1e-8, "h = 0.001 s", 700, 100, 0),
+        counted("spin", 1.0, "rtol 0.001", 9000, 10, 0),
+    )
+    axes = chosen_axes(["order", "stiffness", "masses"])
+    found = Stability(axes=axes, solvers=("hht",), seed=0, measured=measured, seconds=1.0)
+    tried, accepted, above, _, fixed, _ = efforts(found)
+    assert tried.worst == 1000 / 172 and tried.mean == 1300 / 272 and tried.verdict == "met"
+    assert accepted.worst == 1000 / 88 and accepted.verdict == "missed" and "order 1e+10, rtol 0.001" in str(accepted)
+    assert above.light_above and above.verdict == "no figure"
+    assert fixed.asked == "h = 0.001 s" and fixed.verdict == "missed"
+    assert "| 11.36" in markdown(found)
 
 
 def test_text_page_and_numbers_hold_every_cell(tmp_path):

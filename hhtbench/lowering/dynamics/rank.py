@@ -34,8 +34,8 @@ class ConstraintRank:
         return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
 
 
-def constraint_rank(rows: Any) -> ConstraintRank:
-    """Rank of ``rows`` (m + p, n) = [g_q; k_v], an array or sparse, of rows scaled to one.
+def constraint_rank(rows: Any, tolerance: float = RANK_TOLERANCE) -> ConstraintRank:
+    """Rank of ``rows`` (m + p, n) = [g_q; k_v], an array or sparse, of rows scaled to one, up to ``tolerance`` of them.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def constraint_rank(rows: Any) -> ConstraintRank:
     if count == 0:
         return ConstraintRank(0, 0, ())
     if not isinstance(rows, np.ndarray):
-        redundant = _dependent(_unit_rows(rows), RANK_TOLERANCE * count**0.5)
+        redundant = _dependent(_unit_rows(rows), tolerance * count**0.5)
         return ConstraintRank(count, count - len(redundant), redundant)
     largest = np.abs(rows).max(axis=1, keepdims=True)
     unit = rows / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
@@ -55,7 +55,7 @@ def constraint_rank(rows: Any) -> ConstraintRank:
     _expect_finite(unit)
     triangle, pivots, *_ = lapack.dgeqp3(unit.T)
     diagonal = np.abs(triangle.diagonal())
-    rank = int((diagonal > RANK_TOLERANCE * count**0.5).sum())
+    rank = int((diagonal > tolerance * count**0.5).sum())
     return ConstraintRank(count, rank, tuple(sorted(int(i) - 1 for i in pivots[rank:])))
 
 

@@ -2,24 +2,50 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import hhtbench as hb
 from hhtbench.studies.acceptance.asked import Asked
-from hhtbench.studies.acceptance.rows import Finding, every, row, tested
+from hhtbench.studies.acceptance.rows import Finding, Verdict, every, row, tested
 from hhtbench.studies.acceptance.scenes import PENDULUM, ends
 
-A1 = tested(
+MAIN = "from hhtbench.cli import main; main()"
+PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
+
+
+@row(
     "A1",
-    "the same hostile cases through every adapter",
+    "the random systems of R8 and the faults of R9, in a process of its own for every solver",
     "no hang, no crash reaches the caller; silent errors are caught",
-    "the other rows' columns, and tests/testing/test_solvers.py (hhtbench.testing.check_solver on every solver)",
-    gap="the 150 cases as such, each in a process of its own; only the fast rows of hht and ida are asked by the tests",
+    long=True,
+    gap="the 150 cases of the matrix' table, each in a process of its own",
 )
+def apart_from_the_caller(asked: Asked) -> Finding:
+    """It ends by itself with its outcomes, of which none fails: R8 tells hangs and what is wrong in silence."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "outcomes.json"
+        command = [sys.executable, "-c", MAIN, "study", "acceptance", "R8", "R9"]
+        command += ["--solver", asked.name, "--json", str(file)]
+        try:
+            ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+        except subprocess.TimeoutExpired:
+            return Finding(measured=f"hangs: no end after {PATIENCE:g} s", holds=False)
+        if not file.exists():
+            last = " ".join(ended.stderr.splitlines()[-1:])
+            return Finding(measured=f"crashes: the process ends with {ended.returncode}: {last}", holds=False)
+        found = {x["id"]: x for x in json.loads(file.read_text())["outcomes"]}
+    told = "; ".join(f"{name} {x['verdict']}: {x['measured']}" for name, x in found.items())
+    holds = set(found) == {"R8", "R9"} and all(x["verdict"] == Verdict.holds.name for x in found.values())
+    return Finding(measured=told, holds=holds, failing=tuple(case for x in found.values() for case in x["failing"]))
 
 
 @dataclass

@@ -31,6 +31,7 @@ class Verdict(enum.Enum):
     fails = "FAILS"
     undecided = "-"  #: the solver cannot be asked this; the measured text says why
     tested = "tested"  #: by the tests that the measured text names, not by the study
+    in_part = "in part"  #: what was looked at holds, but is not all of the row: the measured text says what is not shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,17 +68,18 @@ class Row:
     expected: str
     measure: Measure | None  #: None: by ``tests`` alone
     tests: str = ""  #: where the row is tested, as pytest names it
-    gap: str = ""  #: what of the matrix' row those tests do not show
+    gap: str = ""  #: what of the matrix' row neither measurement nor tests show
     long: bool = False  #: takes longer than tests may
 
     def outcome(self, asked: Asked, *, timed: bool = True) -> Outcome:
         """Measure the row with a solver; what a measurement raises fails it, and being late where it is ``timed``."""
         began = time.perf_counter()
         if self.measure is None:
-            measured = f"{self.tests}; not shown: {self.gap}" if self.gap else self.tests
-            verdict, failing = Verdict.tested, tuple[str, ...]()
+            measured, verdict, failing = self.tests, Verdict.tested, tuple[str, ...]()
         else:
             measured, verdict, failing = _measured(self.measure, asked, timed)
+        if self.gap and verdict in (Verdict.holds, Verdict.tested):
+            measured, verdict = f"{measured}; not shown: {self.gap}", Verdict.in_part
         seconds = time.perf_counter() - began
         return Outcome(id=self.id, solver=asked.name, measured=measured, verdict=verdict, seconds=seconds, failing=failing)
 
@@ -95,11 +97,12 @@ def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict
     return found.measured, Verdict.holds if holds else Verdict.fails, found.failing
 
 
-def row(id: str, goes_in: str, expected: str, *, long: bool = False) -> Callable[[Measure], Measure]:
+def row(id: str, goes_in: str, expected: str, *, long: bool = False, gap: str = "") -> Callable[[Measure], Measure]:
     """Make a measurement the row ``id`` of its module."""
 
     def register(measure: Measure) -> Any:
-        measure.row = Row(id=id, goes_in=goes_in, expected=expected, measure=measure, long=long)  # type: ignore[attr-defined]
+        found = Row(id=id, goes_in=goes_in, expected=expected, measure=measure, long=long, gap=gap)
+        measure.row = found  # type: ignore[attr-defined]
         return measure
 
     return register

@@ -39,12 +39,13 @@ K4 = tested(
 )
 K5 = tested(
     "K5",
-    "database truncated, or copied alone",
+    "database truncated, copied alone, an older copy in its place",
     "detected; only whole rows are used",
     f"{STORE}::test_a_truncated_file_is_set_aside_and_only_rows_that_are_whole_are_used, "
     f"{DAMAGE}::test_without_its_journal_what_a_killed_writer_had_begun_is_not_used, "
-    "::test_a_file_that_ends_anywhere_is_told_or_harmless",
-    gap="an older copy of the file in its place: there is no count of rows and no chain of hashes",
+    "::test_a_file_that_ends_anywhere_is_told_or_harmless, "
+    f"{STORE}::test_an_older_copy_of_the_file_in_its_place_is_told",
+    gap="an older copy whose lock file was taken away, or a file with as many changes: there is no chain of hashes",
 )
 K6 = tested(
     "K6",
@@ -85,13 +86,13 @@ K11 = tested(
     "1e5 cells",
     "the cost of one does not grow with their number",
     "tests/campaign/test_waiting.py::test_the_work_of_handing_out_one_task_does_not_grow_with_their_number, "
-    f"{DAMAGE}::test_the_work_of_writing_a_row_does_not_grow_with_their_number",
-    gap="that appending a row stays below 5 ms and an fsync: instructions are counted, not seconds",
+    f"{DAMAGE}::test_the_work_of_writing_a_row_does_not_grow_with_their_number_and_stays_below_five_milliseconds",
 )
 K12 = tested(
     "K12",
     "SQLite before 3.51.3",
-    "one connection; the version is stored with the results",
-    f"{STORE}::test_two_runners_by_two_names_of_one_file_are_kept_apart",
-    gap="what an old version does: there is one writer by one lock, and its version is in every row's environment",
+    "one connection or the rollback journal; the version is stored with the results",
+    f"{STORE}::test_two_runners_by_two_names_of_one_file_are_kept_apart, "
+    "::test_rows_are_on_the_disk_when_put_returns (rollback journal, whatever the version), "
+    f"{EXECUTE}::test_a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only (the version in every row)",
 )

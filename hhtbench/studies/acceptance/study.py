@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -52,7 +51,7 @@ class Acceptance:
 
     @property
     def passed(self) -> bool:
-        """Whether no row fails with HHT."""
+        """Whether no row fails with HHT; one that holds in part is no failure, and is told."""
         return not any(x.verdict is Verdict.fails and x.solver.startswith("hht") for x in self.outcomes)
 
     def as_dict(self) -> dict[str, Any]:
@@ -65,15 +64,21 @@ class Acceptance:
 
     @property
     def summary(self) -> str:
-        """A line a solver: how many rows hold, and which fail."""
-        return "\n".join(map(self._line, dict.fromkeys(x.solver for x in self.outcomes)))
+        """A line a solver: how many rows hold, which in part, which fail; and which only this study measures."""
+        lines = [self._line(solver) for solver in dict.fromkeys(x.solver for x in self.outcomes)]
+        long = [x.id for x in self.rows if x.long]
+        only = f"measured by this study only, since tests may not take so long: {', '.join(long)}"
+        return "\n".join(lines + [only] * bool(long))
 
     def _line(self, solver: str) -> str:
         found = [x for x in self.outcomes if x.solver == solver]
-        count = Counter(x.verdict for x in found)
-        failed = [x.id for x in found if x.verdict is Verdict.fails]
-        line = f"{solver}: {count[Verdict.holds]} rows hold, {len(failed)} fail, {count[Verdict.undecided]} cannot be asked"
-        return line + (f"; failing: {', '.join(failed)}" if failed else "")
+        ids = {verdict: [x.id for x in found if x.verdict is verdict] for verdict in Verdict}
+        held, some = len(ids[Verdict.holds]) + len(ids[Verdict.tested]), ids[Verdict.in_part]
+        line = f"{solver}: {held} rows hold"
+        line += f" ({len(ids[Verdict.tested])} of them by tests of their own)" if ids[Verdict.tested] else ""
+        line += f", {len(some)} hold in part" + (f" ({', '.join(some)})" if some else "")
+        line += f", {len(ids[Verdict.fails])} fail" + (f" ({', '.join(ids[Verdict.fails])})" if ids[Verdict.fails] else "")
+        return f"{line}, {len(ids[Verdict.undecided])} cannot be asked"
 
 
 def all_rows() -> dict[str, Row]:
@@ -118,4 +123,4 @@ def shown(measured: Row, outcomes: Sequence[Outcome]) -> str:
     """A row as text: its two sentences and a line a solver."""
     core = " (core)" if measured.id in CORE else ""
     lines = [f"{measured.id}{core}: {measured.goes_in}", f"    expected: {measured.expected}"]
-    return "\n".join(lines + [f"    {x.verdict.value:<6} {x.solver:<13} {x.measured} [{x.seconds:.2g} s]" for x in outcomes])
+    return "\n".join(lines + [f"    {x.verdict.value:<7} {x.solver:<13} {x.measured} [{x.seconds:.2g} s]" for x in outcomes])

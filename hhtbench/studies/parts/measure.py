@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 import tracemalloc
@@ -23,6 +24,7 @@ from hhtbench.studies.parts.scenes import H, Scene
 
 COUNTED = 20  # steps of the shorter of two runs whose calls are counted
 TIMED, START = 40_000, 2  # steps of runs that are timed: the latter is hardly more than a start
+BY_HAND = 50, 400  # steps by hand before, and those while what stays behind is measured
 TRACED = 500, 8200  # steps of two runs: room for steps grows fourfold from 513, both fill theirs
 ENDS = (hb.Status.success, hb.Status.max_steps)  # of runs that are measured
 
@@ -35,7 +37,10 @@ class Cost:
     once: Mapping[str, float]  #: the same of start and end together
     seconds: float  #: of processor time a step, in machine code
     memory: int  #: bytes of the arrays that the loop works in
-    allocated: float  #: bytes a step
+    allocated: float  #: bytes a step, of the rows that are kept for the caller
+    operations: int  #: arithmetic of all functions of a step in machine code
+    python: float  #: calls of functions, Python's own too, a step: whatever Python allocates, one of these does
+    left: float  #: bytes that a step by hand leaves behind, where no rows are kept
 
 
 def height(t: Any, q: Any, v: Any) -> Any:
@@ -130,12 +135,61 @@ def _seconds(action: Callable[[int], object], steps: int) -> float:
     return time.process_time() - began
 
 
-def memory_of(scene: Scene) -> int:
-    """Bytes of the arrays that the loop works in."""
+def by_hand(scene: Scene) -> Any:
+    """HHT at the start of the scene."""
     hht, accuracy = scene.integrator(height), {"rtol": 1e-4} if scene.controlled else {"step": H}
     hht.init_step(0.0, scene.q0, scene.v0, **accuracy)
-    z = hht._engine.loops.z
+    return hht
+
+
+def memory_of(scene: Scene) -> int:
+    """Bytes of the arrays that the loop works in."""
+    z = by_hand(scene)._engine.loops.z
     return int(z.w.nbytes + z.i.nbytes)
+
+
+def operations_of(scene: Scene) -> int:
+    """Of all functions of a step in machine code."""
+    return sum(code.operations for code in by_hand(scene)._engine.functions._codes.values())
+
+
+def python_of(scene: Scene) -> float:
+    """Calls of functions in Python, built-in ones too, by which a longer run in machine code has more a step."""
+    return (_calls_in_python(scene, 2 * COUNTED) - _calls_in_python(scene, COUNTED)) / COUNTED
+
+
+def _calls_in_python(scene: Scene, steps: int) -> int:
+    """The least of three runs: what looks at a clock may be called once more."""
+    counts = []
+    for _ in range(3):
+        events: Counter[str] = Counter()
+        before = sys.getprofile()
+        sys.setprofile(lambda frame, event, _, events=events: events.update((event,)))  # type: ignore[misc]
+        try:
+            run(scene, steps)
+        finally:
+            sys.setprofile(before)
+        counts.append(events["call"] + events["c_call"])
+    return min(counts)
+
+
+def left_by(scene: Scene) -> float:
+    """Bytes that a step by hand leaves behind."""
+    hht, (before, steps) = by_hand(scene), BY_HAND
+
+    def held(count: int) -> int:
+        for _ in range(count):
+            if (status := hht.step()) is not hb.Status.success:
+                raise ProblemError(f"{type(scene.system).__name__}: {status.label}: {hht.message}")
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first = held(before)
+        return (held(steps) - first) / steps
+    finally:
+        tracemalloc.stop()
 
 
 def allocated_by(scene: Scene) -> float:
@@ -160,7 +214,16 @@ def costs_of(scenes: Mapping[str, Scene], rounds: int) -> dict[str, Cost]:
     found = {}
     for name, scene in scenes.items():
         step, once = calls_of(scene)
-        found[name] = Cost(step, once, seconds[name], memory_of(scene), allocated_by(scene))
+        found[name] = Cost(
+            calls=step,
+            once=once,
+            seconds=seconds[name],
+            memory=memory_of(scene),
+            allocated=allocated_by(scene),
+            operations=operations_of(scene),
+            python=python_of(scene),
+            left=left_by(scene),
+        )
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -47,7 +47,10 @@ class Part:
     name: str
     absent: Scene
     present: Scene
-    terms: tuple[str, ...] = ()  #: functions that are called for it alone; none: it has but a price
+    terms: tuple[str, ...] = ()  #: functions that are called for it alone
+    more: tuple[str, ...] = ()  #: functions that it must call more often; without these and terms it calls none
+    longer: bool = False  #: whether functions of a step are longer for it
+    room: bool = False  #: whether the loop needs room for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,26 +75,34 @@ PARTS = (
         absent=Scene(system=ConstantMass()),
         present=Scene(system=VariableMass()),
         terms=("mass_matrix", "mass_product_jacobian"),
+        room=True,
     ),
-    Part(name="force of v", absent=SPRING, present=Scene(system=Damped())),
-    Part(name="g", absent=SPRING, present=SPHERE, terms=(*POSITION, *MULTIPLIERS)),
-    Part(name="k", absent=SPRING, present=Scene(system=Skate()), terms=VELOCITY),
+    Part(name="force of v", absent=SPRING, present=Scene(system=Damped()), longer=True),
+    Part(name="g", absent=SPRING, present=SPHERE, terms=(*POSITION, *MULTIPLIERS), longer=True, room=True),
+    Part(name="k", absent=SPRING, present=Scene(system=Skate()), terms=VELOCITY, longer=True, room=True),
     Part(
         name="time in g",
         absent=SPHERE,
         present=Scene(system=Breathing(), v0=np.array([0.1, 0.5, 0.0])),
+        more=("constraint",),
+        longer=True,
     ),
-    Part(name="nonlinear reaction", absent=SPHERE, present=Scene(system=Cubic())),
-    Part(name="events", absent=SPRING, present=Scene(system=Spring(), watched=True), terms=("event",)),
+    Part(name="nonlinear reaction", absent=SPHERE, present=Scene(system=Cubic()), more=("reaction",), longer=True),
+    Part(name="events", absent=SPRING, present=Scene(system=Spring(), watched=True), terms=("event",), room=True),
     Part(
         name="energy",
         absent=SPRING,
         present=Scene(system=Measured()),
         terms=("energy", "power", "invariants"),
     ),
-    Part(name="error control", absent=SPHERE, present=Scene(system=Sphere(), controlled=True)),
+    Part(name="error control", absent=SPHERE, present=Scene(system=Sphere(), controlled=True), more=("constraint",)),
     Part(name="rows between steps", absent=SPRING, present=Scene(system=Spring(), rows="between")),
-    Part(name="rows with multipliers", absent=SPHERE, present=Scene(system=Sphere(), rows="between")),
+    Part(
+        name="rows with multipliers",
+        absent=SPHERE,
+        present=Scene(system=Sphere(), rows="between"),
+        more=("constraint_acceleration",),
+    ),
     Part(name="dense output", absent=SPRING, present=Scene(system=Spring(), rows="steps")),
 )
 COUPLED, LONG = chain(6, coupled=True), chain(60)
@@ -114,9 +125,30 @@ class PartCost:
 
     @property
     def fault(self) -> str:
-        """What is called for the part where it is absent; empty: nothing, or it has no calls of its own."""
-        once, step = (own(calls, self.part.terms) for calls in (self.absent.once, self.absent.calls))
-        return f"{self.part.name}: {once:g} calls and {step:g} a step where it is absent" if once or step else ""
+        """What the part costs where it is absent, or what shows that it was not looked at; empty: nothing."""
+        return "; ".join(f"{self.part.name}: {text}" for text in (*self._calls(), *self._allocations()))
+
+    def _calls(self) -> Iterator[str]:
+        part, absent, present = self.part, self.absent, self.present
+        once, step = (own(calls, part.terms) for calls in (absent.once, absent.calls))
+        if once or step:
+            yield f"{once:g} calls and {step:g} a step where it is absent"
+        few, many = (own(x.calls, part.more) for x in (absent, present))
+        if part.more and not few < many:
+            yield f"{few:g} calls a step of {', '.join(part.more)} where it is absent, {many:g} where it is there"
+        if part.longer and not absent.operations < present.operations:
+            yield f"{absent.operations} operations where it is absent, {present.operations} where it is there"
+        if not (part.terms or part.more or part.longer) and absent.calls != present.calls:
+            yield "it calls functions of the system"
+
+    def _allocations(self) -> Iterator[str]:
+        absent = self.absent
+        if absent.python > 0.0:
+            yield f"{absent.python:g} calls in Python a step where it is absent"
+        if absent.left > ROUNDING:
+            yield f"{absent.left:.3g} bytes left behind by a step where it is absent"
+        if self.part.room and not absent.memory < self.present.memory:
+            yield f"{absent.memory} bytes of the loop's arrays where it is absent, {self.present.memory} where it is there"
 
     def row(self) -> list[str]:
         """Of the table: absent and present, of calls, time and memory."""
@@ -127,6 +159,9 @@ class PartCost:
             _both(sum(x.calls.values()) for x in sides),
             *(f"{1e6 * x.seconds:.2f}" for x in sides),
             *(str(x.memory) for x in sides),
+            _both(x.operations for x in sides),
+            _both(x.python for x in sides),
+            _both(x.left if x.left > ROUNDING else 0.0 for x in sides),
             _both(x.allocated if x.allocated > ROUNDING else 0.0 for x in sides),
         ]
 
@@ -188,7 +223,8 @@ class Study:
         return {"schema": "hhtbench.parts/1", "parts": parts, "reductions": gains}
 
     def __str__(self) -> str:
-        parts = ["part", "its calls", "all calls", "us absent", "us present", "B absent", "B present", "B a step"]
+        parts = ["part", "its calls", "all calls", "us absent", "us present", "B absent", "B present"]
+        parts += ["operations", "in Python", "B left", "B of rows"]
         gains = ["reduction", "switch", "us with", "us without", "gain", "apart", "describe"]
         tables = [
             tabulate([x.row() for x in self.parts], headers=parts, disable_numparse=True),
@@ -199,10 +235,13 @@ class Study:
 
 NOTES = """A step in the mean, `absent -> present` where there is one column: calls of a system of plain callables, whose
 derivatives are differences, with the terms that are derived; microseconds of processor time in machine code; bytes of the
-arrays that the loop works in, and bytes a step by which a run grows, to some hundred: its arrays grow fourfold. That an
-absent part costs nothing is judged by its calls; of one that has none of its own (none) there are prices only. Room for
+arrays that the loop works in; operations of all functions of a step in machine code; calls of functions in Python, without
+which nothing is allocated, in such a run; bytes that steps by hand leave behind, and those by which a run grows that keeps
+its rows, to some hundred: its arrays grow fourfold. Judged of an absent part: no calls of its own, none in Python, no bytes
+left behind; of functions that it shares fewer calls or operations than with it, and of what only reads none at all. Room for
 error control and steps of up to 24 MB are kept in any case. Derivatives that are zero are no reduction: the compiler leaves
-them out."""
+them out. Separable parts are not reduced; a constant G has no switch of its own: its entries are
+constants of the matrix."""
 
 
 def study_parts(rounds: int = 9, tell: Callable[[int, int], None] = lambda done, total: None) -> Study:

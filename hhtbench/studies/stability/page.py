@@ -15,6 +15,7 @@ from hhtbench.report import STABILITY, colours
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.wording import anchor
+from hhtbench.studies.stability.newton import newton_table
 from hhtbench.studies.stability.study import Stability
 from hhtbench.studies.stability.tables import ABOUT, TITLE, allowed, counts
 from hhtbench.studies.stability.workers import Measured
@@ -61,6 +62,7 @@ def stability_page(found: Stability) -> str:
         classes="\n".join(f"<li><b>{kind.label}</b>: {escape(kind.text)}</li>" for kind in MARKS),
         sentences="\n".join(f"<p>{escape(found.sentence(solver))}</p>" for solver in found.solvers),
         counts=html_table(counts(found)),
+        newton=html_table(newton_table(found)),
         sections="\n".join(_section(found, axis, drawings) for axis in found.axes),
         seed=str(found.seed),
         minutes=f"{found.seconds / 60:.0f}",

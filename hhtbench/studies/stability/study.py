@@ -143,6 +143,7 @@ def _plain(x: Measured) -> dict[str, Any]:
         "share": o.share,
         "steps": o.steps,
         "evaluations": o.evaluations,
+        "attempts": o.attempts,
         "newton_iterations": o.newton_iterations,
         "seconds": o.seconds,
     }

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from hhtbench.report.markdown import escape_text, markdown_table
 from hhtbench.report.tables import Cell, Table, make_table
+from hhtbench.studies.stability.newton import newton_table
 from hhtbench.studies.stability.study import SAFE, Stability, letters
 from hhtbench.testing.extremes.cell import Axis, Kind
 
@@ -18,8 +19,7 @@ ABOUT = (
     "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
     "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
     f"{100 * SAFE:g} % are right. Open: trace, minors and determinant of a step are not fitted apart, its rows are "
-    "those of the closed recurrence; the condition of Newton's matrix is not measured, as solvers do not report it; "
-    "multiplier modes are judged by their error twenty rows after a jump of the force, their decay is not fitted."
+    "those of the closed recurrence. The condition of Newton's matrix is judged by hhtbench verify paper, for HHT alone."
 )
 
 
@@ -80,6 +80,7 @@ def markdown(found: Stability) -> str:
     parts += ["## Where each solver is safe"]
     parts += ["\n".join(f"- {escape_text(found.sentence(solver))}" for solver in found.solvers)]
     parts += ["## Right cells", *markdown_table(counts(found))]
+    parts += ["## Newton's iterations", *markdown_table(newton_table(found))]
     for axis in found.axes:
         parts += [f"## {axis.name}", escape_text(axis.sentence), f"Parameter: {axis.label}; {points(found, axis)}."]
         parts += markdown_table(lines(found, axis))

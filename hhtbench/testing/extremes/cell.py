@@ -16,7 +16,7 @@ from hhtbench.api import solve
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_solver
-from hhtbench.result import Solution, Status
+from hhtbench.result import Counters, Solution, Status
 from hhtbench.specs import parse_spec
 
 SECONDS = 3.0  # of one solve, unless a cell says otherwise
@@ -88,6 +88,7 @@ class Outcome:
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None
+    attempts: int | None = None  #: of steps: those accepted and those rejected
     newton_iterations: int | None = None
     seconds: float = 0.0  #: on the clock, compilation included
 
@@ -163,6 +164,7 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
         message=found.message,
         steps=found.counters.steps_accepted,
         evaluations=found.counters.residual_evaluations,
+        attempts=_attempts(found.counters),
         newton_iterations=found.counters.newton_iterations,
     )
     if not found.success:
@@ -171,6 +173,13 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
     shares = [errors[name] / known.most for name, known in cell.expected.items()]
     share = max((x if math.isfinite(x) else math.inf for x in shares), default=math.inf)
     return replace(ended, kind=Kind.right if share <= 1.0 else Kind.wrong, errors=errors, share=share)
+
+
+def _attempts(c: Counters) -> int | None:
+    """None where one of them is not counted."""
+    if c.steps_accepted is None or c.steps_rejected_error is None or c.steps_rejected_newton is None:
+        return None
+    return c.steps_accepted + c.steps_rejected_error + c.steps_rejected_newton
 
 
 def _kind(status: Status) -> Kind:

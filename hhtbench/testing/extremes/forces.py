@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import REACTION, exact, motion, reacting
+from hhtbench.testing.extremes.known import REACTION, exact, motion, own_multipliers, reacting
 from hhtbench.testing.extremes.scenes import Rubbing, Sliding, bouncing, pushed, sliding
 from hhtbench.testing.subject import ACCURACY
 
@@ -55,8 +55,7 @@ def wrong_a0(seed: int) -> Iterator[Cell]:
 
 def _late_multipliers(problem: Problem, found: Solution) -> float:
     """Largest scaled error of the multipliers that the solver itself holds, where it holds some."""
-    own = found.lam if found.carried is None else found.carried["lam"]
-    late = np.abs(own - exact(problem, found, "lam"))[min(LATE, found.t.size // 2) :] / problem.scales.lam
+    late = np.abs(own_multipliers(found) - exact(problem, found, "lam"))[min(LATE, found.t.size // 2) :] / problem.scales.lam
     return float(np.max(late, initial=0.0))
 
 

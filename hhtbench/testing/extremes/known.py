@@ -41,10 +41,15 @@ def off_reaction(problem: Problem, found: Solution) -> float:
     return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:] / problem.scales.lam))
 
 
-def off(problem: Problem, found: Solution) -> float:
+def off(problem: Problem, found: Solution, *further: Solution) -> float:
     """Largest scaled error of q and v over the rows."""
     parts = ((exact(problem, found, name) - getattr(found, name)) / getattr(problem.scales, name) for name in ("q", "v"))
     return float(np.max([np.max(np.abs(part)) for part in parts]))
+
+
+def own_multipliers(found: Solution) -> Matrix:
+    """Those (k, m) that the solver itself holds, where it holds some."""
+    return found.lam if found.carried is None else np.asarray(found.carried["lam"])
 
 
 def exact(problem: Problem, found: Solution, name: str) -> Matrix:

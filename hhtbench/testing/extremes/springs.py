@@ -125,7 +125,7 @@ def _sway(power: int) -> float:
 @axis("order", "stiffness of the spring [N/m]")
 def order(seed: int) -> Iterator[Cell]:
     """Order at intermediate stiffness: a pendulum on a stiff spring, steps around its period: certified references."""
-    for power in (2, 4, 6, 8, 10, 12):
+    for power in (2, 4, 6, 8, 10, 12, 14):
         make = partial(_sprung, power)
         small = power in (2, 10)
         given: dict[str, Any] = {"x": 10.0**power, "make": make}

@@ -8,6 +8,8 @@ from hhtbench.errors import NotFoundError
 from hhtbench.testing.extremes.cell import Axis
 from hhtbench.testing.extremes.forces import contact, friction, jump, wrong_a0
 from hhtbench.testing.extremes.long import long_run, longer_run
+from hhtbench.testing.extremes.modes import multiplier_modes
+from hhtbench.testing.extremes.quaternions import quaternions
 from hhtbench.testing.extremes.ranks import dead_points, rank, redundant
 from hhtbench.testing.extremes.recurrence import amplification
 from hhtbench.testing.extremes.rods import masses, origin, perturbations, ratios, span, tension, units
@@ -16,11 +18,13 @@ from hhtbench.testing.extremes.springs import dampers, order, spin, steps, stiff
 AXES = (
     amplification,
     perturbations,
+    multiplier_modes,
     wrong_a0,
     stiffness,
     order,
     dampers,
     spin,
+    quaternions,
     masses,
     tension,
     steps,

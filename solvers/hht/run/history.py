@@ -87,12 +87,24 @@ class History:
         self.commit(1)
         self._remarks.append(remark)
 
-    def last(self, count: int) -> list[Matrix]:
-        """t, q and v, (k, 1), (k, n) each, of at most ``count`` of the last rows, since the state was last changed."""
+    def cut(self, steps: int) -> None:
+        """Forget the last ``steps``, and the events in them."""
+        self._count -= steps
+        begin, end = self.span
+        for each in self._occurrences:
+            each[:] = [o for o in each if abs(o.t - begin) <= abs(end - begin)]
+
+    def last(self, count: int, which: Sequence[int] = (0, 2, 3)) -> list[Matrix]:
+        """t, q and v, (k, 1), (k, n) each, or ``which`` parts, of ``count`` last rows at most, after any change of state."""
         first = max(self._count - count, 0)
         changed = np.flatnonzero(self._rows[first : self._count, 1] == 0.0)
         first += int(changed[-1]) if changed.size else 0
-        return [self._rows[first : self._count, self._layout.parts[i]] for i in (0, 2, 3)]
+        return [self._rows[first : self._count, self._layout.parts[i]] for i in which]
+
+    def lengths_and_states(self) -> tuple[Vector, Matrix, Matrix]:
+        """h (k,), q and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        h, q, v = self._columns(1, 2, 3)
+        return h[:, 0], q, v
 
     def handing_over(self) -> float:
         """About how many seconds it takes to hand over the rows, multipliers apart."""

@@ -19,6 +19,7 @@ from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure
 from solvers._start import Place as Start
+from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 
@@ -138,7 +139,9 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         clear = _last(places, lambda place: rows.least(place) >= bound)
         found = last if clear is None else _vanishing(rows, clear)
         if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
-            return None
+            if rows.least(last) ** 3 >= EPS * rows.least(elsewhere) ** 3:  # (H51)
+                return None
+            found = last
         return _told(rows, clear or elsewhere, found)
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
@@ -177,7 +180,11 @@ def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition:
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
     lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
-    null = left[:, : sizes.size][:, lost]
+    return dependent_at(rows, found, left[:, : sizes.size][:, lost])
+
+
+def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
+    """The rows that depend on others at ``found``; ``null`` (m + p, d) are the left singular vectors of what is lost."""
     pivots = linalg.qr(null.T, mode="r", pivoting=True)[1][: null.shape[1]]
     s, out = rows.dynamics.structure, redundant_rows(rows.dynamics)
     kept = [i for i in range(s.m + s.p + len(out)) if i not in out]

@@ -22,16 +22,19 @@ from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.beside import settle
+from solvers.hht.run.by_velocity import lost_by_velocity
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
+from solvers.hht.run.ratios import amplified
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
+from solvers.hht.run.tension import grown
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -78,7 +81,7 @@ class Integration:
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
         note = f"{started.note} {self._unseen(self.stepper, state.size_q)}".strip()
-        solution = self._assembled(self.stepper, self._checked(end), note)
+        solution = self._assembled(self.stepper, self._checked(engine, end), note)
         idle.put_back(started.purpose, engine)
         return solution
 
@@ -130,14 +133,25 @@ class Integration:
         rows.q[which], rows.v[which] = q, v
         return str(unmet)
 
-    def _checked(self, end: Failure) -> Failure:
-        """``end``; where it is a success although floating-point times do not resolve the steps, a failure."""
+    def _checked(self, engine: Engine, end: Failure) -> Failure:
+        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow."""
         if end.status not in (Status.success, Status.event):
             return end
         rtol = ADDS_UP if self.request.rtol is None else float(np.min(self.request.rtol))
         made, elapsed = self.history.steps
         coarse = unresolved(self.history.span, made, rtol, elapsed)
-        return Failure(Status.time_resolution, coarse) if coarse else end
+        if coarse:
+            return Failure(Status.time_resolution, coarse)
+        found = self._grown(engine)
+        return Failure(Status.unreliable, found) if found else end
+
+    def _grown(self, engine: Engine) -> str:
+        """What prescribed steps have made grow, in words; or none."""
+        if self.steps is None:
+            return ""
+        even = self.steps.lengths is None
+        found = "" if even else amplified(engine.method, *self.history.lengths_and_states())
+        return found or grown(engine, *self.history.last(LAST_ROWS))
 
     def _nothing(self, failure: Failure) -> Solution:
         n = self.place.q.size
@@ -165,6 +179,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
         history.commit(accepted.made)
+        if lost := lost_by_velocity(stepper.engine, history, accepted.made):
+            return lost
         clock.kept_back = history.handing_over()
         each = (time.perf_counter() - began) / max(accepted.made, 1)
         count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))

@@ -266,7 +266,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     remedy = "take a smaller step" if by_error is None else JUMP
     if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
         remedy = "b is close to the singular value 1/2, take b = 0"
-    elif text := unstable(engine, state, h):
+    elif text := unstable(engine, [*engine.passed(), state], h):
         remedy = f"{text}, or a smaller step"
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
 from scipy import linalg
 
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol import declared
 from solvers._projection import Projection
@@ -27,18 +28,16 @@ SHORTENED = 3  # times: rows as large as their change may be anything
 LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
 FASTER = 100.0  # than the motion crosses what it covers
+GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
+VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
-def unstable(engine: Engine, state: State, h: float) -> str:
-    """For which vibration steps of ``h`` [s] are too long by (H33), in words with a remedy; or none.
-
-    Where a run fails, what has grown has bent the rods, and their tension with them: places before are asked too.
-    """
+def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
+    """For which vibration at one of ``places`` steps of ``h`` [s] are too long by (H33), in words with a remedy; or none."""
     b = engine.method.coefficients.b
-    if engine.method.equations != "hht" or b >= 0.5:
+    if not may_be_unstable(engine):
         return ""
     omega, limit, until = 0.0, LIMIT / math.sqrt(1.0 - 2.0 * b), time.perf_counter() + SECONDS
-    places: list[State | Place] = [*engine.passed(), state]
     for at in places:
         omega = max(omega, fastest(engine, at))
         if time.perf_counter() > until:
@@ -49,6 +48,36 @@ def unstable(engine: Engine, state: State, h: float) -> str:
         f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s "
         f"with b = {b:g}, h omega = {limit:.3g}; take b = 1"
     )
+
+
+def may_be_unstable(engine: Engine) -> bool:
+    """Whether steps of the method are too long for some vibration that reactions carry."""
+    return engine.structure.constrained and engine.method.equations == "hht" and engine.method.coefficients.b < 0.5
+
+
+def grown(engine: Engine, t: Matrix, q: Matrix, v: Matrix) -> str:
+    """Which vibration steps to the rows ``t`` (k, 1), ``q``, ``v`` (k, n) have made grow by (H33), in words; or none.
+
+    What grows so goes back and forth with the steps: only where the rows show that is the tension asked, at the start, where
+    that begins, before it has bent the rods, and at the end.
+    """
+    if len(t) < 5 or not may_be_unstable(engine):
+        return ""
+    way = q[1:] - q[:-1]
+    turned = way[1:] * way[:-1] < 0.0
+    again = turned[2:] & turned[1:-1] & turned[:-2]  # three times, one after the other: no motion that steps resolve
+    if not np.count_nonzero(again):
+        return ""
+    way, columns = np.abs(way), np.arange(q.shape[1])
+    first = again.argmax(axis=0)
+    largest = np.where(again, way[3:], 0.0).max(axis=0)
+    if not (largest > np.maximum(GROWN * way[first, columns], VISIBLE * float(np.abs(q).max()))).any():
+        return ""
+    begins = int(first[again.any(axis=0)].min())
+    places = [engine.place, *(Place(float(t[i, 0]), q[i], v[i]) for i in (begins, len(t) - 1))]
+    with uncounted():
+        text = unstable(engine, places, float(np.abs(np.diff(t[:, 0])).max()))
+    return text and f"growth: a vibration that goes back and forth with the steps has grown: {text}"
 
 
 def followed(engine: Engine, state: State, h: float, covered: float) -> str:

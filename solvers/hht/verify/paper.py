@@ -12,6 +12,7 @@ from hhtbench import load_problem
 from hhtbench.arguments import Vector
 from hhtbench.evidence import Evidence, Row
 from solvers.hht.solver import HHT
+from solvers.hht.verify.conditioning import CONDITIONS
 from solvers.hht.verify.damping import OSCILLATOR
 from solvers.hht.verify.figures import extrapolated, pendulum_figures, swinging_angle, test1_figures
 from solvers.hht.verify.measure import Case, alternating, guesses, known_at, refine, scaled_drift, solved, step_by_hand
@@ -193,6 +194,7 @@ STUDIES: tuple[Study, ...] = (
     *OSCILLATOR,
     *((multipliers, TEST1, alpha, (100, 200, 400, 800)) for alpha in (0.0, -0.3)),
     *((multipliers, PENDULUM, alpha, (500, 1000, 2000, 4000)) for alpha in (0.0, -0.3)),
+    *CONDITIONS,
     (drift, TEST1, 400, REACTIONS),
     (drift, PENDULUM, 2000, REACTIONS),
     (second_order, KNIFE, "velocity-level", "q v mu", (100, 200, 400, 800), IMPLICIT),

@@ -1,0 +1,101 @@
+"""A second opinion of a hostile run's motion, wherever it says success.
+
+Steps that resolve what is fastest, clear of lost rank, are integrated anew by the fuzzing's own equations.  A run of which
+that cannot be done with every step that is looked at has another run beside it, of the same motion put so that nothing of it
+is extreme: in units in which its size, its masses and what is fastest are about one, from t0 = 0, with rows of scale one,
+by full matrices, under error control with a tenth of the tolerance.  How much the two may differ follows from what the first
+may err by and from the conditioning: how far the end moves where every number is a little off, as a third run shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hhtbench import Solution
+from hhtbench.testing.subject import expect
+from tests.fuzz.mechanism import Unit
+from tests.fuzz.oracles import EPS, TOLERANCES, own_equations
+from tests.fuzz.runs import HOSTILE, Setting
+from tests.fuzz.twins import CLOSE, apart
+
+EVERY = 10  # steps of a run that are integrated anew
+FINER, FINEST = 0.1, 1e-12  # tolerance of the second run over the first's; no finer than the second
+PATIENT = 10 * HOSTILE  # evaluations of the second run
+SHAKEN = 1e-6, 1e-2  # relative changes of every number: the tolerance, but no less and no more than these
+LITTLE = 0.3  # of the sizes: a larger bound does not say much
+KEPT = ("places", "anchor", "length")  # numbers that have to agree with one another
+UNMET = ("nan", "raise")  # spoils that a run which says success has not met
+OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
+
+EQUATIONS, RUN, NOTHING = "its steps integrated anew", "a second run", "no motion to judge"
+LOOSE = f"a second run, to more than {LITTLE:g} of the sizes"
+UNJUDGED = "cannot be judged: the second run does not arrive"
+
+
+def second_opinion(setting: Setting, s: Solution) -> str:
+    """By what the motion was judged; what is wrong with it is an AssertionError."""
+    if s.t.size < 2 or s.t[-1] == s.t[0]:
+        return NOTHING
+    with np.errstate(all="ignore"):
+        if setting.case.spoil is None and own_equations(setting, s, EVERY):
+            return EQUATIONS
+        length, _, time = units = plain_units(setting)
+        plain, shake = plainly(setting, s, units), float(np.clip(setting.case.way.rtol, *SHAKEN))
+        second = arrived(plain)
+        if second is None:
+            return UNJUDGED
+        third = arrived(plainly(setting, s, units, shake))
+        moved = np.inf if third is None else apart(plain, second, third.q[-1], third.v[-1]) / shake
+        bound = errors(setting, s) * (1.0 + moved)
+        off = apart(plain, second, s.q[-1] * length, s.v[-1] * (length / time))
+    told = f"the end, row {s.t.size - 1}, is {off:.1e} of the sizes beside that of the same motion in plain units"
+    expect(off <= bound, f"{told}, over {bound:.1e}")
+    return RUN if bound <= LITTLE else LOOSE
+
+
+def plain_units(setting: Setting) -> tuple[float, float, float]:
+    """How many of the units in which size, masses and rate are one make up a metre, a kilogram, a second."""
+    size, masses = setting.judge.sizes[0], setting.judge.p.mass
+    heavy = np.exp(np.mean(np.log(masses[masses > 0.0]))) if np.any(masses > 0.0) else 1.0
+    return 1.0 / (size or 1.0), 1.0 / float(heavy), setting.rate
+
+
+def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], shake: float = 0.0) -> Setting:
+    """The same motion with nothing extreme; its numbers off by ``shake``."""
+    case, way, time, random = setting.case, setting.case.way, units[2], np.random.default_rng(0)
+
+    def number(name: str, x: np.ndarray, _: Unit) -> np.ndarray:
+        if name in ("scale", "blade_scale"):
+            return np.ones_like(x)
+        return 0.0 * x if name == "t0" else x if name in KEPT else x * (1.0 + shake * random.uniform(-1.0, 1.0, x.shape))
+
+    options = {**way.options, "linsolver": "dense"}
+    if "min_step" in options:
+        options["min_step"] *= time
+    ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
+    interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
+    kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
+    new = replace(
+        case,
+        made=setting.made.in_units(*units).but(number),
+        way=replace(way, options=options, watch="" if ended else way.watch, budget={}),
+        spoil=case.spoil if kept else None,
+    )
+    return Setting(new, setting.solver, interval * time)
+
+
+def arrived(plain: Setting) -> Solution | None:
+    """Its run, under error control a finer one, if it says success."""
+    way = plain.case.way
+    found = plain.run(max_evaluations=PATIENT, rtol=None if way.steps else max(FINER * way.rtol, FINEST)).solution
+    return found if found is not None and found.success and np.isfinite(found.q[-1]).all() else None
+
+
+def errors(setting: Setting, s: Solution) -> float:
+    """What a run may err by over the sizes, of a motion that is well conditioned."""
+    way, spoil = setting.case.way, setting.case.spoil
+    found = CLOSE if way.steps else TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
+    found += EPS * float(np.abs(s.t).max()) * setting.rate  # of times
+    return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)
