@@ -74,6 +74,13 @@ def test_plain_callables_cannot_be_read():
     assert operations(PENDULUM_NUMPY, 0.0, np.array([0.6, -0.8]), np.zeros(2)) is None
 
 
+def test_a_coordinate_without_mass_has_no_acceleration_to_count():
+    class Light(Free):
+        mass_matrix: object = parameter([1.0, 0.0])
+
+    assert operations(Light(), 0.0, np.zeros(2), np.zeros(2)) is None
+
+
 @pytest.mark.parametrize(
     ("solver", "evaluates"),
     [

@@ -27,8 +27,9 @@ _counted = Cache(64)  # a second for some mechanisms
 
 
 def operations(system: System | NumpySystem, t: float, q: Vector, v: Vector) -> dict[str, int] | None:
-    """Operations of one residual and of one acceleration of ``system`` by name; None where its functions cannot be read.
+    """Operations of one residual and of one acceleration of ``system`` by name.
 
+    None where its functions cannot be read, or determine no acceleration.
     Of an acceleration that Newton's iteration finds, a reaction being nonlinear in the multipliers, one iteration.
     """
     dynamics = derive(system, t, q, v)
@@ -45,7 +46,7 @@ def _operations(dynamics: Any) -> dict[str, int] | None:
     try:
         residual = count_operations(kkt_residual, dynamics, shapes=((s.n + s.m + s.p,), (), (s.n,), (s.n,)))
         return {"residual": residual, "acceleration": _of_acceleration(dynamics, s)}
-    except (NotNative, NotImplementedError):  # the second: a pattern that cannot be read
+    except (NotNative, NotImplementedError, RuntimeError):  # a pattern that cannot be read; SuperLU: it is singular
         return None
 
 
