@@ -44,7 +44,7 @@ FEW, ALIKE = (
 OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
-PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=np.ones(1), v0=np.zeros(1))
 MOST_RUNS = 12
 BUDGETS = (Status.deadline, Status.evaluation_budget)
 TOLERATED = 3  # runs in a row that fail: some libraries start at tight tolerances only
@@ -163,7 +163,7 @@ class _Search:
         evaluations = self.request.max_evaluations
         if evaluations is not None:
             evaluations = max(evaluations - self.looks - sum(c.residual_evaluations or 0 for c in self.spent), 1)
-        kept = self.request.keep_steps or np.size(self.request.t_eval) < ROWS
+        kept = self.request.keep_steps or (self.request.t_eval is not None and self.request.t_eval.size < ROWS)
         request = replace(self.request, max_seconds=budget, max_evaluations=evaluations, keep_steps=kept, **asked)
         found = self.once(request)
         self.spent.append(found.counters)
