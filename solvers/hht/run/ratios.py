@@ -17,6 +17,7 @@ JUMPS = 2  # new heights that a blow may have given
 GROWN = 10.0  # times beside these: so much more has a vibration that the steps have made grow
 SEEN = 1e-6  # of the speeds' range up to there: less is how the motion itself is cut up
 VISIBLE = 1e-3  # of that range: what is told of
+TOLD = 5  # coordinates at most: each takes a product over the steps
 DIGITS = 1e-9  # of speeds, and of places over the time: less is roundoff, or harmless
 
 
@@ -94,7 +95,10 @@ def turns(h: Vector, v: Matrix) -> Matrix:
 
 
 def grown_ones(h: Vector, q: Matrix, v: Matrix, c: Coefficients) -> dict[int, float]:
-    """The coordinates that go to and fro with the steps, ever further, and how many times those steps amplify, (H53)."""
+    """Coordinates that go to and fro with the steps, ever further, and how many times those steps amplify, (H53).
+
+    The first ``TOLD`` of them.
+    """
     bends = turns(h, v)
     ranges = (np.maximum.accumulate(v) - np.minimum.accumulate(v)).max(axis=1)
     digits = DIGITS * float(np.abs(v).max() + np.abs(q).max() / np.abs(h).sum())
@@ -109,6 +113,8 @@ def grown_ones(h: Vector, q: Matrix, v: Matrix, c: Coefficients) -> dict[int, fl
                 times = amplification(c, np.abs(h[max(first - 1, 1) : last]))
                 if times >= min(grown, ALL_DIGITS):
                     found[i] = max(times, found.get(i, 0.0))
+        if len(found) == TOLD:
+            break
     return found
 
 
