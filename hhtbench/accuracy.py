@@ -3,42 +3,48 @@
 A tolerance bounds the local error, or what a solver takes for it; what is left at the end is 1 to 200 times as much, by
 problem.  Two runs whose settings differ by a fixed factor differ by the error of the coarser one; a third shows whether that
 contracts.  Only where it does is anything said.  `hhtbench verify accuracy` checks the estimate.
+
+Runs that step over the same place agree too.  So where they agree far better than was asked, in few steps, the equations of
+motion are looked at between the rows (:mod:`hhtbench.trust.stepped_over`).  What they say against the runs is either shown
+by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
+two-hundredth of the interval may lie between the places that are looked at, and one during a motion that needs more steps
+than that is not looked for.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from collections.abc import Callable
+from dataclasses import fields, replace
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_number
+from hhtbench.arguments import real_number
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, Solver
+from hhtbench.finer_runs import FinerRuns, Run
+from hhtbench.protocol import NumpySystem, Problem, Solver
 from hhtbench.request import Request
-from hhtbench.result import Counters, DenseOutput, ErrorEstimate, Solution, Status
+from hhtbench.result import Counters, Solution, Status
+from hhtbench.trust.stepped_over import PLACES, Look, stepped_over
 
 Once = Callable[[Request], Solution]
 
 ROWS = 101  # equal distances, where no output times are asked for
 LEAST = 1e-13  # of an error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
-FINER = {"rtol": 4.0, "steps": 2.0}  # between the two runs of a pair: both make a second-order error four times smaller
 COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
+FIRST = 1e-6  # tightest tolerance of the first run: beyond, one of low order may end at roundoff and show nothing
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
-CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
-SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
-AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
-SMALL = 0.1  # of the range of the motion: a difference below it should contract
 STALLS = 2  # so many that do not are noise
-LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
-LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
-ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
-ROUNDOFF = 1e-13  # scaled differences that are none
-AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
-MOST_FINER = 1e4  # at once, of a tolerance
+TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen nothing
+FEW, ALIKE = (
+    25,
+    1.2,
+)  # steps, and how many times as many in the last run as two before: they are looked at however they agree
+OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
+LEAST_OFF = 1e-11  # which the integration there does not see
+SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
+PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=np.ones(1), v0=np.zeros(1))
 MOST_RUNS = 12
 BUDGETS = (Status.deadline, Status.evaluation_budget)
 TOLERATED = 3  # runs in a row that fail: some libraries start at tight tolerances only
@@ -81,75 +87,71 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         n, none = problem.q0.size, np.empty((0, 0))
         empty = np.empty((0, n))
         return Solution(t=np.empty(0), q=empty, v=empty, lam=none, mu=none, status=Status.declined, message=reason)
-    found = _Search(problem, accuracy, request, once, kind)
-    found.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
-    found.known = getattr(solver, "judges_itself", False)
-    return found.run()
+    return _Search(problem, solver, accuracy, request, once, kind).run()
 
 
 def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tuple[str | None, str]:
     """Tolerances if the solver takes them, else the number of equal steps; None and the reason where it takes neither."""
-    reason = solver.accepts(problem, replace(request, rtol=COARSEST["rtol"]))
-    if reason is None:
-        return "rtol", ""
-    return ("steps", "") if solver.accepts(problem, replace(request, steps=25)) is None else (None, reason)
-
-
-@dataclass(frozen=True)
-class _Run:
-    setting: float  #: tolerance, or one over the number of steps
-    solution: Solution
+    asked = {"rtol": replace(request, rtol=COARSEST["rtol"]), "steps": replace(request, steps=round(1 / COARSEST["steps"]))}
+    reasons = {kind: solver.accepts(problem, one) for kind, one in asked.items()}
+    for kind, reason in reasons.items():
+        if reason is None:
+            return kind, ""
+    usual = next((kind for kind, one in asked.items() if solver.accepts(PLAIN, one) is None), "rtol")
+    return None, reasons[usual] or ""
 
 
 class _Search:
     """The runs so far, and what follows from them."""
 
-    def __init__(self, problem: Problem, accuracy: float, request: Request, once: Once, kind: str) -> None:
-        self.problem, self.accuracy, self.request, self.once, self.kind = problem, accuracy, request, once, kind
-        self.smooth = False  #: errors are a smooth function of the setting
-        self.known = False  #: a solver of which it is known that it heeds its tolerances
+    def __init__(self, problem: Problem, solver: Solver, accuracy: float, request: Request, once: Once, kind: str) -> None:
+        self.problem, self.solver, self.accuracy = problem, solver, accuracy
+        self.request, self.once, self.kind = request, once, kind
+        self.finer = FinerRuns(problem, kind)
+        self.finer.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
+        self.finer.known = getattr(solver, "judges_itself", False)
         self.last: Solution | None = None  #: of a run that failed
-        self.finer, self.order = FINER[kind], ORDER[kind]
-        self.runs: list[_Run] = []
-        self.differences: list[float] = []  #: between neighbouring runs
         self.spent: list[Counters] = []
+        self.looks = 0  #: evaluations between rows
+        self.shorter = list(SHORTER)  #: longest steps that are left to be tried
+        self.missed: tuple[Solution, Look] | None = None  #: a solution that stepped over something, and what was seen there
+        self.first = COARSEST[kind] if kind == "steps" else min(COARSEST[kind], max(accuracy, FIRST))
         self.ends = math.inf if request.max_seconds is None else time.perf_counter() + request.max_seconds
-
-    @property
-    def least_share(self) -> float:
-        """Of the last difference: what is believed to be left at least."""
-        return LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
 
     def run(self) -> Solution:
         """Runs until the error is shown to be small enough, or cannot be."""
-        setting, failed = min(COARSEST[self.kind], self.accuracy if self.kind == "rtol" else math.inf), 0
+        setting, failed = self.first, 0
         while True:
             found = self._solved(setting)
             if found.status is Status.success:
-                self._keep(_Run(setting, found))
+                self.finer.keep(Run(setting, found))
                 failed = 0
-                bound = self._bound()
-                known = self._agreement() if bound is None else bound
+                bound = self.finer.bound()
+                known = self.finer.agreement() if bound is None else bound
                 if known is not None and known <= self.accuracy:
-                    return self._finished(known)
-                setting = self._next(bound)
+                    doubt = self._doubt(known)
+                    if not doubt:
+                        return self._finished(known)
+                    if not self._shorten():
+                        return self._unknown(doubt)
+                    setting = self.first
+                else:
+                    setting = self.finer.next_setting(self.accuracy, bound)
             elif found.status is Status.event:
-                text = (
-                    f"An error of {self.accuracy:g} is not shown: a terminal event ended the run at {self._told(setting)}; "
-                )
+                text = f"An error of {self.accuracy:g} is not shown: a terminal event ended the run at {self._at(setting)}; "
                 text += "runs that end at times of their own are not compared."
-                return replace(found, status=Status.accuracy_not_shown, message=text, counters=_summed(self.spent))
+                return replace(found, status=Status.accuracy_not_shown, message=text, counters=self._work())
             else:
                 failed, self.last = failed + 1, found
-                if self.runs or failed == TOLERATED or found.status in BUDGETS:
+                if self.finer.runs or failed == TOLERATED or found.status in BUDGETS:
                     ended = f"{found.status.label}: {found.message.rstrip('.')}"
-                    return self._unknown(f"a run at {self._told(setting)} ended with {ended}", found)
-                setting /= self.finer
-            if self._stalls() >= STALLS:
+                    return self._unknown(f"a run at {self._at(setting)} ended with {ended}", found)
+                setting /= self.finer.finer
+            if self.finer.stalls() >= STALLS:
                 return self._unknown("finer runs do not come nearer to one another")
             if setting < FINEST[self.kind]:
                 return self._unknown(
-                    f"a setting below {self._told(FINEST[self.kind])} would be needed, which roundoff decides"
+                    f"a setting below {self._at(FINEST[self.kind])} would be needed, which roundoff decides"
                 )
             if len(self.spent) == MOST_RUNS:
                 return self._unknown(f"{MOST_RUNS} runs do not show it")
@@ -160,161 +162,95 @@ class _Search:
         budget = None if left == math.inf else max(left, 1e-3)
         evaluations = self.request.max_evaluations
         if evaluations is not None:
-            evaluations = max(evaluations - sum(c.residual_evaluations or 0 for c in self.spent), 1)
-        request = replace(self.request, max_seconds=budget, max_evaluations=evaluations, **asked)
+            evaluations = max(evaluations - self.looks - sum(c.residual_evaluations or 0 for c in self.spent), 1)
+        kept = self.request.keep_steps or (self.request.t_eval is not None and self.request.t_eval.size < ROWS)
+        request = replace(self.request, max_seconds=budget, max_evaluations=evaluations, keep_steps=kept, **asked)
         found = self.once(request)
         self.spent.append(found.counters)
         return found
 
-    def _keep(self, run: _Run) -> None:
-        if self.runs:
-            self.differences.append(float(np.max(self._rows_apart(self.runs[-1], run))))
-        self.runs.append(run)
-
-    def _rows_apart(self, coarse: _Run, fine: _Run) -> Vector:
-        """Scaled difference of q and v at every output time, (2, k)."""
-        a, b, scales = coarse.solution, fine.solution, self.problem.scales
-        return np.array([_apart(a.q, b.q, scales.q), _apart(a.v, b.v, scales.v)])
-
-    def _is_pair(self, last: int = 1) -> bool:
-        """Whether the settings of a run, counted from the last, and of that before it differ by no more than a pair's."""
-        if len(self.runs) <= last:
-            return False
-        return self.runs[-last - 1].setting / self.runs[-last].setting <= 1.01 * self.finer
-
-    def _bound(self) -> float | None:
-        """Of the last run's error, with SAFETY; None where the differences do not tell."""
-        if len(self.differences) < 2 or not self._is_pair():
-            return None
-        before, last = self.differences[-2:]
-        if max(before, last) <= ROUNDOFF and self._differ_in_work():
-            return ROUNDOFF
-        contraction, *others = self._ratios()[::-1]
-        if not contraction < CONTRACTS or (max(others, default=0.0) >= CONTRACTS and not others[0] < CONTRACTS):
-            return None  # where they did not contract once, chance may make one smaller: two in a row must be
-        first, second, third = (run.setting**self.order for run in self.runs[-3:])
-        proportional = before * third / (first - second)  # the last difference may be small by chance
-        return SAFETY * max(last * max(self.least_share, contraction / (1 - contraction)), proportional)
-
-    def _agreement(self) -> float | None:
-        """Of the last run's error, where three runs are so near to one another that it matters little how they contract."""
-        if len(self.differences) < 2 or not self._is_pair():
-            return None
-        return AGREEMENT * max(self.differences[-2:]) if self._differ_in_work() else None
-
-    def _ratios(self) -> list[float]:
-        """Of every difference to that before it."""
-        return [b / a if a > 0.0 else math.inf for a, b in pairwise(self.differences)]
-
-    def _stalls(self) -> int:
-        """How often a difference did not contract that was small beside the motion: coarse runs may be anywhere."""
-        last = self.runs[-1].solution if self.runs else None
-        if last is None:
-            return 0
-        ranges = [
-            np.ptp(x, axis=0) / np.asarray(s) for x, s in ((last.q, self.problem.scales.q), (last.v, self.problem.scales.v))
-        ]
-        small = SMALL * float(np.max(np.concatenate(ranges)))
-        return sum(
-            ratio >= CONTRACTS and ROUNDOFF < d < small
-            for ratio, d in zip(self._ratios(), self.differences[1:], strict=True)
+    def _doubt(self, bound: float) -> str:
+        """What the equations of motion say against a ``bound`` of runs that may have seen nothing; "" if nothing."""
+        last = self.finer.runs[-1].solution
+        taken = last.counters.steps_accepted
+        enough = taken is not None and taken >= PLACES
+        few = (
+            taken is not None
+            and taken < FEW
+            and taken <= ALIKE * (self.finer.runs[-3].solution.counters.steps_accepted or 0)
         )
+        if self.missed is None and (
+            enough or not (few or min(bound, *self.finer.differences[-2:]) <= TOO_GOOD * self.accuracy)
+        ):
+            return ""
+        if (
+            self.missed is not None
+            and np.max(self.finer.rows_apart(self.finer.runs[-1].solution, self.missed[0])) < self.missed[1].off / 2
+        ):
+            return self.missed[1].text
+        look = stepped_over(self.problem, last, max(OFF * bound, LEAST_OFF))
+        self.looks += look.evaluations
+        self.missed = (last, look) if look.text else self.missed
+        return look.text
 
-    def _differ_in_work(self) -> bool:
-        """Whether the last runs took different steps: else they are one run, which tells nothing."""
-        if self.known:
-            return True
-        return len({run.solution.counters.steps_accepted for run in self.runs[-3:]}) == len(self.runs[-3:])
-
-    def _next(self, bound: float | None) -> float:
-        """The next setting: the other run of a pair, or the first of a pair whose finer run should reach the accuracy."""
-        last = self.runs[-1].setting
-        if not self._is_pair():
-            return last / self.finer
-        error = SAFETY * self.least_share * self.differences[-1] if bound is None else bound
-        share = 1.0 if error == 0.0 else max(AIM * self.accuracy / error, 1 / MOST_FINER)
-        wanted = last * self.finer * share ** (1 / self.order)
-        return wanted if wanted < last / self.finer**1.5 else last / self.finer
+    def _shorten(self) -> bool:
+        """Begin anew with shorter steps; False where that was done, or the solver takes no such bound."""
+        if not self.shorter:
+            return False
+        longest = self.shorter.pop(0) * abs(self.problem.t_span[1] - self.problem.t_span[0])
+        options = {**self.request.options, "first_step": None, "min_step": None, "max_step": longest}
+        request = replace(self.request, options=options)
+        if self.solver.accepts(self.problem, replace(request, rtol=self.first)) is not None:
+            return False
+        self.request = request
+        self.finer.clear()
+        self.finer.bounded = True
+        return True
 
     def _finished(self, bound: float) -> Solution:
-        who = "" if self.known else ", if the solver solves this problem"
-        text = (
-            f"The scaled error of q and v is at most {bound:.2g}, as {len(self.spent)} runs up to {self._told()} show{who}."
-        )
-        return self._solution(Status.success, f"{self.runs[-1].solution.message} {text}{self._scales()}", bound)
+        who = "" if self.finer.known else ", if the solver solves this problem"
+        text = f"The scaled error of q and v is at most {bound:.2g}, as {len(self.spent)} runs up to {self._at()} show{who}."
+        return self._solution(Status.success, f"{self.finer.runs[-1].solution.message} {text}{self._scales()}", bound)
 
     def _unknown(self, why: str, failed: Solution | None = None) -> Solution:
         """What is known, where that is not enough."""
         seen = ""
-        if self.differences:
-            pair = " and ".join(self._told(run.setting) for run in self.runs[-2:])
-            seen = f" Runs at {pair} differ by {self.differences[-1]:.2g} of the scales."
+        if self.finer.differences:
+            pair = " and ".join(self._at(run.setting) for run in self.finer.runs[-2:])
+            seen = f" Runs at {pair} differ by {self.finer.differences[-1]:.2g} of the scales."
         failed = failed or self.last
-        if not self.runs and failed is not None:
-            return replace(failed, counters=_summed(self.spent))
+        if not self.finer.runs and failed is not None:
+            return replace(failed, counters=self._work())
         text = f"An error of {self.accuracy:g} is not shown: {why}.{seen}{self._scales()}"
         status = failed.status if failed is not None and failed.status in BUDGETS else Status.accuracy_not_shown
         return self._solution(status, text, None)
 
-    def _scales(self) -> str:
-        declared = any(np.ndim(size) or size != 1.0 for size in (self.problem.scales.q, self.problem.scales.v))
-        return "" if declared else " The problem declares no scales: errors are in its own units."
-
-    def _told(self, setting: float | None = None) -> str:
-        setting = self.runs[-1].setting if setting is None else setting
+    def _at(self, setting: float | None = None) -> str:
+        setting = self.finer.runs[-1].setting if setting is None else setting
         return f"rtol {setting:.2g}" if self.kind == "rtol" else f"{round(1 / setting)} steps"
 
+    def _scales(self) -> str:
+        return f" {self.problem.note_on_scales}".rstrip()
+
     def _solution(self, status: Status, message: str, bound: float | None) -> Solution:
-        finest = self.runs[-1]
-        error = None
-        if len(self.runs) > 1:
-            share = SAFETY * self.least_share if not self.differences[-1] else (bound or math.nan) / self.differences[-1]
-            apart = self._rows_apart(self.runs[-2], finest)
-            rows = apart * share if bound is not None else np.full_like(apart, np.nan)
-            lam = _apart(self.runs[-2].solution.lam, finest.solution.lam, self.problem.scales.lam) * share
-            error = ErrorEstimate(
-                asked=self.accuracy,
-                bound=bound,
-                q=rows[0],
-                v=rows[1],
-                lam=lam if bound is not None else np.full_like(lam, np.nan),
-                differences=tuple(self.differences),
-                settings=tuple(run.setting if self.kind == "rtol" else round(1 / run.setting) for run in self.runs),
-            )
-        counters = _summed(self.spent)
+        finest = self.finer.runs[-1]
         return replace(
             finest.solution,
             status=status,
             message=message,
-            error=error,
-            counters=counters,
-            extrapolated=self._extrapolated(bound),
+            error=self.finer.estimate(self.accuracy, bound),
+            counters=self._work(),
+            ends=finest.solution.ends if self.request.keep_steps else None,
+            extrapolated=self.finer.extrapolated(bound),
         )
 
-    def _extrapolated(self, bound: float | None) -> DenseOutput | None:
-        """The limit of the last two runs, on the constraints, where errors fall by four, as those of three runs show.
-
-        Offered of solvers whose error is a smooth function of the step, or of the tolerance (``smooth_error``).
-        """
-        if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
-            return None
-        before, last = self.differences[-2:]
-        if not 0.8 * before < 4 * last < 1.25 * before:
-            return None
-        fine, coarse = self.runs[-1].solution, self.runs[-2].solution
-        limit = DenseOutput(fine.q + (fine.q - coarse.q) / 3, fine.v + (fine.v - coarse.v) / 3)
-        return limit if fine.projection is None else fine.projection(fine.t, limit)
-
-
-def _apart(a: Vector, b: Vector, scale: float | Vector) -> Vector:
-    """Largest scaled difference in every row, (k,)."""
-    return np.max(np.abs(a - b) / np.asarray(scale), axis=1, initial=0.0)
-
-
-def _summed(spent: Sequence[Counters]) -> Counters:
-    """Of all runs; what one does not report is not reported."""
-    values: dict[str, int | None] = {}
-    for name in (f.name for f in fields(Counters) if f.name != "provenance"):
-        counts = [getattr(counters, name) for counters in spent]
-        values[name] = None if None in counts else sum(counts)
-    return Counters(**values, provenance=f"sum of {len(spent)} runs; {spent[-1].provenance}")
+    def _work(self) -> Counters:
+        """Of all runs and of what was looked at between them; what one does not report is not reported."""
+        values: dict[str, int | None] = {}
+        for name in (f.name for f in fields(Counters) if f.name != "provenance"):
+            counts = [getattr(counters, name) for counters in self.spent]
+            values[name] = None if None in counts else sum(counts)
+        if self.looks and values["residual_evaluations"] is not None:
+            values["residual_evaluations"] += self.looks
+        more = f" and of {self.looks} accelerations between their rows" if self.looks else ""
+        return Counters(**values, provenance=f"sum of {len(self.spent)} runs{more}; {self.spent[-1].provenance}")

@@ -338,6 +338,12 @@ class Problem:
             if value is not None:
                 object.__setattr__(self, name, real_vector(name, value))
 
+    @property
+    def note_on_scales(self) -> str:
+        """What is to be said beside its errors where they are scaled by nothing; "" where it declares scales of q or v."""
+        declared = any(np.ndim(size) or size != 1.0 for size in (self.scales.q, self.scales.v))
+        return "" if declared else "The problem declares no scales: errors are in its own units."
+
     def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
         """This problem over another interval or from another start, without what is known of its own motion.
 

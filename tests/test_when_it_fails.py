@@ -70,6 +70,14 @@ def left_over(error: BaseException) -> Any:
     return caught.value.partial_solution  # type: ignore[attr-defined]
 
 
+def push(t: float, q: Any, v: Any) -> Any:
+    return np.full(1, -9.81 + 100.0 * np.exp(-(((t - 0.53) / 0.01) ** 2)))
+
+
+def pushed() -> Any:
+    return hb.solve(problem(system=weight(force=push)), "cvode", accuracy=1e-3)
+
+
 def slow(t: float, q: Any, v: Any) -> Any:
     time.sleep(0.02)
     return np.full(1, -9.81)
@@ -226,6 +234,9 @@ PROVOKED: dict[str, list[Case]] = {
     "deadline": [Case("", "seconds", lambda _: fall(weight(force=slow), step=0.01, max_seconds=0.1))],
     "accuracy_not_shown": [
         Case("event", "event", lambda _: hb.solve(problem(), "hht", accuracy=1e-3, events=[ends(lambda t, q, v: q[0])])),
+        Case(
+            "stepped over", "motion disagree", lambda _: hb.solve(problem(system=weight(force=push)), "cvode", accuracy=1e-3)
+        ),
     ],
     "interrupted": [Case("", "", lambda _: left_over(KeyboardInterrupt()))],
     "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],

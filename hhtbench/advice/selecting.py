@@ -97,7 +97,9 @@ def select(
     found = None if known is None else _from_rows(known, wish)
     if found is None and isinstance(problem, str) and seconds > 0.0:
         found = _measured(problem, wish, seconds, store)
-    return found or _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+    found = found or _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+    note = "" if found.taken is None or loaded.note_on_scales in found.text else f" {loaded.note_on_scales}"
+    return replace(found, text=f"{found.text}{note}")
 
 
 def _known(problem: str | Problem, wish: Wish, store: str | Path | None, *, absent: bool) -> Known | None:

@@ -52,6 +52,7 @@ class Trade:
     fronts: tuple[Front, ...]  #: at every error, the loosest first, what the runs took that reach it
     left_out: dict[str, str]  #: entry -> why it was given up
     seconds: float  #: what it took [s]
+    note: str = ""  #: on errors of a problem without scales
 
     @property
     def choices(self) -> tuple[Choice, ...]:
@@ -65,7 +66,8 @@ class Trade:
         if not found:
             return failure(self._said(), [row.status for row in self.rows], self.unknown)
         untried = sum(why == UNTRIED for why in self.left_out.values())
-        return f"{found[:-1]}; {untried} candidates were not tried: give more seconds." if untried else found
+        found = f"{found[:-1]}; {untried} candidates were not tried: give more seconds." if untried else found
+        return f"{found} {self.note}".rstrip()
 
     def _said(self) -> dict[str, str]:
         """Why each candidate without a cost has none."""
@@ -208,6 +210,7 @@ def _traded(
         fronts=as_run(rounds.standing().fronts),
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
+        note=loaded.note_on_scales,
     )
 
 

@@ -156,17 +156,17 @@ def system_of(problem: Problem) -> dict[str, Any]:
 def call_of(problem: Problem, solver: Solver) -> dict[str, Any] | None:
     """``metrics["call"]`` of a row: what one of the solver's residual evaluations is and costs; None where it is not known.
 
-    Its operations, and those of a residual of the problem's own equations.
+    Its operations, and those of a residual of the problem's own equations.  A solver that does not tell what it evaluates
+    is taken to need accelerations, which cost more.
     """
-    evaluates = getattr(solver, "evaluates", None)
-    if not callable(evaluates):
-        return None
+    what, solved = "acceleration", problem
+    with suppress(*of_plugins()):
+        what, solved = solver.evaluates(problem)  # type: ignore[attr-defined] # solvers may have it
     with suppress(*of_plugins()):  # the counts stay what they are
-        what, solved = evaluates(problem)
         own = operations(problem.system, problem.t_span[0], problem.q0, problem.v0)
         there = own if solved is problem else operations(solved.system, solved.t_span[0], solved.q0, solved.v0)
         if own is not None and there is not None:
-            return {"evaluates": what, "operations": there[what], "of_residual": own["residual"]}
+            return {"evaluates": what, "operations": there.get(what, there["acceleration"]), "of_residual": own["residual"]}
     return None
 
 

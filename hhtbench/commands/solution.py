@@ -25,27 +25,47 @@ def end_state(solution: Solution) -> str:
 
 def errors_at_end(problem: Problem, solution: Solution) -> str:
     """Largest error at the end against the closed solution or the reference; "" where neither reaches it."""
-    if not solution.success or not np.size(solution.t) or solution.t[-1] != problem.t_span[1]:
+    source, errors = _errors(problem, solution)
+    if not errors:
         return ""
+    rows = [(name, f"{largest:.3e}", f"{scaled:.3e}") for name, (largest, scaled) in errors.items()]
+    headers = ["", "largest error", "by scale"]
+    return f"against the {source}\n" + tabulate(rows, headers=headers, tablefmt="plain", disable_numparse=True)
+
+
+def as_dict(problem: Problem, solution: Solution) -> dict[str, Any]:
+    """Status, message, counters, rows, and what is known of their error, as plain Python values but for the arrays.
+
+    ``error`` and ``extrapolated`` are those of the solution, None without ``accuracy``; ``at_end`` what
+    :func:`errors_at_end` tells.
+    """
+    arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
+    source, errors = _errors(problem, solution)
+    known = {name: {"largest": largest, "by_scale": scaled} for name, (largest, scaled) in errors.items()}
+    return {
+        "status": solution.status.label,
+        "message": solution.message,
+        "counters": vars(solution.counters),
+        "error": None if solution.error is None else vars(solution.error),
+        "extrapolated": None if solution.extrapolated is None else solution.extrapolated._asdict(),
+        "at_end": {"against": source, **known} if known else None,
+        **arrays,
+    }
+
+
+def _errors(problem: Problem, solution: Solution) -> tuple[str, dict[str, tuple[float, float]]]:
+    """What the end is held against, and the largest error of each part, in its units and scaled; none where not known."""
+    if not solution.success or not np.size(solution.t) or solution.t[-1] != problem.t_span[1]:
+        return "", {}
     source, known = _known_end(problem)
-    rows = []
+    found = {}
     for name, value in known.items():
         got = getattr(solution, name)[-1]
         want = np.asarray(value, dtype=np.float64)
         if got.size and want.shape == got.shape:
             error = np.abs(got - want)
-            scaled = error / np.asarray(getattr(problem.scales, name))
-            rows.append((name, f"{error.max():.3e}", f"{scaled.max():.3e}"))
-    if not rows:
-        return ""
-    headers = ["", "largest error", "by scale"]
-    return f"against the {source}\n" + tabulate(rows, headers=headers, tablefmt="plain", disable_numparse=True)
-
-
-def as_dict(solution: Solution) -> dict[str, Any]:
-    """Status, message, counters and rows as plain Python values but for the arrays."""
-    arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
-    return {"status": solution.status.label, "message": solution.message, "counters": vars(solution.counters), **arrays}
+            found[name] = float(error.max()), float(np.max(error / np.asarray(getattr(problem.scales, name))))
+    return source, found
 
 
 def _known_end(problem: Problem) -> tuple[str, dict[str, Any]]:

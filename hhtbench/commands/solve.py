@@ -43,7 +43,7 @@ def solve_command(problem: str, solver: str, output: Path | None, json_file: Pat
     for text in (end_state(solution), errors_at_end(loaded, solution)):
         if text:
             click.echo(f"\n{text}")
-    write_json(as_dict(solution), json_file)
+    write_json(as_dict(loaded, solution), json_file)
     if output is not None:
         click.echo(f"\nwritten: {solution.save(output)}")
     sys.exit(0 if solution.success else FAILED)

@@ -162,14 +162,16 @@ def timed(run: Point) -> str:
 def weighed(runs: Iterable[Point]) -> str:
     """What an evaluation is."""
     counted = [run for run in runs if run.evaluations is not None]
-    dearest = max((run.call for run in counted if run.call is not None), default=None)
+    calls = [(run.entry.startswith("minimal("), run.call) for run in counted if run.call is not None]
+    most = {minimal: max((call for own, call in calls if own == minimal), default=0.0) for minimal in (False, True)}
     unknown = len({run.problem for run in counted if run.call is None})
     known = (
         "An evaluation is one of the residual of the problem's equations; what a solver evaluates counts by its operations, "
-        f"an acceleration as up to {dearest or 1.0:.1f}."
+        f"an acceleration as up to {most[False]:.1f}"
+        + (f", a call on minimal coordinates as up to {most[True]:.1f}." if most[True] else ".")
     )
     alike = f"On {plural(unknown, 'problem')} a solver's call counts as one whatever it is: its operations are not known."
-    return " ".join([known] * (dearest is not None) + [alike] * (unknown > 0))
+    return " ".join([known] * bool(calls) + [alike] * (unknown > 0))
 
 
 def uncounted(entries: Sequence[str]) -> str:

@@ -51,6 +51,11 @@ class Equations:
         if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
 
+    @property
+    def used(self) -> int:
+        """Evaluations since :meth:`begin`."""
+        return min(self._most, self._most - self._left)
+
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
         """The part of a small ``change`` of y (2n,) that stays on the constraints; (2n,), in units of ``size``."""
         if self._levels is None:

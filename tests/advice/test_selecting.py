@@ -224,6 +224,8 @@ def test_runs_of_the_problem_itself_come_first_and_their_number_is_the_evidence(
     assert (found.taken, found.second) == (CHEAP, MIDDLE)
     assert found.evidence.endswith("runs in runs.sqlite")
     assert found.domain == "this problem, error 0.01"
+    assert found.text.endswith("The problem declares no scales: errors are in its own units.")
+    assert "declares no scales" not in hb.select("simple_pendulum", on="evaluations").text
 
 
 def test_the_command_prints_the_advice_and_leaves_with_one_where_it_cannot_tell(tmp_path: Path):

@@ -85,7 +85,12 @@ def test_a_trade_that_takes_longer_than_it_may_is_not_told_to_be_further_than_it
 def test_the_sentence_counts_who_was_not_tried(found):
     assert "not tried" not in found.sentence
     hurried = replace(found, left_out={**found.left_out, MIDDLE: UNTRIED})
-    assert hurried.sentence.endswith("; 1 candidates were not tried: give more seconds.")
+    assert "; 1 candidates were not tried: give more seconds." in hurried.sentence
+
+
+def test_errors_of_a_problem_without_scales_are_told_to_be_in_its_own_units(found):
+    assert found.sentence.endswith("The problem declares no scales: errors are in its own units.")
+    assert str(found).count("declares no scales") == 1
 
 
 def test_rows_are_kept_in_a_store_and_taken_from_there(prices, tmp_path: Path):

@@ -137,11 +137,20 @@ def test_a_row_tells_what_an_evaluation_costs(spec: str, evaluates: str):
     assert found["operations"] == there[evaluates]
 
 
-def test_a_solver_that_does_not_tell_what_it_evaluates_or_fails_to_is_counted_call_by_call(monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    "evaluates", [None, lambda problem: 1 / 0, lambda problem: "residual", lambda problem: ("both", problem)]
+)
+def test_a_solver_that_does_not_tell_what_it_evaluates_is_taken_to_need_accelerations(evaluates: Any):
+    solver = Line()
+    if evaluates is not None:
+        solver.evaluates = evaluates  # type: ignore[attr-defined]
+    found = call_of(load_problem("simple_pendulum"), solver)
+    assert found is not None
+    assert found["operations"] > found["of_residual"]
+
+
+def test_of_plain_callables_calls_count_as_they_are():
     assert run(Line())["metrics"]["call"] is None
-    monkeypatch.setattr(Line, "evaluates", lambda self, problem: ("nonsense", problem), raising=False)
-    row = run(Line())
-    assert (row["status"], row["metrics"]["call"]) == ("success", None)
 
 
 class Telling(Line):

@@ -18,9 +18,36 @@ class Springs(System):
     """A soft spring and a stiff one."""
 
     k: object = parameter(STIFF)
+    u: object = parameter(0.0)
 
     def force(self, t, q, v):
-        return jnp.stack([-q[0], -self.k * q[1]])
+        return jnp.stack([-q[0], -self.k * (q[1] - self.u * t)])
+
+
+class Coupled(System):
+    """Two unit masses on a stiff spring between them, in one slow motion."""
+
+    def force(self, t, q, v):
+        f = STIFF * (q[1] - q[0])
+        return jnp.stack([-q[0] + f, -q[1] - f])
+
+
+class Struck(System):
+    """A soft spring, and a stiff one that is struck half way."""
+
+    k: object = parameter(STIFF)
+
+    def force(self, t, q, v):
+        return jnp.stack([-q[0], -self.k * q[1] + 1e3 * jnp.exp(-(((t - 1.5) / 0.01) ** 2))])
+
+
+class Ball(System):
+    """Dropped on a spring of a stiff floor, seen from a lift."""
+
+    u: object = parameter(0.0)
+
+    def force(self, t, q, v):
+        return jnp.stack([-1.0 + 1e4 * jnp.maximum(self.u * t - q[0], 0.0)])
 
 
 def lengths(ratio, count=400, span=5.0):
@@ -40,6 +67,49 @@ def test_what_ratios_beyond_the_limit_make_grow_is_told(alpha, ratio):
     assert f"change by up to {ratio:.3g} times" in solution.message
     assert "speeds of coordinates [1]" in solution.message
     assert solution.t.size == 401
+
+
+@pytest.mark.parametrize("u", [0.0, 1.0, -1e3])
+@pytest.mark.parametrize(("alpha", "ratio", "count"), [(-0.3, 4.0, 200), (-0.3, 3.5, 300), (-0.05, 30.0, 300)])
+def test_what_grows_is_told_wherever_it_is_seen_from(u, alpha, ratio, count):
+    steps = lengths(ratio, count, 5.0 * count / 400)
+    solution = HHT(Springs(u=u), alpha=alpha).solve((0.0, steps.sum()), [1.0, 1e-10], [0.0, u], steps=steps)
+    assert np.abs(solution.v[:, 1] - u).max() > 1e-2 * (1.0 + abs(u))
+    assert solution.status is Status.unreliable
+    assert "speeds of coordinates [1]" in solution.message
+
+
+@pytest.mark.parametrize(("ratio", "count"), [(3.5, 100), (8.0, 20)])
+def test_what_grows_beside_a_motion_of_the_same_coordinate_is_told(ratio, count):
+    steps = lengths(ratio, count, 2.5 * count / 200)
+    solution = HHT(Coupled(), alpha=-0.3).solve((0.0, steps.sum()), [1.0, 1.0 + 2e-8], [0.0, 0.0], steps=steps)
+    assert np.abs(solution.v + np.sin(solution.t)[:, None]).max() > 0.1
+    assert solution.status is Status.unreliable
+
+
+def union(n, m, span):
+    """The steps of two even grids together."""
+    return np.diff(np.union1d(np.linspace(0.0, span, n + 1), np.linspace(0.0, span, m + 1)))
+
+
+@pytest.mark.parametrize("u", [0.0, 1.0])
+@pytest.mark.parametrize("steps", [lengths(10.0, 200, 2.0), lengths(4.0, 200, 2.0), union(200, 141, 2.0)])
+def test_a_contact_is_not_told(steps, u):
+    """A step in which v turns, and a start at rest."""
+    for height in (0.4, 0.45, 0.5, 0.55):
+        solution = HHT(Ball(u=u), alpha=-0.3).solve((0.0, steps.sum()), [height], [u], steps=steps)
+        assert solution.v.max() > u + 0.5, "it is thrown back"
+        assert solution.status is Status.success
+
+
+@pytest.mark.parametrize(("omega", "n", "m"), [(300.0, 200, 141), (600.0, 100, 71)])
+def test_what_a_blow_has_stirred_up_is_not_told(omega, n, m):
+    """To and fro with the steps, which damp it."""
+    steps = union(n, m, 3.0)
+    solution = HHT(Struck(omega**2), alpha=-0.3).solve((0.0, 3.0), [1.0, 1e-7], [0.0, 0.0], steps=steps)
+    speeds = np.abs(solution.v[:, 1])
+    assert speeds[-30:].max() < 1e-3 < 0.5 < speeds.max()
+    assert solution.status is Status.success
 
 
 @pytest.mark.parametrize("alpha", [-0.05, -0.3])

@@ -138,6 +138,19 @@ def test_a_vibration_that_grows_to_the_end_of_a_run_is_told(count):
     assert "carry a vibration of 210 rad/s" in solution.message
 
 
+@pytest.mark.parametrize("u", [1.0, 30.0])
+def test_a_vibration_that_grows_in_a_moving_frame_is_told(u):
+    moving = pendulum(
+        force=lambda t, q, v: np.array([0.0, -44100.0]),
+        constraint=lambda t, q: np.array([((q[0] - u * t) ** 2 + q[1] ** 2 - 1.0) / 2.0]),
+        constraint_jacobian=lambda t, q: np.array([[q[0] - u * t, q[1]]]),
+    )
+    solution = hb.HHT(moving).solve((0.0, 0.18), [np.sin(1e-6), -np.cos(1e-6)], [u, 0.0], step=0.01)
+    assert np.abs(solution.v[:, 0] - u).max() > 1.0
+    assert solution.status is Status.unreliable
+    assert "carry a vibration of" in solution.message
+
+
 @pytest.mark.parametrize(
     ("o", "options"), [(1.9, {}), (0.1, {}), (2.1, {"b": 1.0}), (200.0, {"b": 1.0}), (5.0, {"alpha": 0.0, "b": 1.0})]
 )

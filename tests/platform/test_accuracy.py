@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import pickle
+import re
 from dataclasses import replace
 from itertools import pairwise
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import hhtbench as hb
 from hhtbench.accuracy import MOST_RUNS
+from hhtbench.cli import main
 from hhtbench.result import Status
 
 SOLVERS = ["hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected", "generalised_alpha", "rattle"]
@@ -75,6 +80,16 @@ def test_the_extrapolated_answer_is_better_and_on_the_constraints(pendulum):
     assert (
         hb.solve(pendulum, "ida", accuracy=1e-2).extrapolated is None
     )  # its errors are no smooth function of its tolerance
+
+
+def test_no_better_answer_is_offered_where_an_event_changed_the_state():
+    wall = hb.Event(lambda t, q, v: q[0] - 0.3, direction=1, change=lambda t, q, v: (q, -0.8 * v), name="wall")
+    found = hb.solve(
+        "simple_pendulum", accuracy=1e-3, events=[wall], t_span=(0.0, 3.0), q0=[-0.6, -0.8], v0=[0.0, 0.0], t_eval=[0.5, 3.0]
+    )
+    assert found.success, found.message
+    assert found.t_events[0].size
+    assert found.extrapolated is None
 
 
 def test_the_cost_is_that_of_all_runs(pendulum):
@@ -150,14 +165,74 @@ def test_a_motion_that_every_step_finds_exactly_is_believed():
         assert len(found.error.settings) == 3
 
 
+class Pushed(hb.System):
+    """A pendulum that is pushed at t = 5.03 s for about twice ``width`` [s]."""
+
+    width: float = hb.parameter(0.3)
+
+    def force(self, t, q, v):
+        return jnp.stack([5.0 * jnp.exp(-(((t - 5.03) / self.width) ** 2)), -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1.0) / 2.0])
+
+
+def pushed(width, t_end=10.0):
+    """It hangs at rest until then."""
+    return hb.Problem(name="pushed", system=Pushed(width=width), t_span=(0.0, t_end), q0=[0.0, -1.0], v0=[0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("solver", "width"),
+    [("hht", 0.3), ("hht", 0.1), ("ida", 0.1), ("cvode(method=adams)", 0.3), ("scipy(method=DOP853)", 0.01)],
+)
+def test_a_push_that_every_run_steps_over_is_not_promised_away(solver, width):
+    found = hb.solve(pushed(width), solver, accuracy=1e-2)
+    if solver == "hht":  # its steps can be bounded
+        true = hb.solve(pushed(width), "hht(max_step=0.01)", rtol=1e-5, t_eval=found.t)
+        assert found.success, found.message
+        assert max(np.max(np.abs(found.q - true.q)), np.max(np.abs(found.v - true.v))) <= 1e-2
+    else:
+        assert found.status is Status.accuracy_not_shown
+        assert re.search(r"at t = [45]\.\d+ the acceleration of q\[0\] is", found.message)
+
+
+def test_what_was_looked_at_between_rows_is_counted():
+    found = hb.solve(pushed(0.1), "cvode(method=adams)", accuracy=1e-2)
+    looks = int(re.search(r"3 runs and of (\d+) accelerations between their rows", found.counters.provenance)[1])
+    assert 200 <= looks < 500
+    singles = [hb.solve(pushed(0.1), "cvode(method=adams)", rtol=r, t_eval=found.t) for r in found.error.settings]
+    assert found.counters.residual_evaluations == looks + sum(run.counters.residual_evaluations for run in singles)
+
+
+def test_a_push_is_looked_for_where_the_end_alone_is_asked_for():
+    found = hb.solve(pushed(0.3), "cvode(method=adams)", accuracy=1e-2, t_eval=[10.0])
+    assert found.status is Status.accuracy_not_shown
+    assert found.ends is None
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida", "cvode(method=adams)", "rattle"])
+def test_rest_is_believed(solver):
+    found = hb.solve(pushed(0.1, t_end=2.0), solver, accuracy=1e-6)
+    assert found.success, found.message
+    assert found.error.bound <= 1e-12
+    np.testing.assert_allclose(found.q, np.broadcast_to([0.0, -1.0], found.q.shape), atol=1e-12)
+
+
 def test_the_start_alone_is_known_at_once(pendulum):
     found = hb.solve(pendulum, "hht", accuracy=1e-4, t_eval=[0.0])
     assert found.success
     assert len(found.error.settings) == 3
 
 
-def test_the_least_accuracy_ends_with_what_the_solver_says(pendulum):
-    assert not hb.solve(pendulum, "hht", accuracy=1e-13).success
+@pytest.mark.parametrize("accuracy", [1e-9, 1e-12, 1e-13])
+def test_beyond_the_tightest_tolerance_of_a_solver_it_is_told_how_far_runs_are_apart(pendulum, accuracy):
+    found = hb.solve(pendulum, "hht", accuracy=accuracy)
+    assert found.status is Status.accuracy_not_shown
+    assert re.search(r"Runs at rtol \S+ and rtol \S+ differ by \d\S*e-\d\d of the scales", found.message)
+    assert found.error.bound is None
+    assert 0 < found.error.differences[-1] < 1e-4
+    assert len(found.t) == 101
 
 
 def test_the_bound_of_a_solver_from_elsewhere_holds_if_it_solves_the_problem(spring):
@@ -183,6 +258,8 @@ def test_a_solver_that_fails_says_how():
     declined = hb.solve("jay_negrut_test1", "cvode", accuracy=1e-3)
     assert declined.status is Status.declined
     assert "linear" in declined.message
+    declined = hb.solve("chaplygin_sleigh", "rattle", accuracy=1e-3)
+    assert declined.message == "rattle takes position constraints only"
 
 
 def test_a_problem_without_scales_is_told_so():
@@ -221,3 +298,19 @@ def test_a_terminal_event_leaves_the_error_unshown():
     assert "a terminal event ended the run" in solution.message
     assert abs(solution.t[-1] - 0.5) < 1e-6
     assert solution.error is None
+
+
+def test_the_command_writes_the_estimate_and_the_known_error_at_the_end(tmp_path):
+    file = tmp_path / "s.json"
+    result = CliRunner().invoke(main, ["solve", "simple_pendulum(t_end=1)", "--accuracy", "1e-2", "--json", str(file)])
+    assert result.exit_code == 0, result.output
+    told = json.loads(file.read_text())
+    assert told["error"]["asked"] == 1e-2
+    assert f"at most {told['error']['bound']:.2g}" in told["message"]
+    assert len(told["error"]["q"]) == len(told["error"]["lam"]) == len(told["extrapolated"]["q"]) == len(told["t"])
+    assert len(told["error"]["settings"]) == len(told["error"]["differences"]) + 1
+    assert told["at_end"]["against"] == "exact solution"
+    for name in ("q", "v", "lam"):
+        assert f"{told['at_end'][name]['largest']:.3e}" in result.output
+    CliRunner().invoke(main, ["solve", "kapitza_pendulum", "--steps", "10", "--json", str(file)])
+    assert json.loads(file.read_text())["error"] is None

@@ -11,12 +11,14 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.formulas import MUCH_SHORTER
 
 HARMLESS = 1.5  # ratio of neighbouring steps up to which no sequence amplifies anything: that of error control
-AMPLIFIED = 1e3  # times: what steps do to speeds at least before a motion is blamed on them
 ALL_DIGITS = 1e16  # times: roundoff has become as large as the motion
-GROWN = 10.0  # times a speed at the start: so much more has a vibration that the steps have made grow
-FEW = 10  # states at the start
-OFF = 0.5  # of the way at the largest speed: where steps resolve a motion it is far nearer that way
-VISIBLE = 1e-6  # of the largest speed
+FEW = 6  # turns, one after the other with the steps, and new heights in them, that no contact has
+JUMPS = 2  # new heights that a blow may have given
+GROWN = 10.0  # times beside these: so much more has a vibration that the steps have made grow
+SEEN = 1e-6  # of the speeds' range up to there: less is how the motion itself is cut up
+VISIBLE = 1e-3  # of that range: what is told of
+TOLD = 5  # coordinates at most: each takes a product over the steps
+DIGITS = 1e-9  # of speeds, and of places over the time: less is roundoff, or harmless
 
 
 def stiff_step(c: Coefficients, ratio: float) -> Matrix:
@@ -55,8 +57,8 @@ def limit(alpha: float) -> float:
 def amplified(method: Method, h: Vector, q: Matrix, v: Matrix) -> str:
     """What steps of ``h`` (k,) to ``q`` and ``v`` (k, n) have made grow, in words with a remedy; or none.
 
-    Each from the row before it; ``h`` is 0 where no step has led to a row.  A component that steps do not resolve is seen
-    where it is fastest: its way is not that of its speed; mere changes of the step harm no motion that has none.
+    Each from the row before it; ``h`` is 0 where no step has led to a row.  Mere changes of the step harm no motion that
+    has no vibration which they do not resolve, and what they have made grow is there whatever moves beside it.
     """
     lengths = np.abs(h[h != 0.0])
     plain = method.equations == "hht" and method.coefficients.alpha_m == 0.0 and method.rescale_a
@@ -67,23 +69,69 @@ def amplified(method: Method, h: Vector, q: Matrix, v: Matrix) -> str:
     if not largest > HARMLESS:
         return ""
     with np.errstate(all="ignore"):
-        grown = grown_ones(h, q, v)
-    times = amplification(method.coefficients, lengths) if grown else 1.0
-    if times < AMPLIFIED:
+        found = grown_ones(h, q, v, method.coefficients)
+    if not found:
         return ""
+    times = max(found.values())
     alpha, more = method.coefficients.alpha, "more than " if times >= ALL_DIGITS else ""
     within = f"below {limit(alpha):.3g}, where alternating steps are stable with alpha = {alpha:.3g}"
     return (
         f"growth: steps that change by up to {largest:.3g} times amplify vibrations far faster than they are "
-        f"{more}{times:.1g} times, (H53), and the speeds of coordinates {grown} "
+        f"{more}{times:.1g} times, (H53), and the speeds of coordinates {list(found)} "
         f"have grown so; keep the ratios of neighbouring steps {within}, or give rtol instead of steps"
     )
 
 
-def grown_ones(h: Vector, q: Matrix, v: Matrix) -> list[int]:
-    """The coordinates that steps do not resolve and that have become faster than at the start."""
-    way, speed = np.abs(np.diff(q, axis=0)), np.maximum(np.abs(v[1:]), np.abs(v[:-1]))
-    full, fastest = np.abs(h[1:, None]) * speed, speed.max(axis=0)
-    unresolved = (speed > fastest / 2.0) & (np.abs(way - full) > OFF * full)
-    least = np.maximum(GROWN * np.abs(v[:FEW]).max(axis=0), VISIBLE * float(fastest.max()))
-    return [int(i) for i in np.flatnonzero(unresolved.any(axis=0) & (fastest > least))]
+def turns(h: Vector, v: Matrix) -> Matrix:
+    """(k, n) By how much v bends at the rows, min(h0, h1) times the change of its slope; nan where it is not known.
+
+    What steps do not resolve bends to and fro with them; a motion that they resolve, seen from anywhere, one way for long.
+    """
+    bends = np.full(v.shape, np.nan)
+    steps = np.where(h == 0.0, np.nan, h)[1:, None]
+    slopes = np.diff(v, axis=0) / steps
+    bends[2:] = np.minimum(np.abs(steps[1:]), np.abs(steps[:-1])) * np.diff(slopes, axis=0)
+    return bends
+
+
+def grown_ones(h: Vector, q: Matrix, v: Matrix, c: Coefficients) -> dict[int, float]:
+    """Coordinates that go to and fro with the steps, ever further, and how many times those steps amplify, (H53).
+
+    The first ``TOLD`` of them.
+    """
+    bends = turns(h, v)
+    ranges = (np.maximum.accumulate(v) - np.minimum.accumulate(v)).max(axis=1)
+    digits = DIGITS * float(np.abs(v).max() + np.abs(q).max() / np.abs(h).sum())
+    bends[~(np.abs(bends) > SEEN * ranges[:, None])] = np.nan
+    seen = np.abs(bends) > np.maximum(VISIBLE * ranges, digits)[:, None]
+    found: dict[int, float] = {}
+    for i in np.flatnonzero(seen.any(axis=0)).tolist():
+        for lag in (1, 2):  # with each step or, far beyond (H54) at a small alpha, with each second one
+            first, last = to_and_fro(bends[:, i], seen[:, i], lag)
+            grown = growth(np.abs(bends[first:last, i]))
+            if grown >= GROWN:
+                times = amplification(c, np.abs(h[max(first - 1, 1) : last]))
+                if times >= min(grown, ALL_DIGITS):
+                    found[i] = max(times, found.get(i, 0.0))
+        if len(found) == TOLD:
+            break
+    return found
+
+
+def to_and_fro(bends: Vector, seen: Vector, lag: int) -> tuple[int, int]:
+    """From where up to its largest one that is seen ``bends`` (k,) turn with each ``lag``-th of them; (0, 0): never so."""
+    turned = np.zeros(bends.size, dtype=bool)
+    turned[lag:] = bends[lag:] * bends[:-lag] < 0.0
+    before = np.where(turned, 0, np.arange(bends.size))
+    before = np.maximum.accumulate(before)  # the last row that has not turned
+    long = turned & seen & (np.arange(bends.size) - before >= FEW)
+    if not long.any():
+        return 0, 0
+    largest = int(np.where(long, np.abs(bends), 0.0).argmax())
+    return int(before[largest]) + 1 - lag, largest + 1
+
+
+def growth(sizes: Vector) -> float:
+    """How many times ``sizes`` (k,) have grown beside what a blow may have given; 1 where they have not again and again."""
+    heights = np.unique(np.maximum.accumulate(sizes))
+    return float(np.prod(np.sort(heights[1:] / heights[:-1])[:-JUMPS])) if heights.size >= FEW else 1.0

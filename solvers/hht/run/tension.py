@@ -58,12 +58,13 @@ def may_be_unstable(engine: Engine) -> bool:
 def grown(engine: Engine, t: Matrix, q: Matrix, v: Matrix) -> str:
     """Which vibration steps to the rows ``t`` (k, 1), ``q``, ``v`` (k, n) have made grow by (H33), in words; or none.
 
-    What grows so goes back and forth with the steps: only where the rows show that is the tension asked, at the start, where
-    that begins, before it has bent the rods, and at the end.
+    What grows so goes back and forth with the steps in what the trapezoidal rule leaves of a motion, wherever it is seen
+    from: only where the rows show that is the tension asked, at the start, where that begins, before it has bent the rods,
+    and at the end.
     """
     if len(t) < 5 or not may_be_unstable(engine):
         return ""
-    way = q[1:] - q[:-1]
+    way = np.diff(q, axis=0) - np.diff(t, axis=0) * (v[1:] + v[:-1]) / 2.0
     turned = way[1:] * way[:-1] < 0.0
     again = turned[2:] & turned[1:-1] & turned[:-2]  # three times, one after the other: no motion that steps resolve
     if not np.count_nonzero(again):
