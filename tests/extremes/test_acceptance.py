@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from hhtbench.result import Counters, Status
+from hhtbench.studies.acceptance import rows as matrix
 from hhtbench.studies.acceptance.asked import ASKED, Asked
-from hhtbench.studies.acceptance.rows import CORE, Verdict, bounded, tested
+from hhtbench.studies.acceptance.rows import CORE, Verdict, bounded
 from hhtbench.studies.acceptance.study import Acceptance, all_rows, chosen_rows
 from solvers._ending import empty_solution
 from solvers._start import Failure
@@ -81,7 +82,7 @@ def test_no_row_of_the_matrix_is_missing():
 
 
 def test_rows_that_hold_in_part_are_counted_apart_and_tell_what_they_do_not_show():
-    whole, part = (tested(name, "in", "out", "tests/x.py", gap) for name, gap in (("K1", ""), ("K5", "the rest")))
+    whole, part = (matrix.tested(name, "in", "out", "tests/x.py", gap) for name, gap in (("K1", ""), ("K5", "the rest")))
     measured = replace(whole, id="M1", measure=lambda asked: bounded(1.0, 2.0), gap="more", long=True)
     wrong = replace(measured, id="M2", measure=lambda asked: bounded(3.0, 2.0))
     rows = whole, part, measured, wrong
