@@ -139,9 +139,10 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         bound = CLEAR * rows.least(elsewhere)
         clear = _last(places, lambda place: rows.least(place) >= bound)
         found = last if clear is None else _vanishing(rows, clear)
-        if found is None or not abs(found.t - last.t) <= max(reach, BESIDE * last.scale):
+        near = max(reach, BESIDE * last.scale)
+        if found is None or not abs(found.t - last.t) <= near:
             lost = rows.least(last) ** 3 < EPS * rows.least(elsewhere) ** 3  # (H51)
-            if not (lost and _to_zero(rows, places) <= max(reach, BESIDE * last.scale)):
+            if not (lost and _to_zero(rows, places) <= near):
                 return None
             found = last
         return _told(rows, clear or elsewhere, found)
