@@ -14,13 +14,8 @@ from hhtbench.mechanics import forces, plane, space
 GROUND = -1
 
 
-class Excavator(hb.System):
-    """Boom and stick of an excavator, pinned; their cylinders are springs with dampers between ground, boom and stick."""
-
-    length: object = hb.parameter([3.0, 2.0], doc="[m]")
-    m: object = hb.parameter([400.0, 200.0], doc="[kg]")
-    k: object = hb.parameter([4e4, 2e4], doc="stiffness of the cylinders [N/m]")
-    c: object = hb.parameter([4e3, 1e3], doc="their damping [N s/m]")
+class Bars(hb.System):
+    """Uniform bars in the plane, of ``length`` and ``m``."""
 
     @property
     def J(self):
@@ -28,6 +23,15 @@ class Excavator(hb.System):
 
     def mass_matrix(self, t, q):
         return jnp.diag(plane.mass_of_bodies(self.m, self.J))
+
+
+class Excavator(Bars):
+    """Boom and stick of an excavator, pinned; their cylinders are springs with dampers between ground, boom and stick."""
+
+    length: object = hb.parameter([3.0, 2.0], doc="[m]")
+    m: object = hb.parameter([400.0, 200.0], doc="[kg]")
+    k: object = hb.parameter([4e4, 2e4], doc="stiffness of the cylinders [N/m]")
+    c: object = hb.parameter([4e3, 1e3], doc="their damping [N s/m]")
 
     def constraint(self, t, q):
         x, half = jnp.array([1.0, 0.0]), self.length / 2
@@ -52,7 +56,7 @@ def excavator(angles=(0.6, -0.9), t_end=2.0):
     return _resting("excavator", Excavator(), (3.0, 2.0), angles, t_end)
 
 
-class Press(hb.System):
+class Press(Bars):
     """A lever pinned to the ground carries a ram on a rubber buffer: stiff and strongly damped, and driven slowly."""
 
     length: object = hb.parameter([1.0, 0.4], doc="[m]")
@@ -60,13 +64,6 @@ class Press(hb.System):
     k: object = hb.parameter(2e6, doc="stiffness of the buffer [N/m]")
     c: object = hb.parameter(2e4, doc="its damping [N s/m]")
     gravity: object = hb.parameter([0.0, -9.81], doc="[m/s^2]")
-
-    @property
-    def J(self):
-        return self.m * self.length**2 / 12
-
-    def mass_matrix(self, t, q):
-        return jnp.diag(plane.mass_of_bodies(self.m, self.J))
 
     def constraint(self, t, q):
         x = jnp.array([[1.0, 0.0]])
@@ -92,7 +89,7 @@ def press(angle=0.5, t_end=2.0):
     return hb.Problem(name="press", system=Press(), t_span=(0, t_end), q0=q0, v0=np.zeros(6))
 
 
-class Lorry(hb.System):
+class Lorry(Bars):
     """A tractor pulls its trailer through a bend: the rear wheels of neither slip sideways."""
 
     length: object = hb.parameter([3.0, 5.0], doc="[m]")
@@ -100,13 +97,6 @@ class Lorry(hb.System):
     pull: object = hb.parameter(6e3, doc="of the engine, along the tractor [N]")
     steering: object = hb.parameter(4e3, doc="largest moment on the tractor [N m]")
     period: object = hb.parameter(2.0, doc="of the steering [s]")
-
-    @property
-    def J(self):
-        return self.m * self.length**2 / 12
-
-    def mass_matrix(self, t, q):
-        return jnp.diag(plane.mass_of_bodies(self.m, self.J))
 
     def constraint(self, t, q):
         x, half = jnp.array([[1.0, 0.0]]), self.length / 2
