@@ -201,6 +201,7 @@ PROVOKED: dict[str, list[Case]] = {
     "max_steps": [
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
+        Case("interval", "at the pace of the last", lambda _: fall(weight(force=lambda t, q, v: -1e40 * q), rtol=1e-4)),
     ],
     "step_too_small": [
         Case("jump", "jump", lambda _: fall(weight(force=lambda t, q, v: np.full(1, 1e12 * (t > 0.5))), rtol=1e-4)),

@@ -179,7 +179,7 @@ def python(setting: Setting, s: Solution) -> None:
     ends = f"{other.status.label} after {other.t.size} rows, compiled {first.status.label} after {first.t.size}"
     expect(first.status is other.status and first.t.size == other.t.size, f"engine='python': {ends}")
     same = all(np.array_equal(getattr(first, name), getattr(other, name)) for name in ("t", "q", "v"))
-    expect(same, f"engine='python': other bits, q off by {np.abs(first.q - other.q).max():.1e}")
+    expect(same, f"engine='python': other bits, q off by {np.abs(first.q - other.q).max(initial=0.0):.1e}")
 
 
 def callables(setting: Setting, s: Solution) -> None:

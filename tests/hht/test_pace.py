@@ -66,6 +66,50 @@ def test_a_slow_run_that_newton_does_not_refuse_goes_on():
     assert solution.status is Status.max_steps
 
 
+class Tiny(Pendulum):
+    """Its rod is so short that it swings 1e50 times a second."""
+
+    length: object = parameter(1e-100)
+
+    def constraint(self, t, q):
+        return jnp.array([(q @ q - self.length**2) / 2])
+
+
+@pytest.mark.parametrize("q0", [[0.6e-100, -0.8e-100], [1e-100, 0.0]])
+def test_a_motion_that_no_number_of_steps_follows_is_told_at_default_budgets(q0):
+    solution = HHT(Tiny()).solve((0.0, 1.0), q0, [0.0, 0.0], rtol=1e-4, atol=1e-104)
+    assert solution.status is Status.max_steps
+    assert "will not arrive" in solution.message
+    assert solution.counters.steps_accepted <= 20_000
+
+
+def test_the_steps_that_were_asked_for_are_taken_along_such_a_motion():
+    solution = HHT(Tiny()).solve((0.0, 1.0), [1e-100, 0.0], [0.0, 0.0], rtol=1e-4, atol=1e-104, max_num_steps=30_000)
+    assert solution.status is Status.max_steps
+    assert solution.counters.steps_accepted == 30_000
+
+
+def test_a_long_rest_after_such_a_motion_is_arrived_at():
+    """A vibration of 1e12/s dies out by its damper; the slow motion then takes few steps."""
+
+    class Quick(System):
+        def force(self, t, q, v):
+            return jnp.array([-1e24 * q[0] - 1e10 * v[0], -q[1]])
+
+    solution = HHT(Quick()).solve((0.0, 1.0), [1e-3, 1.0], [0.0, 0.0], rtol=1e-4, atol=[1e-7, 1e-4])
+    assert solution.status is Status.success, solution.message
+    assert abs(solution.q[-1, 1] - np.cos(1.0)) < 1e-3
+
+
+def test_a_diagnosis_of_forces_beyond_all_squares_ends_with_the_status():
+    class Strong(Pendulum):
+        def force(self, t, q, v):
+            return jnp.array([0.0, -1e220])
+
+    solution = HHT(Strong()).solve((0.0, 1.0), [1.0, 0.0], [0.0, 0.0], rtol=1e-4, max_num_steps=600)
+    assert solution.status is Status.max_steps
+
+
 class Shaken(System):
     """A block on a floor that is shaken for a second, with friction that is nearly a jump; then it rests for ever."""
 

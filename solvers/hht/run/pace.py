@@ -25,6 +25,8 @@ FEWEST = 20  # steps between two looks, however slow they are
 HOPELESS = 1e9  # steps to the end at the present pace: hours at least, and a thousand times the default budget
 STANDSTILL = 1e6  # times as many steps as it has taken would have been needed to come this far: it was faster before
 COUNTED = itemgetter("steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations")
+ENDLESS = 1e15  # the same of a run that nothing refuses, at an even pace: tens of years
+EVEN, LEAST = 2.0, 2_000  # an even pace: this much faster than the whole run so far, after so many steps
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
 MANY = 200_000  # steps through a noisy function, unless max_num_steps allows others: half an hour of calls in Python
 
@@ -96,6 +98,14 @@ def hopeless(
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)
     allowed = most or MANY
+    if most is None and endless(paces, left):
+        more = steps * left / made if made else math.inf
+        pace = (
+            f"at t = {now.t:.17g} it will not arrive: {now.taken} steps came that far, and at the pace of the last {steps} "
+            f"{more:.1g} more are needed: steps of {made / steps:.1g} s follow a motion that is so fast beside the "
+            "interval; look at units and sizes, or take a shorter interval."
+        )
+        return Failure(Status.max_steps, pace)
     late = steps * left > (allowed - now.taken) * made
     error = (state.memory and state.memory.error) or 1.0
     found = noise(engine, state, tolerances, state.h or 0.0, error) if late and uneven(before, now) else None
@@ -116,6 +126,15 @@ def hopeless(
     if nonfinite >= refused:
         return Failure(Status.nonfinite_callback, f"{cause or 'a value is not finite'}, again and again; {text}.")
     return Failure(Status.step_too_small, f"{text}; {JUMP}.")
+
+
+def endless(paces: tuple[Pace, Pace, Pace], left: float) -> bool:
+    """Whether a run at an even pace would take more than ``ENDLESS`` steps for what is ``left`` [s]; paces as above."""
+    first, before, now = paces
+    if before.taken < LEAST:
+        return False
+    steps, made, came = now.taken - before.taken, abs(now.t - before.t), abs(before.t - first.t)
+    return steps * left > ENDLESS * made and made * before.taken <= EVEN * steps * came
 
 
 def uneven(before: Pace, now: Pace) -> bool:

@@ -156,10 +156,11 @@ def _outermost(apply: Callable[[Vector], Vector], y: Vector) -> float:
     """The eigenvalue of largest magnitude, by power iteration from ``y`` (n,): not more, wherever it ends."""
     value, until = 0.0, time.perf_counter() + SECONDS
     for _ in range(ROUNDS):
-        size = float(np.linalg.norm(y))
-        if not size > 0.0:
+        size = float(np.abs(y).max())  # squares of what is huge or tiny are not numbers
+        if not 0.0 < size < math.inf:
             break
         y = y / size
+        y = y / float(np.linalg.norm(y))
         image = apply(y)
         value, y = float(y @ image), image
         if time.perf_counter() > until:
