@@ -18,6 +18,7 @@ from hhtbench.testing.extremes.scenes import Oscillator
 EVERY_ALPHA = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
 FREQUENCIES = (0.1, 1.0, 10.0, 1e3, 1e8)  # times the step
 STEP = 1.0 / 64.0  # [s]
+KEPT, EPS = 1e-9, float(np.finfo(float).eps)  # of the energy
 
 
 def measured_matrix(asked: Asked, alpha: float, frequency: float, zeta: float) -> Matrix:
@@ -82,7 +83,8 @@ def long_runs(asked: Asked) -> Finding:
 
 
 def _grown(asked: Asked, steps: int) -> Finding:
-    growth, energy = 0.0, 0.0
+    """Beyond w h = 3e3 the energy is known to eps (w h)^2/2 only: so much of y is lost in its sum with h^2 a."""
+    growth, lost = 0.0, {}
     for alpha in EVERY_ALPHA:
         for frequency in np.logspace(-3, 8, 12):
             omega = float(frequency) / STEP
@@ -93,10 +95,15 @@ def _grown(asked: Asked, steps: int) -> Finding:
             size = np.hypot(found.q[:, 0], found.v[:, 0] / omega)
             growth = max(growth, float(size.max() / max(1.0, size[1])))
             if alpha == 0.0:
-                energy = max(energy, float(np.abs(size - 1.0).max()) * 2)
+                lost[float(frequency)] = float(np.abs(size - 1.0).max()) * 2
+    kept = max((x for x in lost if max(lost[y] for y in lost if y <= x) <= KEPT), default=0.0)
+    worst = max(lost, key=lost.__getitem__)
+    shares = max(lost[x] / (EPS * x**2 / 2) for x in lost if x > kept) if kept < max(lost) else 0.0
+    told = f"to {KEPT:g} up to w h = {kept:g}; at {worst:g} to {lost[worst]:.1e}"
+    told += f", beyond at most {shares:.2g} of the rounding of h^2 a, eps (w h)^2/2" if shares else ""
     return Finding(
-        measured=f"largest size {growth:.3g} of the first step's, energy at alpha = 0 within {energy:.1e}, {steps} steps",
-        holds=growth <= 10.0 and energy <= 1e-9,
+        measured=f"largest size {growth:.3g} of the first step's; alpha = 0 keeps the energy {told}; {steps} steps",
+        holds=growth <= 10.0 and lost[worst] <= KEPT,
     )
 
 
