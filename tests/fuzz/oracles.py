@@ -169,7 +169,7 @@ def clear(setting: Setting, s: Solution) -> bool:
     if not s.t.size:
         return True
     judge, way = setting.judge, setting.case.way
-    ahead = setting.length / max(way.steps, 20) * max(way.ratios, default=1.0)
+    ahead = setting.length / (way.steps or 20) * max(way.ratios, default=1.0) / np.mean(way.ratios or 1.0)
     places = [(float(s.t[i]), s.q[i], s.v[i]) for i in some(s.t.size, 12)]
     places += [(float(s.t[-1]) + ahead * x, s.q[-1] + ahead * x * s.v[-1], s.v[-1]) for x in (0.5, 1.0)]
     fastest = max(judge.rate(*place) for place in places)
@@ -248,15 +248,26 @@ def missed(setting: Setting, times, motion, h: float) -> tuple[float, float]:
     """Of q and of v, what a step of h may err by along a ``motion`` (5, 2n) at ``times`` h/2 apart, by (H23) to (H25).
 
     In q h^2 times the changes of f and of r over a step, with weights of 1/3 at most; in v h times their second differences,
-    with weights that are no larger.  They are taken one by one, since errors do not cancel as f and r may.
+    with weights that are no larger.  They are taken one by one, f and the reaction of every row, since errors do not cancel
+    as these may; so are the two factors of a reaction, of which a step joins those of different times.
     """
     judge, n = setting.judge, setting.made.shape.n
-    found = [judge.acceleration(float(t), y[:n], y[n:]) for t, y in zip(times, motion, strict=True)]
-    first = second = 0.0
-    for x in (np.array([a.of_force for a in found]), np.array([a.vdot - a.of_force for a in found])):
-        first += np.abs(x[2:] - x[:-2]).max()
-        second += max(np.abs(x[4] - 2 * x[2] + x[0]).max(), 4 * np.abs(x[2:] - 2 * x[1:-1] + x[:-2]).max())
+    places = [(float(t), y[:n], y[n:]) for t, y in zip(times, motion, strict=True)]
+    found = [judge.acceleration(*place) for place in places]
+    lam, applied = np.array([a.lam for a in found]), np.array([a.of_force for a in found])
+    rows = np.array([judge.rows(t, q) / judge.unit(t, q)[2] ** 2 for t, q, _ in places])  # accelerations by lam
+    reactions = rows * lam[:, :, None]
+    friction = np.array([a.vdot for a in found]) - applied + reactions.sum(axis=1)
+    first, second = np.sum([changes(x) for x in (applied, friction, *reactions.swapaxes(0, 1))], axis=0)
+    for of_rows, of_lam in zip(rows.swapaxes(0, 1), lam.T, strict=True):
+        second += 2 * changes(of_rows)[0] * changes(of_lam[:, None])[0]
     return h * h * first, abs(h) * second
+
+
+def changes(x: np.ndarray) -> tuple[float, float]:
+    """Largest change over a step and second difference of x (5, n), at places half a step apart."""
+    second = max(np.abs(x[4] - 2 * x[2] + x[0]).max(), 4 * np.abs(x[2:] - 2 * x[1:-1] + x[:-2]).max())
+    return float(np.abs(x[2:] - x[:-2]).max()), float(second)
 
 
 def energies(setting: Setting, s: Solution) -> None:
