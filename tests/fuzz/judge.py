@@ -14,6 +14,7 @@ from tests.fuzz.mechanism import Mechanism
 
 SWEEPS = 15  # of friction by the tensions of before: with more of it the root is not plain
 CLEAR = 0.03  # least singular value of the unit rows, over the root of the mass, of a mechanism far from lost rank
+MOST = 20_000  # evaluations of a motion: two seconds
 NEAR = 0.1  # of the size of a mechanism: no rod and no spring is shorter
 
 
@@ -154,11 +155,17 @@ class Judge:
         return float((held / formulas.masses(np, self.shape, self.p, q)).max())
 
     def carried(self, t, q, v, times):
-        """q and v (2n,) at ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle."""
-        n, settled, found = q.size, True, []
+        """q and v (2n,) at ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle.
+
+        And where it takes more than ``MOST`` evaluations.
+        """
+        n, settled, found, left = q.size, True, [], MOST
 
         def rate(s, y):
-            nonlocal settled
+            nonlocal settled, left
+            left -= 1
+            if left < 0:
+                return np.full(2 * n, np.nan)
             vdot, _, _, well = self.acceleration(s, y[:n], y[n:])
             settled = settled and well
             return np.concatenate([y[n:], vdot])
@@ -167,7 +174,7 @@ class Judge:
         atol = 1e-13 * np.repeat(self.sizes, n)
         for end in times:
             run = solve_ivp(rate, (t, end), y, "DOP853", rtol=1e-11, atol=atol)
-            settled = settled and run.success
+            settled = settled and run.success and left >= 0
             found.append(run.y[:, -1])
         return np.array(found) if settled else None
 

@@ -51,6 +51,7 @@ LIARS = {  # with the family and the twin by which they are found
     "powerless": (telling(lambda s, asked: {"lam": 0.0 * s.lam, "mu": 0.0 * s.mu}), "steps", "none"),
     "adrift": (faster(lambda s, asked: 0.5), "hostile", "none"),
     "early": (telling(lambda s, asked: {name: getattr(s, name)[:-1] for name in MOTION}), "control", "none"),
+    "a little adrift": (faster(lambda s, asked: 0.01), "hostile", "none"),
     "empty": (ending("q", lambda q, s, asked: np.nan), "hostile", "none"),
     "afraid": (telling(lambda s, asked: {"status": Status.newton_failed, "message": "did not converge"}), "steps", "none"),
     "raising": (raising, "hostile", "none"),

@@ -22,7 +22,7 @@ FASTER = 10.0  # times what is fastest at the start
 LOOKS = 25  # rows of a run that are looked at, at most
 RUN_ENDS = list(Status)[: list(Status).index(Status.deadline) + 1]  # those after it are not of runs
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
-ENERGY = 6.0  # times (h rate)^2 of the energies in play
+ENERGY = 6.0  # times (h rate)^2 of the energies in play: with the speeds that forces could make, times those there are
 TOLERANCES = 50.0  # of error control, over a radian: so many tolerances
 BESIDE, LOST = (
     "beside a singular position",
@@ -279,7 +279,8 @@ def energies(setting: Setting, s: Solution) -> None:
     looked = [0, *some(s.t.size)]
     change = np.array([judge.energy(float(s.t[i]), s.q[i], s.v[i]) for i in looked])
     change -= change[0]
-    scale = judge.p.mass.sum() * max(judge.sizes[1], float(np.abs(s.v).max())) ** 2
+    fastest = float(np.abs(s.v).max())  # what a step misses of it is work, done with this speed
+    scale = judge.p.mass.sum() * max(judge.sizes[1], fastest) * fastest
     of_steps = ENERGY * size**2 if way.steps else TOLERANCES * way.rtol
     damped = way.options["alpha"] < 0.0
     bound = of_steps * scale * max(1.0, way.turns) + 1e-11 * scale

@@ -51,7 +51,8 @@ def test_energy_is_kept_at_alpha_0_and_may_fall_but_not_grow_below(alpha, told):
         setting = Setting(replace(case, way=replace(case.way, options=options, watch="", ratios=())))
         if setting.judge.conserves and setting.judge.sound:
             settings.append(setting)
-    for setting in settings[:3]:
+    assert len(settings) > 5
+    for setting in settings:
         s = setting.base.solution
         energies(setting, s)
         for change in (1.1, 0.9):
