@@ -163,13 +163,13 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time, one of theirs
     or of some ``steps``, where a constraint that was left out is violated: a step has led to another branch of the others,
-    or the rank is another one.
+    or the rank is another one.  The note tells how well those constraints are held.
     """
     whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
     count, done = len(lam), 0
     (times, q, v), order = _with_steps((rows[0][:count], rows[1][:count], rows[2][:count]), steps)
-    sizes = size_of(q), size_of(v)
+    sizes, worst = (size_of(q), size_of(v)), 0.0
     for i in order.tolist():
         t = float(times[i])
         try:
@@ -178,13 +178,16 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
         except BudgetSpent:
             ended = f"The time budget ended when {done} of {count} rows were looked at for constraints left out as redundant"
             return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
-        if lost := _lost(at, redundant, sizes):
+        off = _off_level(at, sizes)
+        if lost := _lost(off, redundant, m):
             note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
+        worst = max(worst, float(off[list(redundant)].max()))
         if i < count:
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
-    return Recovered(lam, mu)
+    told = f"Rows {list(redundant)} of [g; k] depend on the others and were left out"
+    return Recovered(lam, mu, f"{told}; they hold to {worst:.1e} of their size.")
 
 
 def _with_steps(rows: Rows, steps: Steps | None) -> tuple[Rows, Any]:
@@ -220,16 +223,20 @@ def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str
     return found
 
 
-def _lost(at: Levels, redundant: tuple[int, ...], sizes: tuple[float, float]) -> str:
-    """Which of the ``redundant`` rows is violated, in words; ``sizes`` of q and v."""
-    position, velocity = at.scaled_position(sizes[0]), at.scaled_velocity(sizes[1])
-    off = velocity.copy()
-    off[: position.size] = np.maximum(position, velocity[: position.size])
+def _off_level(at: Levels, sizes: tuple[float, float]) -> Vector:
+    """(m + p,) by how much of its size each constraint is off its levels; ``sizes`` of q and v."""
+    position, off = at.scaled_position(sizes[0]), at.scaled_velocity(sizes[1]).copy()
+    off[: position.size] = np.maximum(position, off[: position.size])
+    return off
+
+
+def _lost(off: Vector, redundant: tuple[int, ...], m: int) -> str:
+    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, in words."""
     out = np.isin(np.arange(off.size), redundant)
     worst = int(np.argmax(np.where(out, off, -1.0)))
     if off[worst] <= max(CONSISTENT, MARGIN * float(np.max(off, where=~out, initial=0.0))):
         return ""
-    name = f"g[{worst}]" if worst < position.size else f"k[{worst - position.size}]"
+    name = f"g[{worst}]" if worst < m else f"k[{worst - m}]"
     return f"{name} is off by {off[worst]:.2g} of its size"
 
 

@@ -16,11 +16,11 @@ from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, mass_at
+from hhtbench.lowering import Dynamics, compile_function, mass_at
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
 from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
 from solvers._finite import expect_finite
-from solvers._start import finite_levels
+from solvers._start import finite_levels, of_dynamics
 
 DEPENDENT = 1e-13  # singular values below this of the scaled matrix are roundoff of dependent rows
 PROJECTED = 1e-12  # scaled violation that a projected state must reach
@@ -35,7 +35,7 @@ class Projection:
     """Finds it for one system; what it evaluates may raise :class:`~hhtbench.errors.NonFiniteValue`."""
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self.levels = ConstraintLevels(dynamics)
+        self.levels = of_dynamics(dynamics).levels
         self._products = large(dynamics)
         self._mass = compile_function(mass_at, dynamics) if self._products is None else None
 

@@ -281,7 +281,7 @@ def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Accelera
     found = run.acceleration.solve(t, q, v, *guesses)
     run.work.add("residual_evaluations", points_of(run.dynamics))
     if found.singular:
-        at = ConstraintLevels(run.dynamics).at(t, q, v)
+        at = of_dynamics(run.dynamics).levels.at(t, q, v)
         if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
             return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
         message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from hhtbench import System, load_problem
-from hhtbench.lowering import NotNative, derive, native
+from hhtbench.lowering import NotNative, derive, flattening, native
 from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.compile import compiling
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.dynamics import jax_dynamics
 from hhtbench.lowering.dynamics.foreign import Callbacks
@@ -14,6 +15,7 @@ from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import native_call
 from problems.planar_chain import PlanarChain
+from solvers._projection import Projection
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
@@ -263,3 +265,13 @@ def test_a_variable_mass_without_an_inverse_by_its_entries_is_a_full_matrix():
         hht, found = variable_moved(swelling(Lopsided), 0.01, steps=2)
     assert found.success
     assert "dense matrix" in hht.engine_used
+
+
+def test_projections_of_a_large_system_make_nothing_anew(monkeypatch):
+    """Those of every solve had grown the process by 100 MB in a thousand (row R7 of the acceptance matrix)."""
+    monkeypatch.setattr(jax_dynamics, "LARGE", 100)
+    dynamics, kept = dynamics_of(load_problem(CHAIN)), []
+    for _ in range(3):
+        Projection(dynamics)
+        kept.append([len(cache.values()) for cache in (compiling._callables, flattening._flattened, flattening._jitted)])
+    assert kept[0] == kept[1] == kept[2]

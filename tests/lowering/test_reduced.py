@@ -81,6 +81,22 @@ def test_the_motion_is_that_of_one_row_and_multipliers_are_the_smallest(solver, 
     np.testing.assert_allclose(thrice.lam, expected, atol=10 * bound)
 
 
+@pytest.mark.parametrize(("tilt", "held"), [(0.0, 1e-15), (1e-11, 1e-11)])
+def test_the_message_tells_which_rows_were_left_out_and_how_well_they_hold(tilt, held):
+    """The second row is the first, turned by less than ranks are told apart by."""
+
+    class Leaning(Once):
+        def constraint(self, t, q):
+            return jnp.stack([q[0] - 1, q[0] + tilt * q[1] - 1])
+
+    with pytest.warns(UserWarning, match="redundant"):
+        found = solve(Problem(name="rail", system=Leaning(), t_span=(0, 1), q0=[1, 0], v0=[0, 0]), "hht", rtol=1e-4)
+    assert found.success
+    told = re.search(r"Rows \[1\] of \[g; k\] .* hold to (\S+) of their size", found.message)
+    assert told is not None
+    assert 0.1 * held * (tilt > 0) <= float(told[1]) <= 2 * held
+
+
 @pytest.mark.parametrize("solver", ["hht", "ida(form=ggl)"])
 @pytest.mark.parametrize("make", [Held, numpy_twice], ids=["a velocity row", "plain callables"])
 def test_redundancy_is_found_in_velocity_rows_and_in_plain_callables(solver, make):

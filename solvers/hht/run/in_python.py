@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import ConstraintLevels, Dynamics
+from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.foreign import Callbacks
+from solvers._start import of_dynamics
 from solvers.hht.equations.formulas import EPS
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def shortest_step(engine: Engine, state: Vector, step: Vector) -> Any:
 
 def _levels_hold(dynamics: Dynamics, start: tuple[Any, ...], end: tuple[Any, ...], size_q: float, size_v: float) -> bool:
     """Whether neither constraint level is further from zero at the ``end`` (t, q, v) than at the ``start``."""
-    levels = ConstraintLevels(dynamics)
+    levels = of_dynamics(dynamics).levels
     before, after = levels.at(*start), levels.at(*end)
     room = 8 * EPS * np.abs(after.position_jacobian).sum(axis=1) * size_q
     velocity_room = 8 * EPS * np.abs(after.rows).sum(axis=1) * max(size_v, float(np.abs(end[2]).max()))
