@@ -280,10 +280,10 @@ def energies(setting: Setting, s: Solution) -> None:
     change = np.array([judge.energy(float(s.t[i]), s.q[i], s.v[i]) for i in looked])
     change -= change[0]
     fastest = float(np.abs(s.v).max())  # what a step misses of it is work, done with this speed
-    scale = judge.p.mass.sum() * max(judge.sizes[1], fastest) * fastest
+    momentum = judge.p.mass.sum() * max(judge.sizes[1], fastest)
     of_steps = ENERGY * size**2 if way.steps else TOLERANCES * way.rtol
     damped = way.options["alpha"] < 0.0
-    bound = of_steps * scale * max(1.0, way.turns) + 1e-11 * scale
+    bound = of_steps * momentum * fastest * max(1.0, way.turns) + 1e-11 * momentum * max(judge.sizes[1], fastest)
     wrong = np.nonzero((change if damped else np.abs(change)) > bound)[0]
     if wrong.size:
         told = f"row {looked[wrong[0]]} of {s.t.size}: energy changes by {change[wrong[0]]:.1e} J"
