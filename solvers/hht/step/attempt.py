@@ -7,7 +7,7 @@ from typing import Any
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, tells_multipliers, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
@@ -118,7 +118,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     step = part(z, mem.STEP)
     step[0], step[1] = h, t1
     step[2], step[3], step[4] = start_weights(z, h)
-    look_ahead(z, h, counts)
+    look_ahead(z, acceleration)
     early(z)
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
@@ -145,18 +145,20 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
 
 
 @compiled
-def look_ahead(z: Any, h: Any, counts: Any) -> None:
-    """Extrapolate the multipliers of (H55) to the end of a step of h [s], where the method does."""
-    ahead = part(z, mem.LAM_AHEAD)
-    if ahead.size > 0:
-        put(ahead, 0, view(z.w, multipliers_anew(z, h, counts), ahead.size))  # (H55)
+def look_ahead(z: Any, acceleration: Any) -> None:
+    """Extrapolate the multipliers of (H55) to the end of the step, where the method does; ``acceleration``: largest now."""
+    ahead, number = part(z, mem.LAM_AHEAD), part(z, mem.NUMBER)
+    if ahead.size == 0:
+        return
+    known = number[mem.H] == 0.0 or tells_multipliers(number[mem.H], number[mem.SIZE_Q], acceleration)
+    put(ahead, 0, view(z.w, z.i[2 * (mem.LAM if known else mem.LAM_APPLIED)], ahead.size))
 
 
 @compiled
 def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
     """Where [lam, mu, v'] of the state stand: after a far shorter step its own are roundoff over h^2, and found anew.
 
-    They serve a guess and (H55) only: error estimates compare with those of the last step.
+    They serve a guess only: error estimates compare with those of the last step.
     """
     place, last = part(z, mem.PLACE), abs(part(z, mem.NUMBER)[mem.H])
     if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < last < MUCH_SHORTER * abs(h):
