@@ -149,6 +149,13 @@ def test_what_it_does_not_take_is_refused_by_name():
         assert part in solver.accepts(problem, Request(rtol=1e-4))
 
 
+def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
+    bar = hb.load_problem("clamped_bar_impact(n_elements=250)")
+    with pytest.raises(ProblemError, match='Take b = 1, or without="zeros"'):
+        HHT(bar.system, **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2)
+    assert HHT(bar.system, without="zeros", **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2).success
+
+
 def test_its_steps_are_not_blamed_on_a_vibration():
     solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5)
     assert solution.success

@@ -51,8 +51,8 @@ class Engine:
         self._applied = self.structure.m if self.layout.extrapolated else 0  # multipliers of (H55)
         if self.layout.extrapolated and self.structure.mass == "sparse":
             raise ProblemError(
-                "extrapolate_reaction needs M^-1, which is full for this mass of few entries (H56); take b = 1, or "
-                'linsolver="dense".'
+                "extrapolate_reaction needs M^-1, which is full for this mass of few entries (H56). Take b = 1, or "
+                'without="zeros", with full matrices.'
             )
         source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
         force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
