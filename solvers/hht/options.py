@@ -43,6 +43,10 @@ class HHTOptions:
     reaction
         Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Not the
         last two for steep friction in long steps: velocities ring there (THEORY.md 13).
+    extrapolate_reaction
+        Count the reaction of the last step's multipliers as a force, so that alpha damps vibrations that constraint forces
+        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, ``hhtbench verify tension``).  Not
+        with alpha = 0, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of b = 1.
     rescale_a
         Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
     start
@@ -72,6 +76,7 @@ class HHTOptions:
     rho_inf: float | None = None
     b: float = 0.0
     reaction: str = "implicit"
+    extrapolate_reaction: bool = False
     rescale_a: bool = True
     start: str | None = None
     first_step: float | None = None
@@ -89,11 +94,16 @@ class HHTOptions:
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} must be one of {', '.join(filter(None, known))}; got {getattr(self, name)!r}.")
-        for name in ("rescale_a", "calc_initcond"):
+        for name in ("extrapolate_reaction", "rescale_a", "calc_initcond"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be True or False; got {getattr(self, name)!r}.")
         if self.reaction.startswith("midpoint") and b != 0.0:
             raise ProblemError(f"the midpoint reactions are defined for b = 0; got b = {b:g}.")
+        if self.extrapolate_reaction and self.coefficients.alpha == 0.0:
+            raise ProblemError(
+                "extrapolate_reaction needs an alpha below 0: without damping the error of what is extrapolated makes "
+                "vibrations grow (H56). Take alpha = -0.05."
+            )
         if abs(b - 0.5) < NEAR_HALF:
             text = f"b = {b:g} is close to the singular value 1/2; errors grow like 1/(1 - 2b). Take b = 0."
             warnings.warn(text, UserWarning, stacklevel=5)  # at the call of HHT
@@ -101,7 +111,13 @@ class HHTOptions:
     def method(self, *, controlled: bool = False) -> Method:
         """The member of the family; under error control the default auxiliary acceleration of the first step differs."""
         start = ("trapezoidal" if controlled else "f0") if self.start is None else self.start
-        return Method(coefficients=self.coefficients, reaction=self.reaction, rescale_a=self.rescale_a, start=start)
+        return Method(
+            coefficients=self.coefficients,
+            reaction=self.reaction,
+            rescale_a=self.rescale_a,
+            start=start,
+            extrapolated=self.extrapolate_reaction,
+        )
 
     @cached_property
     def coefficients(self) -> Coefficients:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from hhtbench.arguments import real_number
 from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem, System
+from hhtbench.protocol import NumpySystem, Problem, System, declared
 from hhtbench.request import Request, make_request, with_tolerance
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
@@ -48,7 +48,8 @@ class HHT:
         event changes the state the solution has two rows with one time, before and after; dense output gives the state
         after the change there, ``q_events`` and ``v_events`` the one before.
     **options
-        ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``rescale_a``, ``start`` (the method's variant),
+        ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``extrapolate_reaction``, ``rescale_a``, ``start`` (the
+        method's variant),
         ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``without``, ``engine`` and ``calc_initcond``:
         ``help(HHTOptions)`` describes each with its default.
 
@@ -66,6 +67,8 @@ class HHT:
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
         self.options = make_options(self.kind, self.name, **options)
+        if reason := refused(system, self.options):
+            raise ProblemError(f"{reason}.")
         self.events = make_events(events)
         self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
         self._integrator: IntegratorState | None = None  # of stepping by hand
@@ -77,7 +80,7 @@ class HHT:
     @classmethod
     def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
         """Why this method with ``options`` does not take ``request`` for ``problem``; None: it does."""
-        return None
+        return refused(problem.system, make_options(cls.kind, cls.name, **options))
 
     def solve(
         self, tspan: Any, q0: Any, v0: Any, *, lam_guess: Any = None, mu_guess: Any = None, **request: Any
@@ -319,6 +322,19 @@ class HHT:
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
         return self._solving
+
+
+def refused(system: System | NumpySystem, options: Any) -> str | None:
+    """Why ``options`` are none for ``system``; None: they are."""
+    if not getattr(options, "extrapolate_reaction", False):
+        return None
+    names = [name for name in ("velocity_constraint", "reaction") if declared(system, name) is not None]
+    if not names:
+        return None
+    return (
+        "extrapolate_reaction takes position constraints with the reactions -g_q^T lam (H55); "
+        f"{type(system).__name__} declares {' and '.join(names)}"
+    )
 
 
 def _work_of(integrator: IntegratorState) -> Work:

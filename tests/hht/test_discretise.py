@@ -26,6 +26,7 @@ METHODS = (
     [
         *(("jay_negrut_test1", method) for method in METHODS),
         ("andrews", METHODS[2]),
+        *(("jay_negrut_pendulum", {"extrapolate_reaction": True, **method}) for method in METHODS[:4]),
         ("rolling_disk3d_steady", METHODS[3]),
     ],
     ids=str,

@@ -10,6 +10,7 @@ from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
 from solvers.hht.run import tension
+from solvers.hht.run.pace import CROWDED
 from solvers.hht.run.singular import LONGEST
 from solvers.hht.run.tension import fastest
 from tests.hht.scenes import pendulum
@@ -96,6 +97,20 @@ def test_too_many_steps_by_error_that_follow_a_vibration_are_told_so():
     assert few.status is fewer.status is Status.max_steps
     assert "Constraint forces carry a vibration of" in few.message
     assert fewer.t[-1] > 3 * few.t[-1], "the remedy"
+
+
+def test_a_run_that_arrives_in_many_steps_which_follow_a_vibration_says_so():
+    many, few = (rods(1e6, rtol=1e-3, **options) for options in ({}, {"b": 1.0}))
+    assert many.success and many.counters.steps_accepted > CROWDED
+    assert "Constraint forces carry a vibration of" in many.message
+    assert "extrapolate_reaction=True" in many.message
+    assert few.success and "vibration" not in few.message
+
+
+def test_a_run_that_arrives_in_many_steps_of_a_plain_motion_says_nothing():
+    solution = hb.HHT(pendulum()).solve((0.0, 20.0), HANGING, [1.0, 0.0], rtol=1e-5)
+    assert solution.success and solution.counters.steps_accepted > CROWDED
+    assert "vibration" not in solution.message
 
 
 @pytest.mark.parametrize("times", [1.8, 2.05, 4.0, 8.0])

@@ -64,6 +64,12 @@ class Method:
     reaction: str = "implicit"  #: where the end reaction is taken, (H8)
     rescale_a: bool = True  #: adapt a0 when the step changes, (H11)
     start: str = "f0"  #: a0 of the first step, (H12)
+    extrapolated: bool = False  #: whether f holds the reaction of extrapolated multipliers, (H55)
+
+    @property
+    def total(self) -> bool:
+        """Whether f and a hold reactions too: at a start they are v' then."""
+        return bool(self.coefficients.total or self.extrapolated)
 
 
 def alpha_of(alpha: Any, rho_inf: Any) -> float:

@@ -15,6 +15,7 @@ from operator import add
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics, Structure
+from solvers.hht.equations.applied import applied_force, applied_jacobians, whole
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.known import Layout, known_values, start_of
 
@@ -60,7 +61,8 @@ def layout(structure: Structure, method: Method) -> Layout:
     """The unknowns of ``method``'s steps."""
     moving = method.reaction in ("implicit", "midpoint")
     unknown = structure.mass == "sparse" or (moving and (method.coefficients.b != 0.0 or structure.mass == "variable"))
-    return Layout(structure, moving, unknown or structure.reaction_uses_v)  # (H50)
+    extrapolated = method.extrapolated and structure.m > 0
+    return Layout(structure, moving, unknown or structure.reaction_uses_v, extrapolated=extrapolated)  # (H50)
 
 
 def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
@@ -85,7 +87,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
     known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
     parts = [place.q1, place.v1, unknown["a"], _rate(unknown, known) / known["end"]]  # (H6): no evaluation is needed
-    parts += [unknown[name] for name in ("lam1", "mu") if name in unknown]
+    parts += [whole(unknown, known, name) for name in ("lam1", "mu") if name in unknown]
     parts.append((place.v1 - before["v"]) / known["h"])
     if layout.structure.m:
         parts += [place.start_reaction, place.end_reaction]
@@ -99,7 +101,7 @@ def _rate(unknown: Any, known: Any) -> Any:
 
 def _rows(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> list[Any]:
     s, h, t1 = layout.structure, known["h"], known["t1"]
-    force = dynamics.force(t1, place.q1, place.v1)
+    force = applied_force(dynamics, known, t1, place.q1, place.v1)
     balance = dynamics.mass_product(t1, place.q1, _rate(unknown, known)) - known["end"] * force  # (H6)
     rows = [scaled_rows(dynamics, known, balance)]
     if s.m and layout.start_unknown:
@@ -149,7 +151,7 @@ def _matrix_rows(
 ) -> list[Any]:
     """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
     s, h, t1, end = layout.structure, known["h"], known["t1"], known["end"]
-    by_q, by_v = dynamics.force_jacobians(t1, place.q1, place.v1)
+    by_q, by_v = applied_jacobians(dynamics, known, t1, place.q1, place.v1)
     by_q = None if by_q is None else -end * by_q
     by_v = None if by_v is None else -end * by_v
     if s.mass == "variable":

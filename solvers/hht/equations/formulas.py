@@ -14,6 +14,7 @@ import numpy as np
 MUCH_SHORTER = 0.01  # of the last step: many growths of 1.5 followed by one such shrink are unstable in the stiff limit
 GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs most; in the middle not at all
 ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
+THREE_DIGITS = 1e-3  # of accelerations: what roundoff may make of multipliers that are extrapolated
 NOTHING = 1e-300  # a size up to it is none
 REMAINDER = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
 FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as rank
@@ -47,6 +48,11 @@ def moves_nothing(h: float, speed: float, acceleration: float, size_q: float, si
         return True
     short = abs(h) * size_v <= SHORT * size_q
     return short and abs(h) * speed + h * h * acceleration < EPS * size_q
+
+
+def tells_multipliers(h: float, size_q: float, acceleration: float) -> bool:
+    """Whether a step of h [s] is so long that roundoff of q over h^2 leaves its multipliers three digits, (H55)."""
+    return EPS * size_q <= THREE_DIGITS * h * h * acceleration
 
 
 def trapezoidal_start(alpha: float, f0: Any) -> tuple[Any, float]:

@@ -26,6 +26,7 @@ class Layout:
     end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, depends on v1, or M^-1 is not known or full
     inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
     multipliers: tuple[str, ...] = ("lam0", "lam1")  #: of position constraints
+    extrapolated: bool = False  #: whether the reaction of extrapolated multipliers is an applied force, (H55)
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
     size: int = field(init=False, compare=False)  #: number of unknowns
 
@@ -67,7 +68,7 @@ def named(sizes: Mapping[str, int], vector: Any) -> dict[str, Any]:
 
 def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
     """What :func:`weighted` gives for the step and the state in ``given``."""
-    start = start_of(layout, given, dynamics.xp)
+    start = started(dynamics, method, layout, given)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
     if layout.structure.mass == "sparse":
         values["mass_diagonal"] = dynamics.mass(start["t"], start["q"]).diagonal
@@ -79,16 +80,29 @@ HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the st
 
 
 def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
-    """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, then q, v, a, f (n,), lam, mu, vdot, M^-1."""
+    """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, q, v, a, f, lam, mu, vdot, those of (H55), M^-1."""
     s, numbers = layout.structure, (*GIVEN, *HEAD)
     start: dict[str, Any] = dict(zip(numbers, given[: len(numbers)], strict=True))
     sizes = {"q": s.n, "v": s.n, "a": s.n, "f": s.n, "lam": s.m, "mu": s.p, "vdot": s.n}
+    sizes |= dict.fromkeys(("lam_before", "lam_applied", "lam_ahead"), s.m) if layout.extrapolated else {}
     start |= named(sizes, given[len(numbers) :])
     moved = start["of_f"] * start["f"] + start["of_a"] * (start["a"] - start["f"])
     start["a0"] = xp.where(start["of_a"] == 1.0, start["a"], moved)
     at = len(numbers) + sum(sizes.values())
     inverse = given[at : at + s.n * s.n]
     start["inverse_mass"] = layout.sparse_inverse(inverse, xp) if s.mass == "variable" else None
+    return start
+
+
+def started(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
+    """:func:`start_of`, where multipliers are extrapolated with a0 for the rate at which they change in this step."""
+    start = start_of(layout, given, dynamics.xp)
+    if layout.extrapolated:
+        now, inverse = start["lam_applied"], start["inverse_mass"]
+        change = start["lam_ahead"] - now - start["of_a"] * (now - start["lam_before"])
+        force = dynamics.reaction(start["t"], start["q"], start["v"], change)
+        rate = dynamics.over_mass(start["t"], start["q"], force) if inverse is None else inverse @ force
+        start["a0"] = start["a0"] + method.coefficients.alpha * rate  # (H56)
     return start
 
 
@@ -122,6 +136,10 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
             values |= {"v_stage": (1.0 - share) * v, "theta_v": share}  # (H50)
         if layout.structure.mass == "variable" and not layout.end_unknown:
             values["inverse_mass_stage"] = inverse_mass(values["t_stage"], values["q_stage"])
+    if layout.extrapolated:
+        ahead, midpoint = start["lam_ahead"], method.reaction.startswith("midpoint")
+        at_stage = 0.5 * (start["lam_applied"] + ahead) if midpoint else ahead
+        values |= {"applied": ahead, "applied_lam1": at_stage}  # (H55)
     if layout.structure.p:
         values |= {"t_half": start["t"] + 0.5 * h, "q_half": q + 0.5 * h * v}  # (H10)
     return values

@@ -7,7 +7,7 @@ from typing import Any
 from hhtbench.lowering import Dynamics
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import scaled_rows
-from solvers.hht.equations.known import Layout, named, start_of
+from solvers.hht.equations.known import Layout, named, start_of, started
 
 CONTROL = ("h_next", "last", "error", "has_reaction_k")  # numbers that step control remembers
 REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
@@ -28,7 +28,8 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given
         :func:`~solvers.hht.equations.corrections.state_after`, and M^-1 there where it varies.
     """
     s, xp = dynamics.structure, dynamics.xp
-    before, after, memory = start_of(layout, given, xp), layout.split(x), dict(zip(CONTROL, remembered, strict=False))
+    before, after = started(dynamics, method, layout, given), layout.split(x)
+    memory = dict(zip(CONTROL, remembered, strict=False))
     names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
     names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
     memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
@@ -57,8 +58,10 @@ def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, a
     s, xp, force, h, t1 = dynamics.structure, dynamics.xp, 0.0, before["h"], before["t1"]
     share = xp.where(before["last"] == 0.0, 1.0, h / (h + before["last"]))  # of a change that is still to come
     if s.m:
-        change = after["lam1"] if method.reaction.startswith("midpoint") else after["lam0"]
+        first = after["lam0"] + before["lam_applied"] if layout.extrapolated else after["lam0"]
+        change = after["lam1"] if method.reaction.startswith("midpoint") else first
         lam = after["lam1"] + share * (change - before["lam"])
+        lam = lam - before["lam_ahead"] if layout.extrapolated else lam  # f holds the others, (H55)
         force = dynamics.reaction(t1, after["q1"], after["v1"], lam)
     if s.p:
         mu = after["mu"] + share * (after["mu"] - before["mu"])

@@ -28,6 +28,7 @@ class Sizes:
     p: int  #: velocity constraints
     size: int  #: unknowns of a step
     inverse_mass: int  #: n*n where the mass varies, else 0
+    applied: int = 0  #: multipliers whose reaction is an applied force, (H55)
     early: int = 0  #: what machine code computes before the iterate is known
     early_matrix: int = 0
     computed: int = 0  #: numbers that the matrix function returns
@@ -45,7 +46,7 @@ class Sizes:
     @property
     def given(self) -> int:
         """The step, and the state before it."""
-        return len(GIVEN) + len(HEAD) + 5 * self.n + self.m + self.p + self.inverse_mass
+        return len(GIVEN) + len(HEAD) + 5 * self.n + self.m + self.p + 3 * self.applied + self.inverse_mass
 
 
 _floats: list[Callable[[Sizes], int]] = []
@@ -98,6 +99,9 @@ F = floats(lambda s: s.n)
 LAM = floats(lambda s: s.m)
 MU = floats(lambda s: s.p)
 VDOT = floats(lambda s: s.n)
+LAM_BEFORE = floats(lambda s: s.applied)  # of the reaction in the f before, in f, and in that of the end of the step, (H55)
+LAM_APPLIED = floats(lambda s: s.applied)
+LAM_AHEAD = floats(lambda s: s.applied)
 INVERSE_MASS = floats(lambda s: s.inverse_mass)
 X_LAST = floats(lambda s: s.size)
 X_EARLIER = floats(lambda s: HIGHEST * s.size)

@@ -33,7 +33,7 @@ from solvers.hht.run.stepper import EventState
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 7
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 8
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # of arrays

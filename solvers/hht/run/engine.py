@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, VariableMass
 from hhtbench.lowering.dynamics.mass import asymmetry
@@ -48,6 +48,12 @@ class Engine:
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
         self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
         self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
+        self._applied = self.structure.m if self.layout.extrapolated else 0  # multipliers of (H55)
+        if self.layout.extrapolated and self.structure.mass == "sparse":
+            raise ProblemError(
+                "extrapolate_reaction needs M^-1, which is full for this mass of few entries (H56). Take b = 1, or "
+                'without="zeros", with full matrices.'
+            )
         source = functions.dynamics if isinstance(functions.dynamics, VariableMass) else dynamics
         force = force_over_mass if self.structure.mass == "sparse" else force_and_inverse_mass
         self.bare_force = compile_function(force, source)  #: not counted
@@ -103,7 +109,7 @@ class Engine:
 
     def near(self, t: float, q: Vector, v: Vector, found: Any) -> Vector:
         """What ``a`` (n,) is near there: f, or v' where it holds the reactions; multipliers are near those ``found``."""
-        if not self.method.coefficients.total or not self.structure.constrained:
+        if not self.method.total or not self.structure.constrained:
             return self.force(t, q, v)[0]
         self.work.add("residual_evaluations", self.points)
         there = self.acceleration.solve(t, q, v, found.lam, found.mu)
@@ -169,8 +175,9 @@ class Engine:
         state = self.loops.start(place, guesses)
         if state is not None:
             work.tally["residual_evaluations"] += count
-            if self.method.coefficients.total:
-                return state.but(a=state.vdot, f=state.vdot)
+            if self.method.total:
+                applied = state.lam[: self._applied]
+                return state.but(a=state.vdot, f=state.vdot, lam_applied=applied, lam_before=applied)
         return state
 
     def prepared(self, state: State, stop: float) -> State:

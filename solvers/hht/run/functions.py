@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering import Dynamics, Native, NotNative, Structure, compile_function, native, route_of
+from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
@@ -61,11 +61,10 @@ class Functions:
     alone = False  #: whether none of them is, nor calls one
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
-        s = layout.structure
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
         self.newton = NewtonOptions()
-        self._sizes = memory_sizes(s)
+        self._sizes = memory_sizes(layout)
         self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
         self._codes: dict[str, Code] = {}
         self._of_error: dict[str, Code] = {}
@@ -276,7 +275,7 @@ class PythonFunctions(Functions):
         if not isinstance(products, MatrixFree):
             return FULL
         layout = layout_of(products, method)
-        example = np.zeros(layout.size), np.zeros(Sizes(**memory_sizes(layout.structure), size=0).given)
+        example = np.zeros(layout.size), np.zeros(Sizes(**memory_sizes(layout), size=0).given)
         static = replace(method, start="f0"), layout
         try:
             coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
@@ -316,9 +315,11 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
         return PythonFunctions(dynamics, method, layout, linsolver)
 
 
-def memory_sizes(s: Structure) -> dict[str, Any]:
-    """Those of the loops' memory that follow from the structure."""
-    return {"n": s.n, "m": s.m, "p": s.p, "inverse_mass": s.n * s.n if s.mass == "variable" else 0}
+def memory_sizes(layout: Layout) -> dict[str, Any]:
+    """Those of the loops' memory that follow from the structure and the method."""
+    s = layout.structure
+    inverse_mass, applied = s.n * s.n if s.mass == "variable" else 0, s.m if layout.extrapolated else 0
+    return {"n": s.n, "m": s.m, "p": s.p, "inverse_mass": inverse_mass, "applied": applied}
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:

@@ -50,7 +50,7 @@ def shortest_step(engine: Engine, state: Vector, step: Vector) -> Any:
     if not found.converged or not _levels_hold(engine.dynamics, (t, q, v), (t1, q1, v1), size_q, size_v):
         return 0.0
     f1, inverse = engine.force(t1, q1, v1)
-    near = found.vdot if engine.method.coefficients.total else f1
+    near = found.vdot if engine.method.total else f1
     end = [[1.0], q1, v1, near, near, found.lam, found.mu, found.vdot]
     return np.concatenate([*end, np.zeros(0) if inverse is None else inverse.ravel()])
 

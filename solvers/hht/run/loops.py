@@ -37,7 +37,7 @@ UNLIMITED = 2**62
 GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
     "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
-    "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
+    "lam_before": mem.LAM_BEFORE, "lam_applied": mem.LAM_APPLIED, "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
 }  # fmt: skip
 OF_CONTROL = {"earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K}
 
@@ -301,6 +301,7 @@ def misfits(state: State, layout: Layout, given: int) -> list[str]:
     s, size = layout.structure, layout.size
     known = 0 if state.earlier is None else min(state.earlier.size // size, HIGHEST)
     vectors = dict.fromkeys(("q", "v", "a", "f", "vdot"), (s.n,)) | {"lam": (s.m,), "mu": (s.p,)}
+    vectors |= dict.fromkeys(("lam_before", "lam_applied"), (s.m if layout.extrapolated else 0,))
     matrices = {"inverse_mass": (s.n, s.n), "unknowns": (size,), "earlier": (known, size)}
     found = misshapen(state, vectors | matrices) + misshapen(state.memory, dict.fromkeys(OF_CONTROL, (s.n,)))
     found += misshapen(state.factorised, {"at": (size + given,)})

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhtbench.counting import uncounted
 from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.control.tolerances import Tolerances
@@ -19,6 +20,7 @@ from solvers.hht.run.tension import followed
 from solvers.hht.step.state import State
 
 SETTLED = 500  # accepted steps before the first look, after which step control has long found its length
+CROWDED = 5_000  # steps to the end of a run that are worth a look at what made them so many
 MOST = 65_536  # steps between two looks
 SECONDS = 3.0  # between two looks at a slow run: its end comes with the second one
 FEWEST = 20  # steps between two looks, however slow they are
@@ -75,12 +77,21 @@ class Looks:
         self._at = time.perf_counter()
         return ended
 
+    def arrived(self, taken: int, state: State) -> str:
+        """What has made the ``taken`` steps to the end, at ``state``, so many, in words; or none."""
+        return self._followed(taken, state) if taken >= CROWDED else ""
+
     def many(self, taken: int, state: State) -> str:
         """Why ``taken`` steps do not lead further than to ``state``, as far as that is known, in words."""
-        h = (state.t - self._first.t) / taken
-        covered = float((self._high - self._low).max())
-        vibration = followed(self._engine, state, h, covered) if self._by_error and taken >= SETTLED else ""
+        vibration = self._followed(taken, state) if taken >= SETTLED else ""
         return f"{Status.max_steps.text} {vibration}".strip()
+
+    def _followed(self, taken: int, state: State) -> str:
+        if self._by_error is None:
+            return ""
+        covered = float((self._high - self._low).max())
+        with uncounted():
+            return followed(self._engine, state, (state.t - self._first.t) / taken, covered)
 
 
 def hopeless(

@@ -196,7 +196,8 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             state, taken, crossed = beyond, taken + 1, crossed + 1
         if ended := looks.ended(taken, state):
             return ended
-    return ARRIVED
+    note = looks.arrived(taken, state)
+    return replace(ARRIVED, message=f"{ARRIVED.message} {note}") if note else ARRIVED
 
 
 def is_quick(engine: Engine) -> bool:

@@ -139,8 +139,8 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
             return found
     f0, inverse = engine.force(t, q, v)
     vdot = f0 if found is None else found.vdot
-    near = vdot if engine.method.coefficients.total else f0  # what a0 is near, and adapted around by (H11)
-    a0 = near
+    near = vdot if engine.method.total else f0  # what a0 is near, and adapted around by (H11)
+    a0, applied = near, found.lam if engine.layout.extrapolated else NOTHING  # (H55)
     if engine.method.start in SHIFTED:
         shift = engine.method.coefficients.alpha * h
         a0 = engine.near(t + shift, q + shift * v, v + shift * vdot, found)  # (H12), (H41)
@@ -155,6 +155,8 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
         h=None,
         lam=NOTHING if found is None else found.lam,
         mu=NOTHING if found is None else found.mu,
+        lam_applied=applied,
+        lam_before=applied,
         vdot=vdot,
         inverse_mass=inverse,
         unknowns=None,

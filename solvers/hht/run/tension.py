@@ -29,6 +29,7 @@ LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
 FASTER = 100.0  # than the motion crosses what it covers
 GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
+REMEDY = "take extrapolate_reaction=True, which damps it, or b = 1"
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
@@ -46,13 +47,15 @@ def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
         return ""
     return (
         f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s "
-        f"with b = {b:g}, h omega = {limit:.3g}; take b = 1"
+        f"with b = {b:g}, h omega = {limit:.3g}; {REMEDY}"
     )
 
 
 def may_be_unstable(engine: Engine) -> bool:
-    """Whether steps of the method are too long for some vibration that reactions carry."""
-    return engine.structure.constrained and engine.method.equations == "hht" and engine.method.coefficients.b < 0.5
+    """Whether steps of the method can be too long for a vibration that reactions carry, by (H33)."""
+    method = engine.method
+    bounded = method.equations == "hht" and method.coefficients.b < 0.5 and not method.extrapolated
+    return engine.structure.constrained and bounded
 
 
 def grown(engine: Engine, t: Matrix, q: Matrix, v: Matrix) -> str:
@@ -86,14 +89,14 @@ def followed(engine: Engine, state: State, h: float, covered: float) -> str:
 
     ``covered``: by how much coordinates have changed on the way to ``state``, at most.
     """
-    if engine.method.equations != "hht" or engine.method.coefficients.b >= 0.5:
+    if not may_be_unstable(engine):
         return ""
     omega = fastest(engine, state)
     if not (abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v):
         return ""
     return (
         f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
-        "follow it; b = 1 takes longer ones."
+        f"follow it; {REMEDY}, for longer ones."
     )
 
 

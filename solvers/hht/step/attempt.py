@@ -7,7 +7,7 @@ from typing import Any
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, trapezoidal_start
+from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, tells_multipliers, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
@@ -40,7 +40,7 @@ def guess(z: Any, h: Any) -> None:
         degree = best_degree(z, count)
     put(x, 0, last)
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
-        put(x, z.i[mem.O_LAM0], part(z, mem.LAM))
+        put(x, z.i[mem.O_LAM0], last[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + z.i[mem.M]])
     if degree > 0:
         a, b, c, d, e = WEIGHTS_OF[degree]  # zeros behind those of the degree
         for i in range(size):
@@ -94,6 +94,10 @@ def plain_guess(z: Any, level: Any) -> None:
         put(x, z.i[mem.O_LAM0], lam)
     if z.i[mem.O_LAM1] >= 0:
         put(x, z.i[mem.O_LAM1], lam)
+    applied, ahead = part(z, mem.LAM_APPLIED), part(z, mem.LAM_AHEAD)
+    for i in range(ahead.size):
+        x[z.i[mem.O_LAM0] + i] -= applied[i]  # (H55)
+        x[z.i[mem.O_LAM1] + i] -= ahead[i]
     if z.i[mem.O_MU] >= 0:
         put(x, z.i[mem.O_MU], view(z.w, level + m, p))
 
@@ -114,6 +118,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     step = part(z, mem.STEP)
     step[0], step[1] = h, t1
     step[2], step[3], step[4] = start_weights(z, h)
+    look_ahead(z, acceleration)
     early(z)
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
@@ -137,6 +142,16 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
         ended = finished(z, ended, t1, counts)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
+
+
+@compiled
+def look_ahead(z: Any, acceleration: Any) -> None:
+    """Extrapolate the multipliers of (H55) to the end of the step, where the method does; ``acceleration``: largest now."""
+    ahead, number = part(z, mem.LAM_AHEAD), part(z, mem.NUMBER)
+    if ahead.size == 0:
+        return
+    known = number[mem.H] == 0.0 or tells_multipliers(number[mem.H], number[mem.SIZE_Q], acceleration)
+    put(ahead, 0, view(z.w, z.i[2 * (mem.LAM if known else mem.LAM_APPLIED)], ahead.size))
 
 
 @compiled
@@ -176,6 +191,9 @@ def shortest(z: Any, counts: Any) -> Any:
     if z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], multipliers)
     put(x, z.i[mem.O_LAM1], multipliers)
+    ahead = part(z, mem.LAM_AHEAD)
+    for i in range(ahead.size):
+        x[z.i[mem.O_LAM0] + i], x[z.i[mem.O_LAM1] + i], ahead[i] = 0.0, 0.0, multipliers[i]  # (H55)
     if z.i[mem.P] > 0:
         put(x, z.i[mem.O_MU], found[1 + 4 * n + z.i[mem.M] : 1 + 4 * n + z.i[mem.M] + z.i[mem.P]])
     tried = part(z, mem.ATTEMPT)
@@ -226,8 +244,13 @@ def accept(z: Any, row: Any) -> None:
     k = put(row, 2, end[: 3 * n])
     start = x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m] if z.i[mem.O_LAM0] >= 0 else part(z, mem.LAM)  # those before the step
     k = put(row, k, start)
+    applied = part(z, mem.LAM_APPLIED)
+    for i in range(applied.size):
+        row[k - m + i] += applied[i]  # (H55)
     put(row, k, end[4 * n : 4 * n + m + p])
     put(view(z.w, z.i[2 * mem.Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
+    put(part(z, mem.LAM_BEFORE), 0, part(z, mem.LAM_APPLIED if slot >= 0 else mem.LAM_AHEAD))  # (H21): a is f
+    put(part(z, mem.LAM_APPLIED), 0, part(z, mem.LAM_AHEAD))
     if z.i[mem.VARIABLE]:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known

@@ -43,6 +43,8 @@ class State(Filled):
     h: float | None  #: signed length of the last step [s]; None before the first
     lam: Vector  #: (m,) multiplier estimate at t, starts the next Newton iteration or KKT solve
     mu: Vector  #: (p,) the same for the velocity constraints
+    lam_applied: Vector  #: (m,) multipliers whose reaction is in ``f`` and ``a``, (H55); (0,): none is
+    lam_before: Vector  #: (m,) those in the ``f`` of the state before; ``lam_applied`` itself where nothing was before
     vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
     unknowns: Vector | None  #: (size,) of the last step

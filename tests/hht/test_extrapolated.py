@@ -1,0 +1,162 @@
+"""Extrapolated multipliers, (H55): vibrations that constraint forces carry are damped, and all else stays as it is."""
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.errors import ProblemError
+from hhtbench.request import Request
+from hhtbench.result import Status
+from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
+from solvers.hht import HHT
+from solvers.hht.equations.coefficients import REACTIONS
+from solvers.hht.verify import tension
+from tests.hht.event_scenes import impacts, wall
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
+from tests.hht.test_reproducible import bits
+
+ON = {"extrapolate_reaction": True}
+MIDDLES = np.concatenate([[0.0], np.arange(0.5, 400.0) / 400.0])  # of 400 steps in a second; the motion begins at 0
+STRAIGHT = DoublePendulum.straight(0.5)
+
+
+def rods(ratio, **options):
+    return HHT(DoublePendulum(ratio=ratio), **{**ON, **options})
+
+
+def test_its_verification_is_registered():
+    assert hb.load_verification("tension") is tension.verify_tension
+
+
+@pytest.mark.parametrize("alpha", [-0.05, -0.3])
+def test_vibrations_in_steps_far_too_long_are_damped_on_equal_and_on_changing_steps(alpha):
+    assert tension.damped(alpha).passed
+
+
+def test_without_it_they_are_not(monkeypatch):
+    monkeypatch.setattr(tension, "EXTRAPOLATED", {"b": 1.0})
+    assert tension.left(5.0, -0.3, (1.0,)) > 0.5
+
+
+def test_the_order_is_two_on_equal_and_on_changing_steps():
+    judged, _ = tension.orders(tension.TWO, (200, 400, 800))
+    assert judged.passed, judged.measured
+
+
+def test_both_levels_hold_to_roundoff():
+    assert tension.levels(tension.TWO, 200).passed
+
+
+@pytest.mark.parametrize("ratio", [1e6, 1e8])
+def test_a_light_body_on_a_taut_rod_costs_no_steps(ratio):
+    """Masses 1e6 apart: 24 steps, where b = 0 takes 20,000 and b = 1 3,000; against DOP853 on 1e4, whose motion is that."""
+    solution = rods(ratio).solve((0.0, 1.0), *STRAIGHT, rtol=1e-3)
+    exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, 1e4, 1.0))
+    assert solution.success
+    assert solution.counters.steps_accepted < 100
+    assert np.max(np.abs(solution.q[-1] - exact)) < 5e-3
+
+
+@pytest.mark.parametrize("request_", [{"steps": 40}, {"rtol": 1e-4}], ids=["steps", "rtol"])
+@pytest.mark.parametrize("options", [{}, {"b": 0.2}, *({"reaction": name} for name in REACTIONS[1:])], ids=str)
+def test_the_loop_in_python_makes_the_same_bits(options, request_):
+    first, second = (
+        rods(10.0, engine=engine, **options).solve((0.0, 0.5), *STRAIGHT, **request_) for engine in ("compiled", "python")
+    )
+    assert first.success
+    assert first.q.tobytes() == second.q.tobytes()
+    assert first.v.tobytes() == second.v.tobytes()
+
+
+@pytest.mark.parametrize("system", [JAX_PENDULUM, pendulum()], ids=["jax", "numpy"])
+@pytest.mark.parametrize("options", [{}, {"b": 1.0}, {"reaction": "predictor"}, {"reaction": "midpoint"}], ids=str)
+def test_rows_and_stages_have_whole_multipliers(system, options):
+    """Those of rows are of the acceleration level, the mean of the stages belongs to the middle of the step."""
+    solution = HHT(system, **ON, **options).solve((0.0, 1.0), Q0, V0, steps=400)
+    exact, _ = pendulum_at(np.linspace(0.0, 1.0, 401))
+    assert np.max(np.abs(solution.q - exact)) < 4e-5
+    assert np.max(np.abs(solution.lam[:, 0] - tension_at(solution.q, solution.v))) < 1e-11
+    data, middle = solution.steps_data, tension_at(*pendulum_at(MIDDLES))[1:]
+    stage = data.lam_end if "midpoint" in options.values() else (data.lam_start + data.lam_end) / 2.0
+    assert np.max(np.abs(stage[:, 0] - middle)) < 1e-3
+
+
+@pytest.mark.parametrize("short", [1e-4, 2e-7, 1e-10])
+def test_multipliers_of_steps_far_shorter_than_the_next_disturb_nothing(short):
+    """Their rate is that of a jump, and those of 1e-10 s are roundoff over h^2: 20,000 N."""
+
+    def error(steps):
+        solution = HHT(JAX_PENDULUM, **ON).solve((0.0, steps.sum()), Q0, V0, steps=steps)
+        exact, _ = pendulum_at([0.0, steps.sum()])
+        return np.max(np.abs(solution.q[-1] - exact[-1]))
+
+    assert error(np.array([0.02] * 20 + [short] * 3 + [0.02] * 20)) < 1.1 * error(np.full(40, 0.02))
+
+
+@pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
+def test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit(accuracy):
+    whole, parts, ends = rods(1e4), rods(1e4), []
+    whole.init_step(0.0, *STRAIGHT, **accuracy)
+    parts.init_step(0.0, *STRAIGHT, **accuracy)
+    for count in (0, 1, 2, 9):
+        for _ in range(count):
+            assert whole.step() is parts.step() is Status.success
+            ends.append(bits(whole.state) == bits(parts.state))
+        saved = parts.checkpoint()
+        parts = rods(1e4)
+        parts.resume(saved)
+    assert all(ends)
+    with pytest.raises(ProblemError, match="extrapolated"):
+        HHT(DoublePendulum(ratio=1e4)).resume(saved)
+
+
+def test_a_blow_begins_with_the_multipliers_after_it():
+    """The pendulum comes back from a wall with 0.7 of its speed, and half of its tension: times by its angle's equation."""
+    solution = HHT(pendulum(), events=wall(), **ON).solve((0.0, 2.0), Q0, V0, rtol=1e-6)
+    times, _ = impacts(3)
+    assert solution.success
+    np.testing.assert_allclose(solution.t_events[0], times[times < 2.0], atol=2e-5)
+
+
+@pytest.mark.parametrize("linsolver", ["dense", "band", "sparse"])
+def test_every_linear_algebra_moves_the_same(linsolver):
+    problem = hb.load_problem("planar_chain(n_links=20)")
+    small = hb.solve(problem, hb.load_solver("hht", **ON), step=0.01, t_span=(0.0, 0.2))
+    other = hb.solve(problem, hb.load_solver("hht", linsolver=linsolver, **ON), step=0.01, t_span=(0.0, 0.2))
+    np.testing.assert_allclose(other.q[-1], small.q[-1], atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["redundant_pendulum", "andrews", "driven_coordinate", "slider_crank_flexible"])
+def test_problems_of_every_kind_move_as_without_it(name):
+    """Redundant rows, a mass that varies, a coordinate that is driven, full masses."""
+    problem = hb.load_problem(name)
+    end = problem.t_span[0] + 0.1 * (problem.t_span[1] - problem.t_span[0])
+    found, wanted = (
+        hb.solve(problem, hb.load_solver("hht", **options), rtol=1e-5, t_span=(problem.t_span[0], end))
+        for options in (ON, {})
+    )
+    assert found.success
+    assert np.max(np.abs(found.q[-1] - wanted.q[-1]) / problem.scales.q) < 1e-3
+
+
+def test_what_it_does_not_take_is_refused_by_name():
+    with pytest.raises(ProblemError, match="needs an alpha below 0"):
+        rods(1.0, alpha=0.0)
+    for spec, part in (("knife_edge", "velocity_constraint"), ("jay_negrut_test1", "reaction")):
+        problem, solver = hb.load_problem(spec), hb.load_solver("hht", **ON)
+        with pytest.raises(ProblemError, match=f"declares {part}"):
+            HHT(problem.system, **ON)
+        assert part in solver.accepts(problem, Request(rtol=1e-4))
+
+
+def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
+    bar = hb.load_problem("clamped_bar_impact(n_elements=250)")
+    with pytest.raises(ProblemError, match='Take b = 1, or without="zeros"'):
+        HHT(bar.system, **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2)
+    assert HHT(bar.system, without="zeros", **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2).success
+
+
+def test_its_steps_are_not_blamed_on_a_vibration():
+    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5)
+    assert solution.success
+    assert "vibration" not in solution.message
