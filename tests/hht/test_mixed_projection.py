@@ -101,10 +101,14 @@ def moved_one_by_one(dynamics, rows, sizes):
     return np.column_stack([t, q, v])
 
 
-@pytest.mark.parametrize("algebra", ["auto", "dense", "band"])
-@pytest.mark.parametrize("mass", MASSES)
-@pytest.mark.parametrize("reaction", ["plain", "declared"])
-@pytest.mark.parametrize("kinds", ["m", "p", "mp"])
+WAYS = [
+    (kinds, reaction, mass, "auto") for kinds in ("m", "p", "mp") for reaction in ("plain", "declared") for mass in MASSES
+]
+WAYS += [(kinds, "plain", "variable", algebra) for kinds in ("m", "p", "mp") for algebra in ("dense", "band")]
+WAYS += [("mp", "declared", mass, algebra) for mass in ("diagonal", "sparse") for algebra in ("dense", "band")]
+
+
+@pytest.mark.parametrize(("kinds", "reaction", "mass", "algebra"), WAYS)
 def test_a_state_is_moved_to_the_same_place_by_every_way(kinds, reaction, mass, algebra, monkeypatch):
     """By the entries of the KKT matrix, by full matrices, and in Python one after the other; to the square of a move."""
     if algebra != "auto":

@@ -1,7 +1,7 @@
 """Every derived function that a solver uses, of every problem of the library: machine code and XLA give the same values.
 
 XLA compiles one function per problem that calls all of them, without optimisation; both routes share their traces.  Its
-seconds are what this costs, so problems take turns with the matrices of the forms.
+seconds are what this costs, so problems take turns with the end of a step and with the matrices.
 """
 
 import importlib
@@ -72,9 +72,10 @@ def functions_of(problem, dynamics):
         layout = Layout(s, moving, moving and s.mass == "variable")
         method = Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="implicit" if moving else "predictor")
         given = lambda *point, layout=layout: given_arguments(layout, *point)  # noqa: E731
-        add(state_after, (method, layout), given, name=f" {moving}")
         add(residual_of, (method, layout), given, name=f" {moving}")
-        if small and (moving or turn % 3 == 0):
+        if turn % 2 == moving:
+            add(state_after, (method, layout), given, name=f" {moving}")
+        if small and turn % 3 == moving:
             add(step_residual_and_matrix, (method, layout), given, name=f" {moving}")
     add(kkt_terms, (), lambda t, q, v, draw: (t, q, v, draw.normal(size=unknowns)))
     add(force_and_inverse_mass, (), lambda t, q, v, _: (t, q, v), OF_SOLVES)
@@ -83,7 +84,7 @@ def functions_of(problem, dynamics):
         add(level_terms, (), lambda t, q, v, _: (t, q, v))
     forms = [form for form in FORMS if refusal(form, s) is None] if small else []
     for i, form in enumerate(forms):
-        with_matrix = i == turn % len(forms)
+        with_matrix = turn % 2 == 0 and i == turn // 2 % len(forms)
         if form == "ode":
             packed = lambda t, q, v, _: (t, np.concatenate([q, v]))  # noqa: E731
             add(rhs_function, (), packed, OF_SOLVES)
