@@ -83,8 +83,9 @@ def functions_of(problem, dynamics):
     if s.constrained:
         add(level_terms, (), lambda t, q, v, _: (t, q, v))
     forms = [form for form in FORMS if refusal(form, s) is None] if small else []
+    forms = forms[turn % 2 :: 2] or forms
     for i, form in enumerate(forms):
-        with_matrix = turn % 2 == 0 and i == turn // 2 % len(forms)
+        with_matrix = i == turn // 2 % len(forms)
         if form == "ode":
             packed = lambda t, q, v, _: (t, np.concatenate([q, v]))  # noqa: E731
             add(rhs_function, (), packed, OF_SOLVES)
