@@ -23,6 +23,8 @@ from solvers.hht.run import functions, idle, kkt
 from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
 from tests.lowering.xla import compiled
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
 BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full

@@ -17,6 +17,8 @@ from solvers.hht.run.kkt import of_full_matrices
 from solvers.hht.run.projecting import smallest_changes
 from solvers.hht.step.projection import project
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 
 class Circles(hb.System):
     """Points on circles whose height is z = sin t, which a velocity constraint says together with what holds already."""

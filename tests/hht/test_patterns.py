@@ -12,6 +12,8 @@ from problems.planar_chain import PlanarChain, problem, rod_ends
 from solvers.hht import HHT
 from solvers.hht.run import functions
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 LINKS = 32
 CHAIN = problem(n_links=LINKS)
 LENGTH, MASS = np.asarray(CHAIN.system.l), np.asarray(CHAIN.system.m)
