@@ -7,7 +7,7 @@ import hashlib
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 
@@ -101,16 +101,8 @@ class SourceReader:
 
     def _reading(self, module: _Module) -> _Read:
         if module.file not in self._read:
-            text = module.file.read_bytes()
-            digest = hashlib.sha256(text).hexdigest()
-            try:
-                tree = ast.parse(text)
-            except (SyntaxError, ValueError):
-                self._read[module.file] = _Read(digest, (), frozenset())
-            else:
-                package = module.name if module.file.name == "__init__.py" else module.name.rpartition(".")[0]
-                words = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
-                self._read[module.file] = _Read(digest, tuple(_imports(tree, package)), frozenset(words))
+            package = module.name if module.file.name == "__init__.py" else module.name.rpartition(".")[0]
+            self._read[module.file] = _read(module.file.read_bytes(), package)
         return self._read[module.file]
 
     def _data(self, module: _Module) -> Iterator[tuple[str, str]]:
@@ -122,6 +114,18 @@ class SourceReader:
                 if file.suffix not in NOT_DATA and (file.name in words or file.stem in words) and file.is_file():
                     name = file.relative_to(module.file.parent).as_posix()
                     yield f"{module.name}: {name}", hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@lru_cache(maxsize=1024)  # a process that plans again parses only what has changed
+def _read(text: bytes, package: str) -> _Read:
+    """What the ``text`` of a module in ``package`` says."""
+    digest = hashlib.sha256(text).hexdigest()
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):
+        return _Read(digest, (), frozenset())
+    words = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+    return _Read(digest, tuple(_imports(tree, package)), frozenset(words))
 
 
 def _find(name: str, folders: tuple[Path, ...]) -> _Module | None:

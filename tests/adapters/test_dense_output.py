@@ -12,6 +12,8 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.result import Status
 from solvers._ending import until
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 INTERPOLATE = (
     *("ida(form=ggl)", "ida(form=integrated)", "cvode(method=bdf)", "cvode(method=adams)", "collocation"),
     *("scipy(method=Radau)", "scipy(method=BDF)", "scipy(method=LSODA)", "scipy(method=DOP853)"),

@@ -12,6 +12,8 @@ from solvers import diffrax_ode
 from tests.adapters.scenes import HOST, errors, problem
 from tests.performance.time_origins import SOLVERS, rows
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 TSIT5 = diffrax_ode.solver(method="Tsit5")
 UNIX = 2.0**30  # [s]: times are 2.4e-7 s apart
 QUICK = [name for name in SOLVERS if name != "hht(reaction=midpoint)"]

@@ -22,9 +22,16 @@ from solvers.hht.run import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 ROUNDOFF = 1e-12
 CONSTRAINED = ("bead_chain", "four_bars", "planar_chain", "rolling_disk_incline")
-DAES = [(name, form) for name in (*CONSTRAINED, "fekete") for form in ("ggl", "index1", "integrated")]
+DAES = [  # each of one with every second of the other
+    (name, form)
+    for i, name in enumerate((*CONSTRAINED, "fekete"))
+    for j, form in enumerate(("ggl", "index1", "integrated"))
+    if (i + j) % 2 == 0
+]
 FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
 
 
@@ -112,7 +119,7 @@ SOLVERS = ("ida(form=index1)", "cvode", "scipy(method=Radau)", "scipy(method=BDF
 RUNS = [(name, solver) for name in ("planar_chain", "oscillator_chain") for solver in SOLVERS]
 
 
-OTHERS = ("ida(form=ggl)", "scipy(method=DOP853)", "diffrax(method=Tsit5)", "diffrax(method=Kvaerno5)")
+OTHERS = ("ida(form=ggl)", "scipy(method=DOP853)", "diffrax(method=Kvaerno5)")
 
 
 @pytest.mark.parametrize(("name", "solver"), [*RUNS, *(("planar_chain", solver) for solver in OTHERS)])

@@ -11,6 +11,8 @@ import hhtbench as hb
 from hhtbench.protocol import Problem, System
 from hhtbench.result import Status
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 SOLVERS = ("hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected")
 
 

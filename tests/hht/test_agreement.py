@@ -85,8 +85,11 @@ def test_the_library_is_all_there():
     assert len(NAMES) >= 32
 
 
-@pytest.mark.parametrize("options", METHODS, ids=str)
-@pytest.mark.parametrize("name", MIXED)
+@pytest.mark.parametrize(
+    ("name", "options"),  # each of one with every second of the other
+    [(name, options) for i, name in enumerate(MIXED) for j, options in enumerate(METHODS) if (i + j) % 2 == 0],
+    ids=str,
+)
 def test_every_method_moves_the_same(name, options):
     problem = hb.load_problem(name)
     t0, t1 = problem.t_span

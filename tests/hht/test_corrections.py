@@ -1,5 +1,6 @@
 """A step from the state in straight lines, as the loops take it, against the equations of a step with known values."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from solvers.hht.equations.corrections import (
 from solvers.hht.equations.discretise import residual_and_matrix, stages, step_residual_and_matrix, unpack_matrix
 from solvers.hht.equations.known import weighted
 from solvers.hht.run.functions import layout_of
+from tests.lowering.xla import values
 
 SCENES = {  # constraints on both levels and none, constant and variable masses, linear and nonlinear reactions
     "jay_negrut_pendulum": {"alpha": -0.3},
@@ -51,6 +53,12 @@ def known_of(hht, state, h, a0):
     return layout, weighted(method, layout, None, start)
 
 
+def end_of(place):
+    """Of the step, in one row."""
+    parts = place.q1, place.v1, place.start_reaction, place.end_reaction
+    return jnp.concatenate([part for part in parts if part is not None])
+
+
 def near(state, size, spread):
     """Unknowns like those of the last step (size,), or of the size of one."""
     lots = np.random.default_rng(0).standard_normal(size)
@@ -80,17 +88,17 @@ def test_known_values_residual_matrix_and_state_are_those_of_the_equations(name,
     given, dynamics, layout = given_of(state, h, weights), engine.dynamics, engine.layout
     size, n = layout.size, layout.structure.n
     x, static = near(state, size, 0.1), (engine.functions.method, layout)
-    wanted = np.asarray(residual_and_matrix(dynamics, plain, x, known))
-    found = np.asarray(step_residual_and_matrix(dynamics, *static, x, given))
+    functions = (
+        lambda x, known, given: residual_and_matrix(dynamics, plain, x, known),
+        lambda x, known, given: step_residual_and_matrix(dynamics, *static, x, given),
+        lambda x, known, given: residual_and_end(dynamics, *static, x, given),
+        lambda x, known, given: end_of(stages(dynamics, plain, plain.split(x), known)),
+    )
+    wanted, found, after, end = (np.asarray(value) for value in values(functions, x, known, given))
     np.testing.assert_allclose(found, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
-    after = np.asarray(residual_and_end(dynamics, *static, x, given))
     np.testing.assert_allclose(after[:size], wanted[:size], rtol=1e-11, atol=1e-12 * np.abs(wanted[:size]).max())
     np.testing.assert_array_equal(after[size : 2 * size], constraint_rows(layout, after[:size]))
     after = np.delete(after, np.s_[size : 2 * size])
-    place = stages(dynamics, plain, plain.split(x), known)
-    end = np.concatenate(
-        [part for part in (place.q1, place.v1, place.start_reaction, place.end_reaction) if part is not None]
-    )
     q, v, a, f = np.split(after[size : size + 4 * n], 4)
     np.testing.assert_allclose(np.concatenate([q, v]), end[: 2 * n], rtol=1e-13, atol=1e-14)
     np.testing.assert_array_equal(a, x[:n])
@@ -119,8 +127,10 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
     x, other = (state.unknowns * (1 + 0.05 * lots.standard_normal(size)) for _ in range(2))
     plain, known = known_of(hht, state, h, state.a)
     n = layout.structure.n
-    residual, blocks = unpack_matrix(layout, np.asarray(residual_and_matrix(dynamics, plain, x, known)))
-    fresh = np.asarray(fresh_correction(dynamics, *static, entries, x, given))
+    blocks_of = lambda x, known, given: residual_and_matrix(dynamics, plain, x, known)  # noqa: E731
+    fresh_of = lambda x, known, given: fresh_correction(dynamics, *static, entries, x, given)  # noqa: E731
+    both, fresh = (np.asarray(value) for value in values((blocks_of, fresh_of), x, known, given))
+    residual, blocks = unpack_matrix(layout, both)
     matrix, maps = blocks[:size], blocks[size:]
 
     def agrees(found, residual):
@@ -134,8 +144,11 @@ def test_a_correction_is_that_of_numpys_solver_and_what_is_kept_serves_another_i
     np.testing.assert_allclose(inverse.reshape(size, size).T @ matrix, np.eye(size), atol=1e-9)
     np.testing.assert_array_equal(kept, maps.ravel()[list(entries)])
     np.testing.assert_allclose(largest, [max(np.abs(residual).max(), np.abs(blocks).max())], rtol=1e-12)
-    later = np.asarray(lagged_correction_and_end(dynamics, *static, entries, other, inverse, kept, given))
-    both = np.asarray(residual_and_end(dynamics, *static, other, given))
+    lagged = lambda x, inverse, kept, given: lagged_correction_and_end(  # noqa: E731
+        dynamics, *static, entries, x, inverse, kept, given
+    )
+    whole = lambda x, inverse, kept, given: residual_and_end(dynamics, *static, x, given)  # noqa: E731
+    later, both = (np.asarray(value) for value in values((lagged, whole), other, inverse, kept, given))
     agrees(later[: size + 2], both[:size])
     np.testing.assert_allclose(later[size + 2 : 2 * size + 2], both[:size], rtol=1e-13, atol=1e-13)
     agrees(later[2 * size + 2 : 3 * size + 4], constraint_rows(layout, both[:size]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ import hhtbench as hb
 from solvers.hht import HHT
 from solvers.hht.equations.corrections import residual_of
 from solvers.hht.equations.discretise import step_residual_and_ends, step_residual_and_matrix, unpack_matrix
+from tests.lowering.xla import values
 
 METHODS = (
     {},
@@ -42,11 +45,13 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, met
     unknowns, given = np.split(hht.state.factorised.at, [layout.size])
     static, given = (dynamics, method, layout), jnp.asarray(given)
     x = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size))
-    residual, blocks = unpack_matrix(layout, step_residual_and_matrix(*static, x, given))
-    matrix = jax.jacfwd(lambda y: residual_of(*static, y, given))(x)
-    maps = jax.jacfwd(lambda y: step_residual_and_ends(*static, y, given)[layout.size :])(x)
-    wanted = np.concatenate([matrix, maps])
-    np.testing.assert_array_equal(residual, residual_of(*static, x, given))
+    assembled, whole, with_ends = (
+        partial(function, *static) for function in (step_residual_and_matrix, residual_of, step_residual_and_ends)
+    )
+    both, alone, matrix, ends = values((assembled, whole, jax.jacfwd(whole), jax.jacfwd(with_ends)), x, given)
+    residual, blocks = unpack_matrix(layout, both)
+    wanted = np.concatenate([matrix, ends[layout.size :]])
+    np.testing.assert_array_equal(residual, alone)
     np.testing.assert_allclose(
         blocks / np.abs(wanted).max(axis=1, keepdims=True),
         wanted / np.abs(wanted).max(axis=1, keepdims=True),

@@ -36,6 +36,8 @@ from solvers.hht.loops.memory import (
 )
 from solvers.hht.run import functions, idle
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 SAME = 1e-11
 PROBLEMS = {
     "planar_chain(n_links=6)": 1e-3,  # constant diagonal mass

@@ -11,6 +11,8 @@ from solvers.hht.run import functions, idle
 from solvers.hht.step.newton import NewtonOptions
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
 HOSTILE = (
     "bricard",

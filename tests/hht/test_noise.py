@@ -15,6 +15,8 @@ from solvers.hht import HHT
 from solvers.hht.run.noise import noise
 from tests.hht.scenes import Q0, V0, circle, gravity, pendulum
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 SIZES = (1e-2, 1e-1, 1.0)
 ASKED = {"steps": {"steps": 60}, "error": {"rtol": 1e-3, "max_num_steps": 150}}
 ROUNDED = 1e-13  # of positions of 1 m, and of velocities of 1 m/s and more

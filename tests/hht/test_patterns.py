@@ -12,7 +12,9 @@ from problems.planar_chain import PlanarChain, problem, rod_ends
 from solvers.hht import HHT
 from solvers.hht.run import functions
 
-LINKS = 40
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
+LINKS = 32
 CHAIN = problem(n_links=LINKS)
 LENGTH, MASS = np.asarray(CHAIN.system.l), np.asarray(CHAIN.system.m)
 INERTIA = np.stack([MASS, MASS, MASS * LENGTH**2 / 12], axis=1).ravel()
@@ -77,7 +79,7 @@ def moved(system, **accuracy):
 
 
 @pytest.mark.filterwarnings("ignore:redundant constraints")
-@pytest.mark.parametrize("accuracy", [{"steps": 10}, {"rtol": 1e-4}], ids=["steps", "controlled"])
+@pytest.mark.parametrize("accuracy", [{"steps": 5}, {"rtol": 1e-4}], ids=["steps", "controlled"])
 @pytest.mark.parametrize("scene", SCENES)
 def test_callables_with_patterns_move_the_same_as_by_full_matrices(scene, accuracy, monkeypatch):
     changed, more = SCENES[scene]

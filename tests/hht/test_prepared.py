@@ -15,6 +15,8 @@ from solvers.hht import HHT
 from solvers.hht.run import functions, kkt, start
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 ONE_ROW_LESS = pytest.mark.filterwarnings("ignore:redundant constraints")
 
 

@@ -28,6 +28,8 @@ from solvers.hht.run.stepper import Accepted, Stepper
 from tests.hht.scenes import Q0, SYSTEMS, V0
 from tests.performance import singular
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 
 @pytest.mark.parametrize("alpha", [-0.05, -0.3])
 def test_four_bars_go_through_their_dead_points_on_the_right_branch(alpha):

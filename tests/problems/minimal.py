@@ -5,13 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from problems._minimal import second_along
+from tests.lowering.xla import quickly
 
 
 def measured(system):
     """(q, v) -> (vdot, lam, g, g_q v, g_q) from the KKT system of the acceleration level; one compilation."""
     g = lambda q: system.constraint(0.0, q)  # noqa: E731
 
-    @jax.jit
+    @quickly
     def measure(q, v):
         mass, rows = system.mass_matrix, jax.jacfwd(g)(q)
         mass = mass(0.0, q) if callable(mass) else jnp.diag(mass)

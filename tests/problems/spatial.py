@@ -1,9 +1,10 @@
 """Constraint rows, accelerations and consistent states of the spatial problems, by automatic differentiation."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from tests.lowering.xla import quickly
 
 NAMES = ("heavy_top", "rolling_sphere_table", "bricard", "flyball_governor")
 
@@ -16,15 +17,17 @@ def velocity_constraint(system, q, v):
     return system.velocity_constraint(0.0, q, v) if hasattr(system, "velocity_constraint") else jnp.zeros(0)
 
 
-@eqx.filter_jit
-def rows_and_values(system, q, v):
+def _rows_and_values(system, q, v):
     """Constraint rows (m + p, n) and values of g, of g_q v and of k."""
     g = lambda q: system.constraint(0.0, q)  # noqa: E731
     rows = [jax.jacfwd(g)(q), jax.jacfwd(velocity_constraint, 2)(system, q, v)]
     return jnp.concatenate(rows), g(q), rows[0] @ v, velocity_constraint(system, q, v)
 
 
-@eqx.filter_jit
+rows_and_values = quickly(_rows_and_values)
+
+
+@quickly
 def acceleration_level(system, q, v):
     """Matrix and right side for (vdot, lam, mu), and mass."""
     mass = system.mass_matrix
@@ -35,7 +38,7 @@ def acceleration_level(system, q, v):
             [jax.jvp(lambda x: system.constraint(0.0, x), (q,), (v,))[1], velocity_constraint(system, q, v)]
         )
 
-    rows = rows_and_values(system, q, v)[0]
+    rows = _rows_and_values(system, q, v)[0]
     matrix = jnp.block([[mass, rows.T], [rows, jnp.zeros((len(rows), len(rows)))]])
     return matrix, jnp.concatenate([system.force(0.0, q, v), -jax.jvp(rates, (q,), (v,))[1]]), mass
 

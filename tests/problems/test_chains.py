@@ -17,6 +17,7 @@ from problems._minimal import (
     slider_crank,
     stiff_spring_pendulum,
 )
+from tests.lowering.xla import quickly
 from tests.problems.cases import CHANGED
 from tests.problems.minimal import measured
 
@@ -50,7 +51,7 @@ cases = pytest.mark.parametrize(("name", "parameters", "minimal", "s"), CASES)
 def moving_state(minimal, s):
     """A state on the constraints, with random velocities, and its accelerations: (q, v, vdot)."""
 
-    @jax.jit
+    @quickly
     def state(s, u):
         q, v = jax.jvp(minimal.embed, (s,), (u,))
         vdot = jax.jvp(minimal.embed, (s,), (minimal.accelerations(s, u),))[1] + second_along(minimal.embed, s, u)
@@ -74,7 +75,7 @@ def test_energy_and_invariants_are_kept_by_the_accelerations(make, name, paramet
     q, v, vdot = moving_state(minimal, s)
     for function in filter(None, (system.energy, getattr(system, "invariants", None))):
         total = lambda q, v, f=function: sum(jax.tree.leaves(f(0.0, q, v)))  # noqa: E731
-        by_q, by_v = jax.jit(jax.grad(total, (0, 1)))(q, v)
+        by_q, by_v = quickly(jax.grad(total, (0, 1)))(q, v)
         terms = np.concatenate([by_q * v, by_v * vdot])
         assert np.abs(terms).max() > 0
         np.testing.assert_allclose(terms.sum(), 0.0, atol=1e-13 * np.abs(terms).sum())
@@ -84,7 +85,7 @@ def test_energy_and_invariants_are_kept_by_the_accelerations(make, name, paramet
 @pytest.mark.parametrize("n", [4, 10_000])
 def test_chain_of_any_length_starts_consistent_and_is_tagged_large_where_it_is(make, name, size, n):
     problem = make(name, **{size: n})
-    levels = jax.jit(lambda q, v: jax.jvp(lambda x: problem.system.constraint(0.0, x), (q,), (v,)))
+    levels = quickly(lambda q, v: jax.jvp(lambda x: problem.system.constraint(0.0, x), (q,), (v,)))
     for rows in levels(problem.q0, problem.v0):
         np.testing.assert_allclose(rows, 0.0, rtol=0, atol=2e-15 * (1 + np.abs(problem.v0).max()))
     assert ("large" in problem.tags) == (problem.q0.size >= 300)
@@ -119,11 +120,11 @@ def test_work_and_memory_of_a_chain_grow_with_its_length_alone(make, name, size)
 def test_hanging_chain_carries_at_each_joint_what_hangs_below(make):
     """Statics: joint i of N rods holds (N - i + 1) / N of the weight, pulling what is before it down."""
     below, rest = 2.0 * 9.81 * np.array([1.0, 0.75, 0.5, 0.25]), np.zeros(12)
-    q = jax.jit(planar_chain(4, 2.0, 1.0, 9.81).embed)(np.full(4, -math.pi / 2))
+    q = quickly(planar_chain(4, 2.0, 1.0, 9.81).embed)(np.full(4, -math.pi / 2))
     vdot, lam, *_ = measured(make("planar_chain", n_links=4, m=2.0).system)(q, rest)
     np.testing.assert_allclose(vdot, 0.0, atol=1e-12)
     np.testing.assert_allclose(lam.reshape(-1, 2), np.column_stack([0 * below, -below]), atol=1e-12)
-    q = jax.jit(bead_chain(4, 2.0, 1.0, 9.81).embed)(np.repeat([-math.pi / 2, 0.0], 4))
+    q = quickly(bead_chain(4, 2.0, 1.0, 9.81).embed)(np.repeat([-math.pi / 2, 0.0], 4))
     np.testing.assert_allclose(measured(make("bead_chain", n_beads=4, m=2.0).system)(q, rest)[1] * 0.25, below, rtol=1e-13)
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.lowering.xla import quickly
 from tests.problems.cases import CHANGED
 from tests.problems.mechanics import compiled
 
@@ -65,7 +66,7 @@ def test_force_is_what_lagrange_derives_from_mass_and_energy(make, name, paramet
         M = jnp.asarray(mass(t, q) if callable(mass) else mass)
         return M @ v if M.ndim == 2 else M * v
 
-    @jax.jit
+    @quickly
     def compare(q, v):
         inertial = jax.grad(lambda x: v @ momentum(x, v) / 2)(q) - jax.jvp(lambda x: momentum(x, v), (q,), (v,))[1]
         expected = inertial - jax.grad(lambda x: system.energy(t, x, 0 * v))(q)

@@ -1,11 +1,11 @@
 """Claims on the spatial problems: unit quaternions, a top, closed loops, rolling on a turning table."""
 
-import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 from hhtbench.mechanics.space import body_rate, quaternion_rate, rotation, space_rate, split
+from tests.lowering.xla import quickly
 from tests.problems.cases import CHANGED
 from tests.problems.spatial import NAMES, RANKS, acceleration_level, accelerations, consistent_states, rows_and_values
 
@@ -49,7 +49,7 @@ def test_start_is_consistent_and_of_the_stated_rank(make, name, parameters):
     assert all(isinstance(leaf, jax.Array) and leaf.dtype == np.float64 for leaf in jax.tree.leaves(problem.system))
 
 
-@eqx.filter_jit
+@quickly
 def measured_rates(system, q, v, vdot, lam, mu):
     """d energy/dt less power, the power, and d invariants/dt."""
     along = lambda f: jax.jvp(lambda q, v: f(0.0, q, v), (q, v), (v, vdot))[1]  # noqa: E731

@@ -6,6 +6,8 @@ import pytest
 
 from tests.testing.test_solvers import parameters
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 
 @pytest.mark.parametrize("check", parameters("diffrax"))
 def test_diffrax(check):
