@@ -259,3 +259,20 @@ def test_a_jump_too_large_for_the_shortest_step_is_told_from_roundoff():
     assert solution.status is Status.step_too_small
     assert "jump" in solution.message
     assert "roundoff" not in solution.message
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a_structure_that_forces_hold_at_rest_has_the_tolerance_of_what_they_could_do(unit):
+    """Two rods hold a weight between them: v' is what rounding leaves of forces in balance, and no size of a motion."""
+    anchors = np.array([[0.0, 0.0], [2.0, 0.0]]) * unit
+    place = np.array([0.3, -0.8]) * unit
+    lengths = ((place - anchors) ** 2).sum(axis=1)
+    system = NumpySystem(
+        force=lambda t, q, v: np.array([3.0, -9.81]) * unit - 1e3 * (q - 0.9 * place),
+        constraint=lambda t, q: (((q - anchors) ** 2).sum(axis=1) - lengths) / 2,
+    )
+    for alpha in (0.0, -0.3):
+        solution = HHT(system, alpha=alpha, b=0.2).solve((0.0, 1.0), place, [0.0, 0.0], rtol=1e-6)
+        assert solution.success, solution.message
+        assert solution.counters.steps_accepted < 100
+        assert np.abs(solution.v).max() < 1e-9 * unit

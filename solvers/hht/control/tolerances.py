@@ -16,6 +16,8 @@ from solvers.hht.equations.formulas import CERTAIN, EPS, relative_tolerance, rou
 from solvers.hht.step.state import State
 from solvers.hht.step.stopping import weigh_part, weighted_rms
 
+AT_REST = 1e-7  # of the speed that forces alone would give: less is the root of their roundoff, 1.5e-8, in balance
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -77,7 +79,8 @@ class Tolerances:
 def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     """From a request; ``atol`` None takes rtol times what is typical of q and v at the start.
 
-    That of q is the largest |q|, that of v the larger of |v| and sqrt(|v'| |q|): what falling over |q| gives.
+    That of q is the largest |q|, that of v the larger of |v| and sqrt(|v'| |q|): what falling over |q| gives; at rest, where
+    v' is the roundoff of forces in balance, what they alone would give.
 
     Raises
     ------
@@ -90,7 +93,9 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     if atol is None:
         absolute, typical = relative.copy(), size_q or 1.0
         absolute[:n] *= typical
-        absolute[n:] *= max(start.size_v, math.sqrt(float(np.maximum.reduce(np.abs(vdot))) * typical)) or 1.0
+        fall, free = (math.sqrt(float(np.maximum.reduce(np.abs(x))) * typical) for x in (vdot, start.f))
+        speed = max(start.size_v, fall)
+        absolute[n:] *= (speed if speed > AT_REST * free else free) or 1.0
         return Tolerances(relative, absolute)
     return Tolerances(relative, components("atol", atol, n))
 
