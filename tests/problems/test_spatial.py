@@ -25,7 +25,7 @@ def test_rotation_turns_with_the_rates_of_the_quaternion():
         expected = np.cross(rate[:, :3], R[:, :, column])
         np.testing.assert_allclose(Rdot[:, :, column], expected, atol=1e-14)
     np.testing.assert_allclose(np.einsum("kij,kj->ki", R, body_rate(p, pdot)), rate[:, :3], atol=1e-14)
-    np.testing.assert_array_equal(rotation(p)[3], rotation(p[3]))
+    np.testing.assert_allclose(rotation(p)[3], rotation(p[3]), atol=1e-15)
 
 
 @pytest.mark.parametrize(
