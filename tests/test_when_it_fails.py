@@ -15,6 +15,7 @@ import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
 from hhtbench.testing.extremes.linkages import DoublePendulum
+from solvers.hht.run import pace
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -189,6 +190,13 @@ def bouncing() -> Any:
     return hb.HHT(weight(), events=floor).solve((0.0, 10.0), [1.0], [0.0], step=0.01)
 
 
+def endless() -> Any:
+    """A vibration of 1e20/s, given up at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pace, "PATIENCE", 0.0)
+        return fall(weight(force=lambda t, q, v: -1e40 * q), rtol=1e-4)
+
+
 RANDOM = np.random.default_rng(3)
 DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
@@ -201,7 +209,7 @@ PROVOKED: dict[str, list[Case]] = {
     "max_steps": [
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
-        Case("interval", "at the pace of the last", lambda _: fall(weight(force=lambda t, q, v: -1e40 * q), rtol=1e-4)),
+        Case("interval", "at the pace of the last", lambda _: endless()),
     ],
     "step_too_small": [
         Case("jump", "jump", lambda _: fall(weight(force=lambda t, q, v: np.full(1, 1e12 * (t > 0.5))), rtol=1e-4)),

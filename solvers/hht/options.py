@@ -14,6 +14,7 @@ from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.hht.linear.analysis import KINDS
 
+LEAST_DAMPING = -0.02  # alpha above which vibrations grow by what extrapolated multipliers err by
 ENGINES = ("compiled", "python")
 
 
@@ -99,10 +100,10 @@ class HHTOptions:
                 raise TypeError(f"{name} must be True or False; got {getattr(self, name)!r}.")
         if self.reaction.startswith("midpoint") and b != 0.0:
             raise ProblemError(f"the midpoint reactions are defined for b = 0; got b = {b:g}.")
-        if self.extrapolate_reaction and self.coefficients.alpha == 0.0:
+        if self.extrapolate_reaction and self.coefficients.alpha > LEAST_DAMPING:
             raise ProblemError(
-                "extrapolate_reaction needs an alpha below 0: without damping the error of what is extrapolated makes "
-                "vibrations grow (H56). Take alpha = -0.05."
+                f"extrapolate_reaction needs an alpha of {LEAST_DAMPING:g} at most: without damping the error of what is "
+                f"extrapolated makes vibrations grow (H56); got {self.coefficients.alpha:g}. Take alpha = -0.05, or -0.3."
             )
         if abs(b - 0.5) < NEAR_HALF:
             text = f"b = {b:g} is close to the singular value 1/2; errors grow like 1/(1 - 2b). Take b = 0."

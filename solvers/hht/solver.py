@@ -147,10 +147,12 @@ class HHT:
                 self._message = started.message
                 return started.status
             self._engine = started.engine
-            tolerances = None if h is not None else make_tolerances(asked.rtol, asked.atol, started.state)
-            unseen = "" if tolerances is None else tolerances.warn(started.state.size_q)
+            tolerances, (engine, state) = None, (started.engine, started.state)
+            if h is None:
+                tolerances = make_tolerances(asked.rtol, asked.atol, state, engine.applied(state))
+            unseen = "" if tolerances is None else tolerances.warn(state.size_q)
             self._message = " ".join(filter(None, (started.note, note, unseen)))
-            self._integrator = begun(place, started.state, h, tolerances, len(self.events))
+            self._integrator = begun(place, state, h, tolerances, len(self.events))
         return Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:

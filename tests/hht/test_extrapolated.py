@@ -140,7 +140,7 @@ def test_problems_of_every_kind_move_as_without_it(name):
 
 
 def test_what_it_does_not_take_is_refused_by_name():
-    with pytest.raises(ProblemError, match="needs an alpha below 0"):
+    with pytest.raises(ProblemError, match="needs an alpha of -0.02"):
         rods(1.0, alpha=0.0)
     for spec, part in (("knife_edge", "velocity_constraint"), ("jay_negrut_test1", "reaction")):
         problem, solver = hb.load_problem(spec), hb.load_solver("hht", **ON)

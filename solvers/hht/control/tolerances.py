@@ -76,11 +76,11 @@ class Tolerances:
         return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."
 
 
-def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
+def make_tolerances(rtol: Any, atol: Any, start: State, applied: Vector) -> Tolerances:
     """From a request; ``atol`` None takes rtol times what is typical of q and v at the start.
 
     That of q is the largest |q|, that of v the larger of |v| and sqrt(|v'| |q|): what falling over |q| gives; at rest, where
-    v' is the roundoff of forces in balance, what they alone would give.
+    v' is the roundoff of forces that constraints hold, what these ``applied`` ones (n,), over the mass, would give alone.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def make_tolerances(rtol: Any, atol: Any, start: State) -> Tolerances:
     if atol is None:
         absolute, typical = relative.copy(), size_q or 1.0
         absolute[:n] *= typical
-        fall, free = (math.sqrt(float(np.maximum.reduce(np.abs(x))) * typical) for x in (vdot, start.f))
+        fall, free = (math.sqrt(float(np.maximum.reduce(np.abs(x))) * typical) for x in (vdot, applied))
         speed = max(start.size_v, fall)
         absolute[n:] *= (speed if speed > AT_REST * free else free) or 1.0
         return Tolerances(relative, absolute)

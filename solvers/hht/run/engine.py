@@ -107,6 +107,10 @@ class Engine:
             explain_nonfinite(self.dynamics, t, q, v)
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
 
+    def applied(self, state: State) -> Vector:
+        """M^-1 F (n,) there: f of ``state``, unless that holds reactions too."""
+        return self.force(state.t, state.q, state.v)[0] if self.method.total else state.f
+
     def near(self, t: float, q: Vector, v: Vector, found: Any) -> Vector:
         """What ``a`` (n,) is near there: f, or v' where it holds the reactions; multipliers are near those ``found``."""
         if not self.method.total or not self.structure.constrained:

@@ -106,6 +106,10 @@ class History:
         h, q, v = self._columns(1, 2, 3)
         return h[:, 0], q, v
 
+    def ends(self) -> list[Matrix]:
+        """t, h (k, 1), q, v (k, n) and lam (k, m) of the rows that are kept, all at the ends of their steps."""
+        return self._columns(0, 1, 2, 3, 6)
+
     def handing_over(self) -> float:
         """About how many seconds it takes to hand over the rows, multipliers apart."""
         return PER_NUMBER * self._count * self._rows.shape[1]

@@ -29,6 +29,7 @@ STANDSTILL = 1e6  # times as many steps as it has taken would have been needed t
 COUNTED = itemgetter("steps_rejected_newton", "steps_rejected_error", "jacobian_evaluations", "nonfinite_evaluations")
 ENDLESS = 1e15  # the same of a run that nothing refuses, at an even pace: tens of years
 EVEN, LEAST = 2.0, 2_000  # an even pace: this much faster than the whole run so far, after so many steps
+PATIENCE = 5.0  # s before an even pace counts: what dies out slowly is even for long
 REFUSED = 0.1  # of the attempts by Newton's iteration: without it a slow run is one that was asked for
 MANY = 200_000  # steps through a noisy function, unless max_num_steps allows others: half an hour of calls in Python
 
@@ -57,6 +58,7 @@ class Looks:
         self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
         self._first = self._before = pace_of(stepper.engine, 0, state.t)
         self._next, self._at = SETTLED if self._by_error else math.inf, time.perf_counter()
+        self._began = self._at
         self._low = self._high = state.q  # of the places that were seen
 
     def room(self, count: int, taken: int) -> int:
@@ -75,7 +77,8 @@ class Looks:
         self._before, self._next = paces[-1], taken + min(max(taken, SETTLED - taken), MOST)
         ended = hopeless(self._engine, paces, state, self._stop, self._by_error.tolerances, self._most)
         self._at = time.perf_counter()
-        return ended
+        late = self._most is None and self._at - self._began >= PATIENCE
+        return ended or (endless(paces, abs(self._stop - state.t)) if late else None)
 
     def arrived(self, taken: int, state: State) -> str:
         """What has made the ``taken`` steps to the end, at ``state``, so many, in words; or none."""
@@ -109,14 +112,6 @@ def hopeless(
     steps, refused, nonfinite = now.taken - before.taken, now.refused - before.refused, now.nonfinite - before.nonfinite
     left, made = abs(stop - now.t), abs(now.t - before.t)
     allowed = most or MANY
-    if most is None and endless(paces, left):
-        more = steps * left / made if made else math.inf
-        pace = (
-            f"at t = {now.t:.17g} it will not arrive: {now.taken} steps came that far, and at the pace of the last {steps} "
-            f"{more:.1g} more are needed: steps of {made / steps:.1g} s follow a motion that is so fast beside the "
-            "interval; look at units and sizes, or take a shorter interval."
-        )
-        return Failure(Status.max_steps, pace)
     late = steps * left > (allowed - now.taken) * made
     error = (state.memory and state.memory.error) or 1.0
     found = noise(engine, state, tolerances, state.h or 0.0, error) if late and uneven(before, now) else None
@@ -139,13 +134,20 @@ def hopeless(
     return Failure(Status.step_too_small, f"{text}; {JUMP}.")
 
 
-def endless(paces: tuple[Pace, Pace, Pace], left: float) -> bool:
-    """Whether a run at an even pace would take more than ``ENDLESS`` steps for what is ``left`` [s]; paces as above."""
+def endless(paces: tuple[Pace, Pace, Pace], left: float) -> Failure | None:
+    """Why a run at an even pace ends that would take more than ``ENDLESS`` steps for the ``left`` [s]; else None."""
     first, before, now = paces
     if before.taken < LEAST:
-        return False
+        return None
     steps, made, came = now.taken - before.taken, abs(now.t - before.t), abs(before.t - first.t)
-    return steps * left > ENDLESS * made and made * before.taken <= EVEN * steps * came
+    if not (steps * left > ENDLESS * made and made * before.taken <= EVEN * steps * came):
+        return None
+    text = (
+        f"at t = {now.t:.17g} it will not arrive: {now.taken} steps came that far, and at the pace of the last {steps} "
+        f"{steps * left / made if made else math.inf:.1g} more are needed: steps of {made / steps:.1g} s follow a motion "
+        "that is so fast beside the interval; look at units and sizes, or take a shorter one; max_num_steps allows more."
+    )
+    return Failure(Status.max_steps, text)
 
 
 def uneven(before: Pace, now: Pace) -> bool:

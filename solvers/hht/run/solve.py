@@ -34,7 +34,7 @@ from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
-from solvers.hht.run.tension import grown
+from solvers.hht.run.tension import departed, grown
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -73,7 +73,7 @@ class Integration:
         start, asked = engine.loops.row(state), request.t_eval
         self.history = History(engine.structure, start, len(events), asked, every=request.keep_steps)
         if steps is None:
-            tolerances = make_tolerances(request.rtol, request.atol, state)
+            tolerances = make_tolerances(request.rtol, request.atol, state, engine.applied(state))
             plan: Plan = ByError(tolerances, self.solver.options.control)
         else:
             plan = Prescribed(steps)
@@ -151,7 +151,8 @@ class Integration:
             return ""
         even = self.steps.lengths is None
         found = "" if even else amplified(engine.method, *self.history.lengths_and_states())
-        return found or grown(engine, *self.history.last(LAST_ROWS))
+        found = found or grown(engine, *self.history.last(LAST_ROWS))
+        return found or departed(engine, *self.history.ends())
 
     def _nothing(self, failure: Failure) -> Solution:
         n = self.place.q.size

@@ -30,6 +30,8 @@ FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: so
 FASTER = 100.0  # than the motion crosses what it covers
 GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
 REMEDY = "take extrapolate_reaction=True, which damps it, or b = 1"
+DEPARTED = 0.1  # of the multipliers: vibrations that are damped leave 0.01, those that have grown up to 1
+APART, LOOKS = 5, 12  # steps one after the other, half of which tell: multipliers may be zero in one; how often along a run
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
@@ -82,6 +84,36 @@ def grown(engine: Engine, t: Matrix, q: Matrix, v: Matrix) -> str:
     with uncounted():
         text = unstable(engine, places, float(np.abs(np.diff(t[:, 0])).max()))
     return text and f"growth: a vibration that goes back and forth with the steps has grown: {text}"
+
+
+def departed(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, lam: Matrix) -> str:
+    """Whether extrapolated multipliers have let a vibration grow in prescribed steps, in words; or none.
+
+    Of steps ``h`` (k, 1), 0 for a state that none has led to, to t, q, v with their multipliers ``lam`` (k, m).  These are
+    those of the states, (H16), up to O(h); a vibration, which the start tells to be faster than the steps, and large, is in
+    one of the two alone.
+    """
+    led = np.flatnonzero(h[:, 0])
+    if not engine.method.extrapolated or not led.size:
+        return ""
+    last = np.unique(np.linspace(min(APART, led.size), led.size, LOOKS).astype(int))
+    with uncounted(), suppress(BudgetSpent, NonFiniteValue):
+        for end in last.tolist():
+            looked = led[max(end - APART, 0) : end].tolist()
+            off = [_apart(lam[i], engine.acceleration.solve(float(t[i, 0]), q[i], v[i]).lam) for i in looked]
+            if np.median(off) > DEPARTED and fastest(engine, engine.place) * float(np.abs(h[looked]).max()) > LIMIT:
+                return (
+                    f"growth: at t = {t[looked[-1], 0]:.6g} the multipliers of the steps are not those of the motion: a "
+                    "vibration that constraint forces carry has grown by what extrapolation errs by, (H55); take alpha "
+                    "nearer -1/3, shorter steps, or error control"
+                )
+    return ""
+
+
+def _apart(one: Vector, other: Vector) -> float:
+    """The difference of multipliers over the larger of them."""
+    size = float(max(np.abs(one).max(), np.abs(other).max()))
+    return float(np.abs(one - other).max()) / size if size > 0.0 else 0.0
 
 
 def followed(engine: Engine, state: State, h: float, covered: float) -> str:

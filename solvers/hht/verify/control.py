@@ -223,7 +223,7 @@ def ratios(spec: str, method: Method, steps: int = STEPS) -> list[float]:
     hht, (t0, t1) = HHT(problem.system, **method), problem.t_span
     if hht.init_step(t0, problem.q0, problem.v0, rtol=ESTIMATE_TOLERANCE, **guesses(problem)) is not Status.success:
         raise RuntimeError(f"{spec}: {hht.message}")
-    tolerances = make_tolerances(ESTIMATE_TOLERANCE, None, hht.state)
+    tolerances = make_tolerances(ESTIMATE_TOLERANCE, None, hht.state, hht.state.f)
     for index in range(steps):
         before, status = hht.state, hht.step(tstop=t1)
         if status is not Status.success or hht.state.t == t1:
