@@ -10,9 +10,10 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import REACTIONS
+from solvers.hht.run.pace import CROWDED
 from solvers.hht.verify import tension
 from tests.hht.event_scenes import impacts, wall
-from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
+from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
 from tests.hht.test_reproducible import bits
 
 ON = {"extrapolate_reaction": True}
@@ -154,9 +155,27 @@ def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
     with pytest.raises(ProblemError, match='Take b = 1, or without="zeros"'):
         HHT(bar.system, **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2)
     assert HHT(bar.system, without="zeros", **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2).success
+    declined = hb.solve(bar, hb.load_solver("hht", **ON), steps=2)
+    assert declined.status is Status.declined
+    assert 'Take b = 1, or without="zeros"' in declined.message
+    assert declined.t.size == 0
 
 
-def test_its_steps_are_not_blamed_on_a_vibration():
-    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5)
-    assert solution.success
+@pytest.mark.parametrize("request_", [{}, {"max_num_steps": 3_000}], ids=["arrives", "max_steps"])
+def test_its_steps_that_follow_a_vibration_are_told_to_be_asked_for(request_):
+    """Masses 1e6 apart at 1e-5: the tolerance sees what the start has set going, and the option does not help."""
+    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5, **request_)
+    assert solution.status is (Status.max_steps if request_ else Status.success)
+    assert "it is part of the motion that the tolerance asks for; loosen the tolerance" in solution.message
+    assert "extrapolate_reaction" not in solution.message and "b = 1" not in solution.message
+
+
+def test_its_steps_of_a_plain_motion_are_not_blamed_on_a_vibration_that_they_resolve():
+    """The slow swing of two rods at 1e-7, h omega = 0.25 for the fast one, which nothing has set going."""
+    fast = DoublePendulum.fastest(1e4)
+    slow2 = (1.0 + 1e4) * GRAVITY**2 / fast**2  # the product of both squares is known
+    v0 = 0.01 * np.array([1.0, 0.0, GRAVITY / (GRAVITY - slow2), 0.0])
+    solution = rods(1e4).solve((0.0, 3.0), DoublePendulum.straight(0.0)[0], v0, rtol=1e-7)
+    assert solution.success and solution.counters.steps_accepted > CROWDED
+    assert 0.02 < fast * 3.0 / solution.counters.steps_accepted < 2.0
     assert "vibration" not in solution.message
