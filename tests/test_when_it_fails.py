@@ -154,9 +154,10 @@ def noisy(t: float, q: Any, v: Any) -> Any:
     return np.full(1, -9.81 * (1.0 + 1e-5 * RANDOM.standard_normal()))
 
 
-def rods(ratio: float, **request: Any) -> Any:
-    """A light body between two taut rods."""
-    return hb.HHT(DoublePendulum(ratio=ratio)).solve((0.0, 1.0), *DoublePendulum.straight(0.5), **request)
+def rods(ratio: float, until: float = 1.0, alpha: float | None = None, **request: Any) -> Any:
+    """A light body between two taut rods; ``alpha`` of extrapolated multipliers."""
+    options = {} if alpha is None else {"alpha": alpha, "extrapolate_reaction": True}
+    return hb.HHT(DoublePendulum(ratio=ratio), **options).solve((0.0, until), *DoublePendulum.straight(0.5), **request)
 
 
 def uneven() -> Any:
@@ -253,6 +254,7 @@ PROVOKED: dict[str, list[Case]] = {
         Case("", "", lambda _: cell(Lies())),
         Case("change too much", "(H53)", lambda _: uneven()),
         Case("constraint forces carry", "forces carry a vibration", lambda _: swing()),
+        Case("extrapolated", "extrapolation", lambda _: rods(1e6, alpha=-0.02, step=0.05, until=2.0)),
     ],
     "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],
     "crashed": [Case("", "", crash)],

@@ -11,9 +11,10 @@ import numpy as np
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, plan_steps
-from hhtbench.result import Solution
+from hhtbench.result import Solution, Status
 from solvers._start import absolute_tolerances
 from solvers.hht.options import make_options
+from solvers.hht.run.engine import NotTaken
 from solvers.hht.solver import HHT
 
 
@@ -68,7 +69,11 @@ class HHTSolver:
             asked["atol"] = absolute_tolerances(problem, request)
         guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
         integrator = self.integrator(problem.system, events=self.events, **options)
-        return integrator.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+        try:
+            return integrator.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+        except NotTaken as reason:
+            left: Solution = reason.partial_solution  # type: ignore[attr-defined]
+            return left.but(status=Status.declined, message=str(reason))
 
     def with_events(self, events: Any) -> HHTSolver:
         """This solver looking for ``events``, as :class:`~solvers.hht.solver.HHT` takes them."""

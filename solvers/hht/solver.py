@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from hhtbench.arguments import real_number
 from hhtbench.counting import Work, timed
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem, System, declared
+from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.request import Request, make_request, with_tolerance
 from hhtbench.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
@@ -22,7 +22,7 @@ from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
-from solvers.hht.run.engine import Engine
+from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.solve import Integration, check_accuracy, end_times, planned
 from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
@@ -330,7 +330,7 @@ def refused(system: System | NumpySystem, options: Any) -> str | None:
     """Why ``options`` are none for ``system``; None: they are."""
     if not getattr(options, "extrapolate_reaction", False):
         return None
-    names = [name for name in ("velocity_constraint", "reaction") if declared(system, name) is not None]
+    names = not_extrapolated(system)
     if not names:
         return None
     return (

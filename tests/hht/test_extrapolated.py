@@ -10,9 +10,10 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import REACTIONS
+from solvers.hht.run.pace import CROWDED
 from solvers.hht.verify import tension
 from tests.hht.event_scenes import impacts, wall
-from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
+from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
 from tests.hht.test_reproducible import bits
 
 ON = {"extrapolate_reaction": True}
@@ -139,9 +140,34 @@ def test_problems_of_every_kind_move_as_without_it(name):
     assert np.max(np.abs(found.q[-1] - wanted.q[-1]) / problem.scales.q) < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("options", "angles", "until", "step", "rows"),
+    [
+        ({}, (0.5, 0.501), 0.08, 0.02, {}),
+        ({"b": 0.2}, (0.5, 0.501), 0.44, 0.005, {"t_eval": [0.0, 0.2, 0.44]}),
+        ({"b": 1.0}, (0.5, 0.51), 0.45, 0.05, {}),
+        ({"alpha": -0.02}, (0.5, 0.5), 2.0, 0.05, {}),
+    ],
+)
+def test_a_vibration_that_grows_by_what_extrapolation_errs_by_is_no_success(options, angles, until, step, rows):
+    """Bent rods, or too little damping: the light mass reaches 3 to 2e7 m/s where the motion has 2."""
+    light = DoublePendulum(ratio=1e6)
+    q0 = np.array([np.sin(angles[0]), -np.cos(angles[0]), np.sin(angles).sum(), -np.cos(angles).sum()])
+    solution = HHT(light, **ON, **options).solve((0.0, until), q0, np.zeros(4), step=step, **rows)
+    assert solution.status is Status.unreliable, solution.message
+    assert "extrapolation" in solution.message
+
+
+@pytest.mark.parametrize("spec", ["car_axis", "hf_linear_constrained", "slider_crank_flexible", "simple_pendulum"])
+def test_coarse_steps_without_such_a_vibration_are_not_doubted(spec):
+    """Their multipliers are those of the motion to a third only, as steps are so long or forces so fast."""
+    p = hb.load_problem(spec)
+    assert HHT(p.system, alpha=-0.3, **ON).solve(p.t_span, p.q0, p.v0, steps=100).success
+
+
 def test_what_it_does_not_take_is_refused_by_name():
-    with pytest.raises(ProblemError, match="needs an alpha of -0.02"):
-        rods(1.0, alpha=0.0)
+    with pytest.raises(ProblemError, match=r"needs an alpha of -0\.02"):
+        rods(1.0, alpha=-0.01)
     for spec, part in (("knife_edge", "velocity_constraint"), ("jay_negrut_test1", "reaction")):
         problem, solver = hb.load_problem(spec), hb.load_solver("hht", **ON)
         with pytest.raises(ProblemError, match=f"declares {part}"):
@@ -154,9 +180,27 @@ def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
     with pytest.raises(ProblemError, match='Take b = 1, or without="zeros"'):
         HHT(bar.system, **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2)
     assert HHT(bar.system, without="zeros", **ON).solve((0.0, 1e-6), bar.q0, bar.v0, steps=2).success
+    declined = hb.solve(bar, hb.load_solver("hht", **ON), steps=2)
+    assert declined.status is Status.declined
+    assert 'Take b = 1, or without="zeros"' in declined.message
+    assert declined.t.size == 0
 
 
-def test_its_steps_are_not_blamed_on_a_vibration():
-    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5)
-    assert solution.success
+@pytest.mark.parametrize("request_", [{}, {"max_num_steps": 3_000}], ids=["arrives", "max_steps"])
+def test_its_steps_that_follow_a_vibration_are_told_to_be_asked_for(request_):
+    """Masses 1e6 apart at 1e-5: the tolerance sees what the start has set going, and the option does not help."""
+    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5, **request_)
+    assert solution.status is (Status.max_steps if request_ else Status.success)
+    assert "it is part of the motion that the tolerance asks for; loosen the tolerance" in solution.message
+    assert "extrapolate_reaction" not in solution.message and "b = 1" not in solution.message
+
+
+def test_its_steps_of_a_plain_motion_are_not_blamed_on_a_vibration_that_they_resolve():
+    """The slow swing of two rods at 1e-7, h omega = 0.25 for the fast one, which nothing has set going."""
+    fast = DoublePendulum.fastest(1e4)
+    slow2 = (1.0 + 1e4) * GRAVITY**2 / fast**2  # the product of both squares is known
+    v0 = 0.01 * np.array([1.0, 0.0, GRAVITY / (GRAVITY - slow2), 0.0])
+    solution = rods(1e4).solve((0.0, 3.0), DoublePendulum.straight(0.0)[0], v0, rtol=1e-7)
+    assert solution.success and solution.counters.steps_accepted > CROWDED
+    assert 0.02 < fast * 3.0 / solution.counters.steps_accepted < 2.0
     assert "vibration" not in solution.message

@@ -92,6 +92,56 @@ def test_prescribed_steps_beyond_the_bound_are_told_with_it():
     assert rods(1e6, step=1e-3, b=1.0).success
 
 
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({}, "take shorter ones or extrapolate_reaction=True, which damps it, or b = 1"),
+        ({"alpha": 0.0}, "take shorter ones or b = 1"),
+        ({"reaction": "midpoint"}, 'or extrapolate_reaction=True, which damps it, or b = 1 with reaction="implicit"'),
+    ],
+    ids=str,
+)
+def test_options_are_named_where_they_are_taken_and_help(options, text):
+    solution = hb.HHT(DoublePendulum(ratio=1e6), **options).solve((0.0, 1.0), *DoublePendulum.straight(0.5), step=1e-3)
+    assert solution.status is Status.newton_failed
+    assert solution.message.endswith(text)
+
+
+def test_a_mass_whose_inverse_fills_has_b_alone():
+    bar = hb.load_problem("clamped_bar_impact(n_elements=250)")
+    hht = hb.HHT(bar.system)
+    hht.init_step(bar.t_span[0], bar.q0, bar.v0, step=1e-6)
+    assert tension.remedies(hht._engine) == ["b = 1"]
+
+
+@pytest.mark.parametrize("b", [0.0, 0.2])
+def test_what_velocity_constraints_carry_has_shorter_steps_alone(b):
+    """A pendulum held by q . v = 0: stable up to h omega = 2 whatever b, so b = 0.2 does not reach 2.58."""
+    skate = {
+        "velocity_constraint": lambda t, q, v: np.array([q @ v]),
+        "velocity_constraint_jacobian": lambda t, q, v: q[None],
+    }
+    system = NumpySystem(force=lambda t, q, v: np.array([0.0, -(230.0**2)]), **skate)
+    solution = hb.HHT(system, b=b).solve((0.0, 0.4), [np.sin(1e-6), -np.cos(1e-6)], [0.0, 0.0], step=0.01)
+    assert solution.status is Status.newton_failed
+    assert solution.message.endswith("s, h omega = 2; take shorter ones")
+
+
+def test_what_velocity_and_position_constraints_carry_has_b_where_it_helps():
+    def rows(t, q, v):
+        return np.array([[1.0, 0.0, 0.0, 0.0]])
+
+    system = NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -9.81, 0.0, -9.81]),
+        constraint=lambda t, q: np.array([(q[2:] @ q[2:] - 1.0) / 2.0]),
+        velocity_constraint=lambda t, q, v: v[:1],
+        velocity_constraint_jacobian=rows,
+    )
+    hht = hb.HHT(system)
+    hht.init_step(0.0, np.array([0.0, 0.0, 0.0, -1.0]), np.zeros(4), step=1e-3)
+    assert tension.remedies(hht._engine) == ["b = 1 where position constraints carry it"]
+
+
 def test_too_many_steps_by_error_that_follow_a_vibration_are_told_so():
     few, fewer = (rods(1e8, rtol=1e-4, max_num_steps=3_000, b=b) for b in (0.0, 1.0))
     assert few.status is fewer.status is Status.max_steps
@@ -103,7 +153,8 @@ def test_a_run_that_arrives_in_many_steps_which_follow_a_vibration_says_so():
     many, few = (rods(1e6, rtol=1e-3, **options) for options in ({}, {"b": 1.0}))
     assert many.success and many.counters.steps_accepted > CROWDED
     assert "Constraint forces carry a vibration of" in many.message
-    assert "extrapolate_reaction=True" in many.message
+    assert "extrapolate_reaction=True, which damps it, or b = 1 takes longer ones where" in many.message
+    assert "smaller than the tolerance asks for; else loosen the tolerance" in many.message
     assert few.success and "vibration" not in few.message
 
 

@@ -1,4 +1,4 @@
-"""Every derived function that a solver uses, of every problem of the library: machine code and XLA give the same values.
+"""Derived functions that solvers use, a part of them for every problem of the library: machine code and XLA agree.
 
 XLA compiles one function per problem that calls all of them, without optimisation; both routes share their traces.  Its
 seconds are what this costs, so problems take turns: with the residual and the end of a step, with matrices, forms, loops.

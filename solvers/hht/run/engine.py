@@ -16,6 +16,7 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, VariableMass
 from hhtbench.lowering.dynamics.mass import asymmetry
+from hhtbench.protocol import NumpySystem, System, declared
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, Place, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step
@@ -34,6 +35,15 @@ ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sec
 SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere
 
 
+class NotTaken(ProblemError):
+    """Options that are none for a system, which only its derived dynamics show; the bench declines it."""
+
+
+def not_extrapolated(system: System | NumpySystem) -> list[str]:
+    """The functions of ``system`` whose reactions are not those that (H55) extrapolates."""
+    return [name for name in ("velocity_constraint", "reaction") if declared(system, name) is not None]
+
+
 class Engine:
     """Steps of one method for one system.
 
@@ -50,7 +60,7 @@ class Engine:
         self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
         self._applied = self.structure.m if self.layout.extrapolated else 0  # multipliers of (H55)
         if self.layout.extrapolated and self.structure.mass == "sparse":
-            raise ProblemError(
+            raise NotTaken(
                 "extrapolate_reaction needs M^-1, which is full for this mass of few entries (H56). Take b = 1, or "
                 'without="zeros", with full matrices.'
             )

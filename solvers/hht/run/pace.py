@@ -92,9 +92,9 @@ class Looks:
     def _followed(self, taken: int, state: State) -> str:
         if self._by_error is None:
             return ""
-        covered = float((self._high - self._low).max())
+        h, covered = (state.t - self._first.t) / taken, float((self._high - self._low).max())
         with uncounted():
-            return followed(self._engine, state, (state.t - self._first.t) / taken, covered)
+            return followed(self._engine, state, h, covered, self._by_error.tolerances)
 
 
 def hopeless(

@@ -267,7 +267,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
         remedy = "b is close to the singular value 1/2, take b = 0"
     elif text := unstable(engine, [*engine.passed(), state], h):
-        remedy = f"{text}, or a smaller step"
+        remedy = text
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text
     failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")

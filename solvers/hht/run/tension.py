@@ -12,12 +12,14 @@ from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import uncounted
-from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol import declared
 from solvers._projection import Projection
 from solvers._start import Place
+from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import EPS
-from solvers.hht.run.engine import Engine
+from solvers.hht.options import make_options
+from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import LONGEST, dense, seconds_of_look
 from solvers.hht.step.state import State
 
@@ -29,9 +31,9 @@ LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
 FASTER = 100.0  # than the motion crosses what it covers
 GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
-REMEDY = "take extrapolate_reaction=True, which damps it, or b = 1"
 DEPARTED = 0.1  # of the multipliers: vibrations that are damped leave 0.01, those that have grown up to 1
 APART, LOOKS = 5, 12  # steps one after the other, half of which tell: multipliers may be zero in one; how often along a run
+PLAIN = 0.3  # of rtol^(1/2) times what a motion takes to cross what it covers: a tenth of the step that it asks for
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
@@ -40,7 +42,9 @@ def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
     b = engine.method.coefficients.b
     if not may_be_unstable(engine):
         return ""
-    omega, limit, until = 0.0, LIMIT / math.sqrt(1.0 - 2.0 * b), time.perf_counter() + SECONDS
+    by_velocity = not engine.structure.m  # mu of (H10) carries it: b does not matter
+    limit, with_b = (LIMIT, "") if by_velocity else (LIMIT / math.sqrt(1.0 - 2.0 * b), f" with b = {b:g}")
+    omega, until = 0.0, time.perf_counter() + SECONDS
     for at in places:
         omega = max(omega, fastest(engine, at))
         if time.perf_counter() > until:
@@ -48,9 +52,23 @@ def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
     if not abs(h) * omega > limit:
         return ""
     return (
-        f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s "
-        f"with b = {b:g}, h omega = {limit:.3g}; {REMEDY}"
+        f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s"
+        f"{with_b}, h omega = {limit:.3g}; take {' or '.join(['shorter ones', *remedies(engine)])}"
     )
+
+
+def remedies(engine: Engine) -> list[str]:
+    """Options which the run could have and that let steps pass over a vibration carried by reactions, in words."""
+    method, s = engine.method, engine.structure
+    if not s.m:
+        return []
+    found = []
+    with suppress(ProblemError):  # an alpha that damps too little
+        if not (method.extrapolated or s.mass == "sparse" or not_extrapolated(engine.dynamics.system)):
+            make_options(alpha=method.coefficients.alpha, extrapolate_reaction=True)
+            found.append("extrapolate_reaction=True, which damps it,")
+    implicit = "" if method.reaction == "implicit" else ' with reaction="implicit"'  # others make it grow, or have b = 0
+    return [*found, f"b = 1{implicit}{' where position constraints carry it' if s.p else ''}"]
 
 
 def may_be_unstable(engine: Engine) -> bool:
@@ -116,19 +134,32 @@ def _apart(one: Vector, other: Vector) -> float:
     return float(np.abs(one - other).max()) / size if size > 0.0 else 0.0
 
 
-def followed(engine: Engine, state: State, h: float, covered: float) -> str:
+def followed(engine: Engine, state: State, h: float, covered: float, tolerances: Tolerances) -> str:
     """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none.
 
-    ``covered``: by how much coordinates have changed on the way to ``state``, at most.
+    ``covered``: by how much coordinates have changed on the way to ``state``, at most.  Steps with extrapolated multipliers
+    pass over what the tolerances do not see: these must be far shorter than the motion alone asks for.
     """
-    if not may_be_unstable(engine):
+    damped = engine.method.extrapolated
+    if not (damped or may_be_unstable(engine)):
         return ""
     omega = fastest(engine, state)
     if not (abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v):
         return ""
-    return (
+    told = (
         f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
-        f"follow it; {REMEDY}, for longer ones."
+        "follow it"
+    )
+    if damped:
+        if abs(h) * omega > LIMIT or abs(h) * state.size_v > PLAIN * math.sqrt(tolerances.finest) * covered:
+            return ""
+        return f"{told}: it is part of the motion that the tolerance asks for; loosen the tolerance for longer ones."
+    found = " or ".join(remedies(engine))
+    if not found:
+        return f"{told}; no option takes longer ones, a looser tolerance may."
+    return (
+        f"{told}; {found} takes longer ones where the vibration is smaller than the tolerance asks for; else loosen the "
+        "tolerance."
     )
 
 
