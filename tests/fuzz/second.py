@@ -20,7 +20,7 @@ import numpy as np
 from hhtbench import Solution
 from hhtbench.testing.subject import expect
 from tests.fuzz.mechanism import Unit
-from tests.fuzz.oracles import EPS, TOLERANCES, own_equations
+from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, own_equations
 from tests.fuzz.runs import HOSTILE, Setting
 from tests.fuzz.twins import CLOSE
 
@@ -55,7 +55,8 @@ def second_opinion(setting: Setting, s: Solution) -> str:
         length, _, time = units = plain_units(setting)
         plain, shake = plainly(setting, s, units), float(np.clip(setting.case.way.rtol, *SHAKEN))
         told_by, end_of = OWN, integrated
-        second = end_of(plain) if is_known(setting) else None
+        began = End(s.q[0] * length, s.v[0] * (length / time))  # where calc_initcond may have moved it
+        second = integrated(plain, began) if is_known(setting) else None
         if second is None:
             told_by, end_of = RUN, arrived
             second = end_of(plain)
@@ -121,9 +122,9 @@ def apart(sizes: list[float], one: End, other: End) -> float:
     return float(max(np.abs(x - y).max() / size for x, y, size in zip(one, other, sizes, strict=True)))
 
 
-def integrated(plain: Setting) -> End | None:
-    """Of its motion by the fuzzing's own equations."""
-    (t0, t1), (q, v, _) = plain.span, plain.judge.start
+def integrated(plain: Setting, began: End | None = None) -> End | None:
+    """Of its motion by the fuzzing's own equations, from its start or where it ``began``."""
+    (t0, t1), (q, v) = plain.span, began or plain.judge.start[:2]
     with suppress(np.linalg.LinAlgError):
         end = plain.judge.carried(t0, q, v, [t1])
         if end is not None and np.isfinite(end).all():
@@ -144,4 +145,7 @@ def errors(setting: Setting, s: Solution) -> float:
     way, spoil = setting.case.way, setting.case.spoil
     found = CLOSE if way.steps else TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
     found += EPS * float(np.abs(s.t).max()) * setting.rate  # of times
+    found += (
+        ROUNDED * EPS / max(setting.judge.sigma(float(s.t[0]), s.q[0]), EPS) ** 2
+    )  # of rows nearly alike
     return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)

@@ -276,3 +276,14 @@ def test_a_structure_that_forces_hold_at_rest_has_the_tolerance_of_what_they_cou
         assert solution.success, solution.message
         assert solution.counters.steps_accepted < 100
         assert np.abs(solution.v).max() < 1e-9 * unit
+
+
+@pytest.mark.parametrize(
+    ("options", "ends"), [({"min_step": 1e4}, Status.step_too_small), ({"first_step": 1e4}, Status.success)]
+)
+def test_an_interval_far_shorter_than_a_length_that_was_given_is_no_remainder_whose_error_is_known(options, ends):
+    """Found by fuzzing: a radian and a half in one step, accepted without a look at its error."""
+    system = NumpySystem(force=lambda t, q, v: -1e4 * q)
+    solution = HHT(system, **options).solve((0.0, 0.015), [1.0], [0.0], rtol=1e-4)
+    assert solution.status is ends
+    assert np.abs(solution.q[-1, 0] - np.cos(100 * solution.t[-1])) < 1e-3

@@ -73,7 +73,8 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     What the rounding of times changes of a length stays in its step: the next one is proposed from the length before that.
     """
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
-    length, rejected, failed = max(min(control[mem.H_NEXT], o.max_step), o.min_step), 0, mem.NO_ADVANCE
+    proposed = min(control[mem.H_NEXT], o.max_step)
+    length, rejected, failed = max(proposed, o.min_step), 0, mem.NO_ADVANCE
     least = max(o.min_step, o.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, stop - t)))
     tried[mem.FIRST_H] = 0.0
@@ -92,7 +93,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             return mem.SUSPECT
         if ended != mem.CONVERGED:
             failed = ended
-        elif rejected == 0 and abs(h) < REMAINDER * asked:
+        elif rejected == 0 and abs(h) < REMAINDER * proposed and is_told(control, o):
             tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = NO_ESTIMATE, asked
             return mem.CONVERGED
         else:
@@ -111,6 +112,12 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
         if abs(h) <= smallest:
             return failed
         length, rejected = max(length * factor, smallest), rejected + 1
+
+
+@compiled
+def is_told(control: Any, o: Any) -> Any:
+    """Whether the motion has told the length of the next step: an error has, or the look at the start."""
+    return control[mem.LAST_ERROR] >= 0.0 or o.first_step == 0.0
 
 
 @compiled

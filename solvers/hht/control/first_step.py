@@ -37,7 +37,7 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
     if suggested == 0.0:
         suggested = UNKNOWN * abs(left)
     suggested = max(suggested, SPACING * abs(stop - left), TINY)  # parts of the shortest intervals are zero
-    control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else max(min(longest, suggested), o.min_step)
+    control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else min(longest, suggested)  # not min_step: nothing told it
     control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
     before = part(z, mem.BEFORE)
     for i in range(n):
