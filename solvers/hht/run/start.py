@@ -76,14 +76,17 @@ def begin(
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
 
     ``h`` [s] is the first step, or the direction of time.  An engine that an earlier run for the same system has left is
-    used again.
+    used again, and left for the next where no motion begins: one that is dropped is kept until Python looks for cycles.
     """
 
     purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
     ready = idle.take(purpose)
     unseen = ready is not None and not ready.compared  # declared derivatives are looked at before anything begins
 
+    engine = ready
+
     def begun() -> Started | Failure:
+        nonlocal engine
         of = system, options, place, work
         engine = ready.again(place, work) if ready and unseen else make_engine(*of, controlled=controlled, ready=ready)
         engine.watch(events)
@@ -107,6 +110,8 @@ def begin(
         return state if isinstance(state, Failure) else Started(purpose, engine, state, " ".join(notes))
 
     started: Started | Failure = tried_twice(begun, work, place.t)
+    if isinstance(started, Failure) and engine is not None:
+        idle.put_back(purpose, engine)
     return started
 
 
