@@ -252,7 +252,7 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
     s: Structure = dynamics.structure
     rows = []
     if singular:
-        text = "augmented: M + rho C^T C takes its place" if s.constrained else "the accelerations are not determined"
+        text = "augmented: M + C^T R C takes its place" if s.constrained else "the accelerations are not determined"
         rows.append(Statement("linear algebra", "mass", text, "the mass is singular at the start"))
         s = replace(s, mass="variable")
     if s.constrained:

@@ -108,10 +108,11 @@ def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], sh
     ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
     interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
     kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
+    believed = not (kept and case.spoil.kind == "wrong" and "constraint" in case.spoil.where)  # g_t may be too small to tell
     new = replace(
         case,
         made=setting.made.in_units(*units).but(number),
-        way=replace(way, options=options, watch="" if ended else way.watch, budget={}),
+        way=replace(way, options=options, watch="" if ended else way.watch, budget={}, declares=way.declares and believed),
         spoil=case.spoil if kept else None,
     )
     return Setting(new, setting.solver, interval * time)

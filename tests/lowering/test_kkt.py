@@ -295,6 +295,16 @@ def test_an_augmented_mass_is_regular_and_changes_no_solution(system, tolerance)
         np.testing.assert_allclose(getattr(other, name), getattr(plain, name), rtol=tolerance, atol=tolerance)
 
 
+@pytest.mark.parametrize("factor", [1e-9, 1e6])
+def test_scales_of_rows_leave_the_augmented_mass_alone(factor):
+    def mass(scale):
+        rows = lambda t, q: np.array([q[2] - q[0] * q[1], scale * (q[0] ** 2 + q[1] ** 2 - 1.0)])  # noqa: E731
+        system = NumpySystem(mass_matrix=MASSLESS_NUMPY.mass_matrix, force=MASSLESS_NUMPY.force, constraint=rows)
+        return augment(derive(system, 0.2, Q3, V3), 0.2, Q3).mass(0.2, Q3)
+
+    np.testing.assert_allclose(mass(factor), mass(1.0), rtol=1e-6, atol=1e-9)
+
+
 class MixedNonlinear(Massless):
     """Beside the position constraints a velocity constraint nonlinear in v whose declared reaction does not use v."""
 

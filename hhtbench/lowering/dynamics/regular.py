@@ -5,7 +5,7 @@ multipliers are not: adding to them a vector of the null space of ``C^T`` change
 motion; of all multipliers with the same reaction ``C^T [lam; mu]`` the one of smallest norm is reported, (H22).
 
 Where the mass is singular but the KKT matrix is regular: on the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so
-adding ``rho C^T (C vdot + c)`` to the equations changes nothing there: ``(M + rho C^T C) vdot = F - rho C^T c + Q``.  The
+adding ``C^T R (C vdot + c)`` to the equations changes nothing there: ``(M + C^T R C) vdot = F - C^T R c + Q``.  The
 new mass is positive definite exactly where M is positive definite on the null space of C.  Solving with the KKT matrix
 inside every f instead would put the reaction into f and leave nothing for the two stage multipliers of the extended HHT
 method.
@@ -118,12 +118,12 @@ def _reduction(dynamics: Dynamics) -> ReducedDynamics | None:
 
 
 class AugmentedDynamics(Wrapper):
-    """The functions of ``inner`` with mass ``M + rho C^T C`` and force ``F - rho C^T c``.
+    """The functions of ``inner`` with mass ``M + C^T R C`` and force ``F - C^T R c``, (H19).
 
     Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
     """
 
-    rho: Any  #: scalar weight, float64 array
+    weights: Any  #: (rows,) diagonal of R
 
     @property
     def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
@@ -142,13 +142,13 @@ class AugmentedDynamics(Wrapper):
 
     def mass(self, t: Any, q: Any) -> Any:
         rows = self.rows(t, q)
-        return self.inner.mass(t, q) + self.rho * (rows.T @ rows)
+        return self.inner.mass(t, q) + rows.T @ (self.weights[:, None] * rows)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
         rest = self._stacked(  # c (rows,)
             lambda: self.constraint_acceleration(t, q, v), lambda: self.velocity_constraint_acceleration(t, q, v)
         )
-        return self.inner.force(t, q, v) - self.rho * (self.rows(t, q).T @ rest)
+        return self.inner.force(t, q, v) - self.rows(t, q).T @ (self.weights * rest)
 
     def mass_product_jacobian(self, t: Any, q: Any, x: Any) -> Any:
         return self.jacobian(lambda y: self.mass(t, y) @ x, q)
@@ -159,7 +159,7 @@ class AugmentedDynamics(Wrapper):
 
 
 def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
-    """``dynamics`` with a regular mass; rho makes both parts of the mass of one size at (t, q).
+    """``dynamics`` with a regular mass; the weights make what every row adds as large as the mass at (t, q).
 
     Raises
     ------
@@ -174,20 +174,20 @@ def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
         )
     rows = np.asarray(compile_function(rows_of_mass, dynamics)(t, q))
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q))
-    size = np.abs(mass).max() or 1.0
-    rho = float(size / max(float(np.abs(rows.T @ rows).max()), np.finfo(float).tiny))
-    found: AugmentedDynamics = _remembered(dynamics, rho, lambda: augmented(dynamics, rho))
+    largest = np.abs(rows).max(axis=1)
+    weights = (np.abs(mass).max() or 1.0) / np.where(largest > 0.0, largest, 1.0) ** 2
+    found: AugmentedDynamics = _remembered(dynamics, tuple(weights.tolist()), lambda: augmented(dynamics, weights))
     return found
 
 
-def augmented(dynamics: Dynamics, rho: float) -> AugmentedDynamics:
-    """``dynamics`` with the weight ``rho``."""
-    return AugmentedDynamics(inner=dynamics, rho=dynamics.xp.asarray(rho))
+def augmented(dynamics: Dynamics, weights: Vector) -> AugmentedDynamics:
+    """``dynamics`` with ``weights`` (rows,)."""
+    return AugmentedDynamics(inner=dynamics, weights=dynamics.xp.asarray(weights))
 
 
 def rows_of_mass(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """C (rows, n) of the constraints that take part in an augmented mass."""
-    return AugmentedDynamics(inner=dynamics, rho=1.0).rows(t, q)
+    return AugmentedDynamics(inner=dynamics, weights=None).rows(t, q)
 
 
 def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:

@@ -98,7 +98,7 @@ def begin(
             engine.watch(events)
         at, dynamics, notes = place, engine.dynamics, list[str]()
         if isinstance(dynamics, AugmentedDynamics):
-            notes.append("The mass matrix is singular at the start; M + rho C^T C is used (H19).")
+            notes.append("The mass matrix is singular at the start; M + C^T R C is used (H19).")
         if options.calc_initcond and engine.structure.constrained:
             projected = project(dynamics, place, work)
             if isinstance(projected, Failure):
