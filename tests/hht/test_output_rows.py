@@ -17,8 +17,9 @@ from problems.planar_chain import PlanarChain
 from solvers._projection import OneByOne, sizes_from
 from solvers.hht import HHT, Event
 from solvers.hht.run import projecting, solve
+from solvers.hht.run.history import History, row_layout
 from solvers.hht.verify.outputs import GROWTH, MET, output, outputs, violation
-from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0, gravity
+from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0, Spring, gravity
 
 TIMES = np.linspace(0.0, 0.8, 38)
 FEW = TIMES[::4]
@@ -265,3 +266,12 @@ def test_an_exception_of_a_constraint_while_rows_are_moved_is_raised_as_it_is():
         with pytest.raises(ZeroDivisionError, match="of the user") as raised:
             HHT(system).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=times)
         assert raised.value.partial_solution.status is Status.user_exception
+
+
+def test_of_a_time_budget_so_much_is_kept_for_the_multipliers_of_steps_as_they_take():
+    """Where rows are steps and constraints have multipliers; of other rows only the copying."""
+    free, held = (derive(system, 0.0, Q0, V0).structure for system in (Spring(), SYSTEMS["jax"]))
+    make = lambda structure, times=None: History(structure, np.zeros(row_layout(structure).columns), 0, times)  # noqa: E731
+    kept = [make(*given).handing_over(10.0) for given in ((held,), (free,), (held, TIMES))]
+    assert 3.0 < kept[0] < 6.0
+    assert max(kept[1:]) < 1e-3

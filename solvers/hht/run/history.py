@@ -24,6 +24,7 @@ ROOM = 513  # rows at first: the start's, and those of a first call; untouched o
 KEPT = 24 * 2**20  # bytes of rows of steps, at most, where output times were asked for and not the steps
 BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
+RECOVERED = 0.45  # of the time of a step: the multipliers of its row, by one solution of the acceleration level
 
 
 class OutputRows:
@@ -48,8 +49,8 @@ class History:
         self, structure: Structure, start: Vector, events: int = 0, t_eval: Vector | None = None, *, every: bool = False
     ) -> None:
         """``start``: its row."""
-        self._layout = layout = row_layout(structure)
-        self._rows = np.empty((ROOM, layout.columns))
+        self._layout, self._constrained = row_layout(structure), structure.constrained
+        self._rows = np.empty((ROOM, self._layout.columns))
         self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
         self._elapsed, self._begin = 0.0, float(start[0])
         self._every = every
@@ -110,9 +111,10 @@ class History:
         """t, h (k, 1), q, v (k, n) and lam (k, m) of the rows that are kept, all at the ends of their steps."""
         return self._columns(0, 1, 2, 3, 6)
 
-    def handing_over(self) -> float:
-        """About how many seconds it takes to hand over the rows, multipliers apart."""
-        return PER_NUMBER * self._count * self._rows.shape[1]
+    def handing_over(self, stepping: float) -> float:
+        """About how many seconds it takes to hand over the rows of steps that have taken ``stepping`` [s]."""
+        recovering = RECOVERED * stepping if self._ahead is None and self._constrained else 0.0
+        return PER_NUMBER * self._count * self._rows.shape[1] + recovering
 
     def note(self, occurrences: Sequence[Occurrence]) -> None:
         """Append events."""

@@ -169,7 +169,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     looks = Looks(stepper, state, stop, max_num_steps)
     max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
-    crossed = 0
+    crossed, stepping = 0, 0.0
     count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
@@ -182,9 +182,11 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         history.commit(accepted.made)
         if lost := lost_by_velocity(stepper.engine, history, accepted.made):
             return lost
-        clock.kept_back = history.handing_over()
-        each = (time.perf_counter() - began) / max(accepted.made, 1)
-        count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
+        taking = time.perf_counter() - began
+        stepping += taking
+        clock.kept_back = history.handing_over(stepping)
+        each = taking / max(accepted.made, 1)
+        count = int(min(8 * count, MOST, max(min(SLOW, clock.left()) / each, 1.0)))
         history.note(accepted.occurrences)
         after = stepper.after_events(accepted)
         if after.state is not accepted.state:
