@@ -11,6 +11,7 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
 from solvers._start import Place
 from solvers.hht.run.singular import places_of, singular_position
+from tests.hht.scenes import pendulum
 
 BARS = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
 FLAT = brentq(lambda t: BARS.exact(t).q[2], 0.6, 0.8)  # [s]: horizontal bars
@@ -55,3 +56,24 @@ def test_rank_that_is_lost_is_lost_with_light_and_heavy_bodies(size, which):
     found = singular_position(derive(system, 0.0, BARS.q0, BARS.v0), Place(0.0, BARS.q0, BARS.v0), places, 1e-3)
     assert (found.rank, found.rows, found.by_mass) == (7, 8, False)
     assert found.t == pytest.approx(FLAT, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "alpha"), [(1e8, -0.05), (1e10, -0.3)])
+def test_a_failure_by_what_extrapolation_errs_by_names_the_vibration(ratio, alpha):
+    """Steps of 0.04 s, h omega = 2,000 and more; what the message advises goes on."""
+    given = (0.0, 1.0), *DoublePendulum.straight(0.5)
+    extrapolated = {"extrapolate_reaction": True, "alpha": alpha}
+    solution = hb.HHT(DoublePendulum(ratio=ratio), **extrapolated).solve(*given, step=0.04)
+    assert solution.status is Status.newton_failed
+    assert "carry a vibration of" in solution.message and "(H55)" in solution.message
+    advised = "take alpha nearer -1/3, shorter steps, or error control"
+    assert advised in solution.message
+    assert hb.HHT(DoublePendulum(ratio=ratio), **extrapolated).solve(*given, step=0.01).success
+    assert hb.HHT(DoublePendulum(ratio=ratio), **extrapolated).solve(*given, rtol=1e-3).success
+
+
+def test_other_failures_with_it_do_not_speak_of_vibrations():
+    jump = pendulum(force=lambda t, q, v: np.array([-1e8 * np.sign(q[0] - 0.05), -9.81]))
+    solution = hb.HHT(jump, extrapolate_reaction=True).solve((0.0, 1.0), [0.0, -1.0], [1.0, 0.0], step=1e-2)
+    assert solution.status is Status.newton_failed
+    assert "vibration" not in solution.message
