@@ -13,7 +13,7 @@ from solvers.hht.run import tension
 from solvers.hht.run.pace import CROWDED
 from solvers.hht.run.singular import LONGEST
 from solvers.hht.run.tension import fastest
-from tests.hht.scenes import pendulum
+from tests.hht.scenes import GRAVITY, pendulum
 
 HANGING = np.array([0.0, -1.0])
 
@@ -179,6 +179,20 @@ def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration(speed):
     solution = hb.HHT(pendulum()).solve((0.0, 1e3), HANGING, [speed, 0.0], rtol=1e-3, max_num_steps=600)
     assert solution.status is Status.max_steps
     assert "vibration" not in solution.message
+
+
+@pytest.mark.parametrize(("ratio", "rtol"), [(3e3, 1e-6), (1e4, 1e-8), (1e5, 1e-7)])
+def test_many_steps_that_a_tight_tolerance_asks_of_a_slow_swing_are_not_blamed_on_a_vibration(ratio, rtol):
+    """Rods in the slow mode alone, h omega = 0.1 to 0.8 for the fast one; as many steps as where that is passed over."""
+    fast = DoublePendulum.fastest(ratio)
+    slow2 = (1.0 + ratio) * GRAVITY**2 / fast**2
+    start = DoublePendulum.straight(0.0)[0], 0.01 * np.array([1.0, 0.0, GRAVITY / (GRAVITY - slow2), 0.0])
+    system, given = DoublePendulum(ratio=ratio), {"rtol": rtol, "max_num_steps": 2_000}
+    plain, other = (hb.HHT(system, extrapolate_reaction=x).solve((0.0, 1e3), *start, **given) for x in (False, True))
+    assert plain.status is Status.max_steps
+    assert 0.1 < fast * plain.t[-1] / 2_000 < 1.0
+    assert plain.t[-1] > 0.9 * other.t[-1]
+    assert "vibration" not in plain.message
 
 
 def test_other_failures_at_prescribed_steps_do_not_speak_of_vibrations():
