@@ -9,6 +9,7 @@ import hhtbench as hb
 from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
+from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.run import tension
 from solvers.hht.run.pace import CROWDED
 from solvers.hht.run.singular import LONGEST
@@ -246,3 +247,32 @@ def test_what_changing_steps_amplify_is_not_blamed_on_the_tension():
     assert solution.status is Status.unreliable
     assert "(H53)" in solution.message
     assert "constraint forces" not in solution.message
+
+
+def test_steps_by_error_that_follow_what_velocity_constraints_carry_are_told_that_no_option_helps():
+    """The rods with a light body, held by k = g' alone: mu carries it, and neither b nor extrapolation is asked there."""
+
+    def rows(t, q, v):
+        return np.array([[q[0], q[1], 0.0, 0.0], [q[0] - q[2], q[1] - q[3], q[2] - q[0], q[3] - q[1]]])
+
+    ratio = 1e8
+    held = NumpySystem(
+        mass_matrix=np.diag([1.0, 1.0, ratio, ratio]),
+        force=lambda t, q, v: -GRAVITY * np.array([0.0, 1.0, 0.0, ratio]),
+        velocity_constraint=lambda t, q, v: rows(t, q, v) @ v,
+        velocity_constraint_jacobian=rows,
+    )
+    solution = hb.HHT(held).solve((0.0, 1.0), *DoublePendulum.straight(0.5), rtol=1e-4, max_num_steps=1_000)
+    assert solution.status is Status.max_steps
+    assert "Constraint forces carry a vibration of" in solution.message
+    assert solution.message.endswith("follow it; no option takes longer ones, a looser tolerance may.")
+
+
+@pytest.mark.parametrize(("times", "follow"), [(0.01, False), (0.5, True), (1.9, True), (2.1, False), (1e3, False)])
+def test_extrapolated_steps_that_do_not_resolve_a_vibration_do_not_follow_it(times, follow):
+    """h omega: some hundred steps in a period are those of the motion, and beyond 2 it is damped."""
+    hht = hb.HHT(DoublePendulum(ratio=1e8), extrapolate_reaction=True)
+    hht.init_step(0.0, *DoublePendulum.straight(0.5), rtol=1e-3)
+    engine, h = hht._engine, times / fastest(hht._engine, hht.state)
+    told = tension.followed(engine, hht.state, h, 1.0, make_tolerances(1e-3, None, hht.state, engine.applied(hht.state)))
+    assert ("follow it: it is part of the motion" in told) is follow
