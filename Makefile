@@ -41,10 +41,11 @@ bench: $(STAMP)
 	$(BIN)/hhtbench report --store reports/latest/campaign.sqlite --folder reports/latest && exit $$verified
 
 # Types are checked beside the tests, on a core that has nothing to do at their end; what is wrong with them is told last.
+# A shell lets what it has sent to the background ignore Ctrl-C: hence the trap.
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	@$(BIN)/mypy > $(VENV)/types.log 2>&1 & types=$$!; \
+	@$(BIN)/mypy > $(VENV)/types.log 2>&1 & types=$$!; trap 'kill $$types 2>/dev/null' INT TERM; \
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile; tested=$$?; \
 	wait $$types; typed=$$?; cat $(VENV)/types.log; exit $$((tested | typed))
 

@@ -160,6 +160,11 @@ def rods(ratio: float, until: float = 1.0, alpha: float | None = None, **request
     return hb.HHT(DoublePendulum(ratio=ratio), **options).solve((0.0, until), *DoublePendulum.straight(0.5), **request)
 
 
+def light() -> Any:
+    """Bent rods that swing straight, a light body between them."""
+    return hb.HHT(DoublePendulum(ratio=1e8)).solve((0.0, 1.0), *DoublePendulum.bent(1.2, -1.0), step=0.01)
+
+
 def uneven() -> Any:
     """A stiff spring that is hardly moved at all, by steps 1 : 10 : 1 : 10 ..."""
     steps = np.tile([1.0, 10.0], 100)
@@ -222,6 +227,7 @@ PROVOKED: dict[str, list[Case]] = {
         Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),
         Case("smallest step", "look for a jump", lambda _: fall(weight(force=wall), rtol=1e-4, options={"min_step": 0.1})),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
+        Case("so light", "keep their rank", lambda _: light()),
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),

@@ -48,6 +48,15 @@ def test_both_levels_hold_to_roundoff():
     assert tension.levels(tension.TWO, 200).passed
 
 
+def test_prescribed_steps_leave_no_vibration_where_alpha_is_enough(monkeypatch):
+    assert tension.prescribed(1e8).passed
+    monkeypatch.setattr(tension, "ENOUGH", {-0.05: 2_000.0})
+    assert not tension.prescribed(1e8).passed
+    monkeypatch.setattr(tension, "ENOUGH", {-0.3: 2_000.0})
+    monkeypatch.setattr(tension, "EXTRAPOLATED", {})
+    assert not tension.prescribed(1e4).passed
+
+
 @pytest.mark.parametrize("ratio", [1e6, 1e8])
 def test_a_light_body_on_a_taut_rod_costs_no_steps(ratio):
     """Masses 1e6 apart: 24 steps, where b = 0 takes 20,000 and b = 1 3,000; against DOP853 on 1e4, whose motion is that."""

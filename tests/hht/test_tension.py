@@ -9,11 +9,12 @@ import hhtbench as hb
 from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
+from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.run import tension
 from solvers.hht.run.pace import CROWDED
 from solvers.hht.run.singular import LONGEST
 from solvers.hht.run.tension import fastest
-from tests.hht.scenes import pendulum
+from tests.hht.scenes import GRAVITY, pendulum
 
 HANGING = np.array([0.0, -1.0])
 
@@ -181,6 +182,20 @@ def test_too_many_steps_of_a_plain_motion_are_not_blamed_on_a_vibration(speed):
     assert "vibration" not in solution.message
 
 
+@pytest.mark.parametrize(("ratio", "rtol"), [(3e3, 1e-6), (1e4, 1e-8), (1e5, 1e-7)])
+def test_many_steps_that_a_tight_tolerance_asks_of_a_slow_swing_are_not_blamed_on_a_vibration(ratio, rtol):
+    """Rods in the slow mode alone, h omega = 0.1 to 0.8 for the fast one; as many steps as where that is passed over."""
+    fast = DoublePendulum.fastest(ratio)
+    slow2 = (1.0 + ratio) * GRAVITY**2 / fast**2
+    start = DoublePendulum.straight(0.0)[0], 0.01 * np.array([1.0, 0.0, GRAVITY / (GRAVITY - slow2), 0.0])
+    system, given = DoublePendulum(ratio=ratio), {"rtol": rtol, "max_num_steps": 2_000}
+    plain, other = (hb.HHT(system, extrapolate_reaction=x).solve((0.0, 1e3), *start, **given) for x in (False, True))
+    assert plain.status is Status.max_steps
+    assert 0.1 < fast * plain.t[-1] / 2_000 < 1.0
+    assert plain.t[-1] > 0.9 * other.t[-1]
+    assert "vibration" not in plain.message
+
+
 def test_other_failures_at_prescribed_steps_do_not_speak_of_vibrations():
     jump = pendulum(force=lambda t, q, v: np.array([0.0, -9.81 - 1e8 * np.sign(q[0] - 0.3)]))
     solution = hb.HHT(jump).solve((0.0, 1.0), HANGING, [1.0, 0.0], step=1e-2)
@@ -232,3 +247,32 @@ def test_what_changing_steps_amplify_is_not_blamed_on_the_tension():
     assert solution.status is Status.unreliable
     assert "(H53)" in solution.message
     assert "constraint forces" not in solution.message
+
+
+def test_steps_by_error_that_follow_what_velocity_constraints_carry_are_told_that_no_option_helps():
+    """The rods with a light body, held by k = g' alone: mu carries it, and neither b nor extrapolation is asked there."""
+
+    def rows(t, q, v):
+        return np.array([[q[0], q[1], 0.0, 0.0], [q[0] - q[2], q[1] - q[3], q[2] - q[0], q[3] - q[1]]])
+
+    ratio = 1e8
+    held = NumpySystem(
+        mass_matrix=np.diag([1.0, 1.0, ratio, ratio]),
+        force=lambda t, q, v: -GRAVITY * np.array([0.0, 1.0, 0.0, ratio]),
+        velocity_constraint=lambda t, q, v: rows(t, q, v) @ v,
+        velocity_constraint_jacobian=rows,
+    )
+    solution = hb.HHT(held).solve((0.0, 1.0), *DoublePendulum.straight(0.5), rtol=1e-4, max_num_steps=1_000)
+    assert solution.status is Status.max_steps
+    assert "Constraint forces carry a vibration of" in solution.message
+    assert solution.message.endswith("follow it; no option takes longer ones, a looser tolerance may.")
+
+
+@pytest.mark.parametrize(("times", "follow"), [(0.01, False), (0.5, True), (1.9, True), (2.1, False), (1e3, False)])
+def test_extrapolated_steps_that_do_not_resolve_a_vibration_do_not_follow_it(times, follow):
+    """h omega: some hundred steps in a period are those of the motion, and beyond 2 it is damped."""
+    hht = hb.HHT(DoublePendulum(ratio=1e8), extrapolate_reaction=True)
+    hht.init_step(0.0, *DoublePendulum.straight(0.5), rtol=1e-3)
+    engine, h = hht._engine, times / fastest(hht._engine, hht.state)
+    told = tension.followed(engine, hht.state, h, 1.0, make_tolerances(1e-3, None, hht.state, engine.applied(hht.state)))
+    assert ("follow it: it is part of the motion" in told) is follow

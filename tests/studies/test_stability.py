@@ -196,6 +196,15 @@ def test_what_an_axis_is_named_after_is_measured(axis, liar, cells):
     assert is_told(axis, liar(), cells)
 
 
+@pytest.mark.parametrize("solver", ["hht", "hht(alpha=-0.3)"])
+def test_extrapolated_multipliers_pass_over_a_vibration_that_the_tension_carries(solver):
+    """All along the axis, where b = 0 is right up to h omega = 1.9 alone."""
+    cells = [cell for cell in chosen_axes(["tension"])[0].cells() if cell.line == "h = 0.01 s, extrapolated"]
+    assert [measure(cell, solver).kind for cell in cells] == [Kind.right] * 8
+    assert measure(cells[-1], "hht(alpha=0)").kind is Kind.declined
+    assert not cells[0].is_about("rattle")
+
+
 @pytest.mark.parametrize("axis", ["stiffness", "rank", "friction", "span", "jump", "dead_points", "quaternions"])
 def test_the_closed_solution_is_right_everywhere(axis):
     kinds = of_liar(axis, Exact(), lambda cell: not (axis == "dead_points" and "slider" not in cell.line))

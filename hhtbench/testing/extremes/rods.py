@@ -150,6 +150,8 @@ def tension(seed: int) -> Iterator[Cell]:
         yield Cell(line="h = 0.01 s", request={"step": h}, small=small, **given)
         for b in (0.0, 0.2, 0.4, 1.0):
             yield Cell(line=f"h = 0.01 s, b = {b:g}", request={"step": h}, options={"b": b}, families=("hht",), **given)
+        damped: dict[str, Any] = {"options": {"extrapolate_reaction": True}, "families": ("hht",), **given}
+        yield Cell(line="h = 0.01 s, extrapolated", request={"step": h}, **damped)
         yield Cell(line="rtol 1e-06", request={"rtol": 1e-6}, **given | {"expected": expected | resolved})
         few = partial(_swing, o / h, FAINT, 20 * h)  # what grows ends before Newton's iteration fails
         yield Cell(x=o, line="h = 0.01 s, few, faint", make=few, request={"step": h}, expected=_vibrates(FAINT))

@@ -65,10 +65,17 @@ class SingularPosition:
     rows: int  #: of the constraints
     rank: int
     dependent: tuple[int, ...]  #: as many rows of [g; k] that depend on the others there; other choices may be as good
+    by_mass: bool = False  #: nearly, and over the root of the mass alone: some body is so light
 
     @property
     def text(self) -> str:
         """In words."""
+        if self.by_mass:
+            return (
+                f"Near t = {self.t:.10g} the constraints keep their rank, but over the root of the mass rows "
+                f"{list(self.dependent)} of [g; k] nearly depend on the others: a body that they hold is so light beside "
+                "others that reactions throw it about far faster than these move; give it more mass, or leave it out."
+            )
         return (
             f"the constraints lose rank at t = {self.t:.10g}: a singular position, of rank {self.rank} of {self.rows} rows; "
             f"for example rows {list(self.dependent)} of [g; k] depend on the others there"
@@ -88,16 +95,26 @@ class UnitRows:
 
     def __init__(self, dynamics: Dynamics, first: Start) -> None:
         self.dynamics, self.projection = dynamics, Projection(dynamics)
-        self._lengths = np.ones((1, 1))
+        self.first, self._lengths = first, np.ones((1, 1))
         self._lengths = np.linalg.norm(self.at(first), axis=1, keepdims=True)
 
     def at(self, place: Start) -> Matrix:
         """(m + p, n) there."""
+        rows = self._rows(place)
+        if not (self._lengths > 0.0).all():
+            raise linalg.LinAlgError("the constraints have no rank, where a row is zero")
+        return np.asarray(linalg.lapack.dtrtrs(self.root(place), rows.T, lower=1)[0].T / self._lengths)
+
+    def without_mass(self, place: Start) -> Matrix:
+        """(m + p, n) there, not over the root of the mass."""
+        return np.asarray(self._rows(place) / np.linalg.norm(self._rows(self.first), axis=1, keepdims=True))
+
+    def _rows(self, place: Start) -> Matrix:
         check_time()
         rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
-        if not (np.isfinite(rows).all() and (self._lengths > 0.0).all()):
-            raise linalg.LinAlgError("the constraints have no rank, where something is not finite or a row is zero")
-        return np.asarray(linalg.lapack.dtrtrs(self.root(place), rows.T, lower=1)[0].T / self._lengths)
+        if not np.isfinite(rows).all():
+            raise linalg.LinAlgError("the constraints have no rank, where something is not finite")
+        return rows
 
     def root(self, place: Start) -> Matrix:
         """(n, n) of the mass, lower triangular; the identity for a singular one: rows tell as well in other units."""
@@ -195,11 +212,23 @@ def _to_zero(rows: UnitRows, places: list[Place]) -> float:
 
 
 def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
-    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing."""
+    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing.
+
+    What no row loses without the mass is not lost: between two rows may be a body so light that they are nearly one.
+    """
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
-    lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
-    return dependent_at(rows, found, left[:, : sizes.size][:, lost]) if lost.any() else None
+    lost = _fallen(were, sizes)
+    if not lost.any():
+        return None
+    position = dependent_at(rows, found, left[:, : sizes.size][:, lost])
+    kept = not _fallen(*(linalg.svdvals(rows.without_mass(place)) for place in (before, found))).any()
+    return replace(position, by_mass=kept)
+
+
+def _fallen(were: Vector, sizes: Vector) -> Any:
+    """Which of some singular values have."""
+    return sizes <= np.minimum(LOST * were, were[-1] / 2)
 
 
 def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
@@ -219,12 +248,15 @@ def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
     return [Place(float(time[0]), *rest) for time, *rest in zip(t[1:], q[1:], v[1:], vdot, strict=True)]
 
 
-def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | None:
-    """The singular position that has caused the ``failure`` of a run through ``places``; None where there is none."""
+def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:
+    """The singular position that has caused the ``failure`` of a run through ``places``; else the failure."""
     if failure.status not in MAY_BE_SINGULAR or not places:
-        return None
+        return failure
     reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
-    return singular_position(engine.dynamics, engine.place, places, reach)
+    found = singular_position(engine.dynamics, engine.place, places, reach)
+    if found is None or not found.by_mass:
+        return found or failure
+    return replace(failure, message=f"{failure.message.removesuffix('.')}. {found.text}")
 
 
 def told(position: SingularPosition, why: str) -> Failure:

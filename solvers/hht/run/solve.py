@@ -217,8 +217,8 @@ def go_beyond(
     """
     engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LAST_ROWS))
     position = cause_of(engine, ended, places)
-    if position is None:
-        return ended
+    if isinstance(position, Failure):
+        return position
     if by_error is None:
         return told(position, "the steps are prescribed")
     if stepper.events:

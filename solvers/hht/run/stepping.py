@@ -141,7 +141,7 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
 def _with_cause(engine: Engine, ended: Failure, last: HermiteOutput) -> Failure:
     """How stepping has ``ended`` after the ``last`` step, by a singular position if that is its cause."""
     position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
-    return ended if position is None else told(position, "steps are made one by one")
+    return position if isinstance(position, Failure) else told(position, "steps are made one by one")
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:

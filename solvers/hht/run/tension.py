@@ -33,17 +33,22 @@ FASTER = 100.0  # than the motion crosses what it covers
 GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
 DEPARTED = 0.1  # of the multipliers: vibrations that are damped leave 0.01, those that have grown up to 1
 APART, LOOKS = 5, 12  # steps one after the other, half of which tell: multipliers may be zero in one; how often along a run
-PLAIN = 0.3  # of rtol^(1/2) times what a motion takes to cross what it covers: a tenth of the step that it asks for
+PLAIN = 3.0  # times rtol^(1/2) of what a motion takes to cross what it covers: the step that it asks for, without vibration
+HALF, TENTH = 0.5, 0.1  # of that step, below which something faster is followed; by steps that pass over what is not seen
+ERRS = "has grown by what extrapolation errs by, (H55); take alpha nearer -1/3, shorter steps, or error control"
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
 def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
-    """For which vibration at one of ``places`` steps of ``h`` [s] are too long by (H33), in words with a remedy; or none."""
-    b = engine.method.coefficients.b
-    if not may_be_unstable(engine):
+    """For which vibration at one of ``places`` steps of ``h`` [s] are too long by (H33), in words with a remedy; or none.
+
+    With extrapolated multipliers, for which they may be by (H55).
+    """
+    b, damped = engine.method.coefficients.b, engine.method.extrapolated
+    if not (damped or may_be_unstable(engine)):
         return ""
-    by_velocity = not engine.structure.m  # mu of (H10) carries it: b does not matter
-    limit, with_b = (LIMIT, "") if by_velocity else (LIMIT / math.sqrt(1.0 - 2.0 * b), f" with b = {b:g}")
+    whatever_b = damped or not engine.structure.m  # f, or mu of (H10), carries it: b does not matter
+    limit, with_b = (LIMIT, "") if whatever_b else (LIMIT / math.sqrt(1.0 - 2.0 * b), f" with b = {b:g}")
     omega, until = 0.0, time.perf_counter() + SECONDS
     for at in places:
         omega = max(omega, fastest(engine, at))
@@ -51,6 +56,8 @@ def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
             break
     if not abs(h) * omega > limit:
         return ""
+    if damped:
+        return f"constraint forces carry a vibration of {omega:.3g} rad/s, which {ERRS}"
     return (
         f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s"
         f"{with_b}, h omega = {limit:.3g}; take {' or '.join(['shorter ones', *remedies(engine)])}"
@@ -122,8 +129,7 @@ def departed(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, lam: Ma
             if np.median(off) > DEPARTED and fastest(engine, engine.place) * float(np.abs(h[looked]).max()) > LIMIT:
                 return (
                     f"growth: at t = {t[looked[-1], 0]:.6g} the multipliers of the steps are not those of the motion: a "
-                    "vibration that constraint forces carry has grown by what extrapolation errs by, (H55); take alpha "
-                    "nearer -1/3, shorter steps, or error control"
+                    f"vibration that constraint forces carry {ERRS}"
                 )
     return ""
 
@@ -137,8 +143,9 @@ def _apart(one: Vector, other: Vector) -> float:
 def followed(engine: Engine, state: State, h: float, covered: float, tolerances: Tolerances) -> str:
     """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none.
 
-    ``covered``: by how much coordinates have changed on the way to ``state``, at most.  Steps with extrapolated multipliers
-    pass over what the tolerances do not see: these must be far shorter than the motion alone asks for.
+    ``covered``: by how much coordinates have changed on the way to ``state``, at most.  Steps must be shorter than the
+    motion alone asks for, or a tight tolerance has made them short; with extrapolated multipliers, which pass over what the
+    tolerances do not see, far shorter.
     """
     damped = engine.method.extrapolated
     if not (damped or may_be_unstable(engine)):
@@ -146,12 +153,15 @@ def followed(engine: Engine, state: State, h: float, covered: float, tolerances:
     omega = fastest(engine, state)
     if not (abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v):
         return ""
+    plain = PLAIN * math.sqrt(tolerances.finest) * covered  # times the speed
+    if abs(h) * state.size_v > (TENTH if damped else HALF) * plain:
+        return ""
     told = (
         f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
         "follow it"
     )
     if damped:
-        if abs(h) * omega > LIMIT or abs(h) * state.size_v > PLAIN * math.sqrt(tolerances.finest) * covered:
+        if abs(h) * omega > LIMIT:
             return ""
         return f"{told}: it is part of the motion that the tolerance asks for; loosen the tolerance for longer ones."
     found = " or ".join(remedies(engine))
