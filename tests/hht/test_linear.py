@@ -16,7 +16,7 @@ from hhtbench.result import Status
 from problems import planar_chain
 from solvers.hht import HHT
 from solvers.hht.linear.analysis import of_pattern
-from solvers.hht.linear.matrix import factor_band, factor_dense, factor_outside, moved_by, respond, solve, solve_often
+from solvers.hht.linear.matrix import factor, moved_by, respond, solve, solve_often
 from solvers.hht.linear.order import find_order
 from solvers.hht.loops.memory import (
     CALLS_PYTHON,
@@ -116,10 +116,7 @@ class Factored:
         view(self.z, VALUES)[size:] = entries
         view(self.z, MAPS + slot)[:] = entries[self.analysis.own :]
         with self.callbacks if kind == "sparse" else nullcontext():
-            if kind == "sparse":
-                self.ended = factor_outside(self.z, slot)
-            else:
-                self.ended = (factor_band if kind == "band" else factor_dense)(self.z, slot, entries)
+            self.ended = factor(self.z, slot, entries)
         assert self.callbacks.take_cause() is None
 
     def _memory(self, n):
@@ -128,7 +125,7 @@ class Factored:
         outside = a.outside()
         if outside is not None:
             z.i[CALLS_PYTHON] = 1
-            for name, pair in outside.codes(self.callbacks, a.rows.size).items():
+            for name, pair in outside.codes(self.callbacks).items():
                 at = CODE + 2 * FUNCTIONS.index(name)
                 z.i[at : at + 2] = pair
         return z
@@ -205,10 +202,7 @@ def test_two_slots_keep_two_factorisations(kind):
     entries = entries[np.nonzero(entries)]
     view(factored.z, VALUES)[30:] = entries
     with factored.callbacks:
-        if kind == "sparse":
-            factor_outside(factored.z, 1)
-        else:
-            (factor_band if kind == "band" else factor_dense)(factored.z, 1, entries)
+        factor(factored.z, 1, entries)
     np.testing.assert_array_equal(factored.solve(right), before)
     factored.slot = 1
     np.testing.assert_allclose(factored.solve(right), before / 2, rtol=1e-12)
@@ -226,22 +220,32 @@ def test_a_pattern_with_entries_that_vanish_serves_later_matrices(kind):
         entries = np.concatenate([now, np.eye(30)[:2]])[at]
         view(factored.z, VALUES)[30:] = entries
         with factored.callbacks:
-            if kind == "sparse":
-                factor_outside(factored.z, 0)
-            else:
-                (factor_band if kind == "band" else factor_dense)(factored.z, 0, entries)
+            factor(factored.z, 0, entries)
         np.testing.assert_allclose(now @ factored.solve(right), right, rtol=1e-14)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_factorisation_tells_its_least_pivot_and_its_rank(kind):
-    factored = Factored(np.diag([3.0, -0.25, 5.0, 1.0, 2.0]), np.eye(5)[:2], kind)
-    assert (factored.ended, factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (CONVERGED, 0.25, 5)
+    """Of unit rows."""
+    factored = Factored(np.array([[4.0, 4.0], [4.0, 3.0]]), np.eye(2), kind)
+    assert (factored.ended, factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (CONVERGED, 0.25, 2)
 
 
 def test_a_pivot_of_roundoff_counts_as_lost_rank_in_a_full_matrix():
-    factored = Factored(np.diag([1.0, 1e-17, 1.0]), np.eye(3)[:2], "dense")
-    assert (factored.ended, factored.recorded(RANK)) == (CONVERGED, 2)
+    factored = Factored(np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-52]]), np.eye(2), "dense")
+    assert (factored.ended, factored.recorded(RANK)) == (CONVERGED, 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [1e-200, 1e-30, 1e30])
+def test_a_row_is_solved_as_well_in_any_unit(kind, size):
+    """Two rows of constraints: one in the user's unit."""
+    matrix = np.array([[1.0, 0.2, 1.0, 0.7], [0.2, 2.0, 3.0, -1.0], [1.0, 3.0, 0.0, 0.0], [0.7, -1.0, 0.0, 0.0]])
+    units = np.array([1.0, 1.0, 1.0, size])
+    right = np.array([1.0, 2.0, 1e10, 3.0])
+    found = Factored(units[:, None] * matrix * units, np.eye(4)[:2], kind).solve(units * right)
+    left = np.abs(matrix @ (units * found) - right) / (np.abs(matrix) @ np.abs(units * found))
+    assert left.max() < 1e-15
 
 
 @pytest.mark.parametrize("kind", KINDS)

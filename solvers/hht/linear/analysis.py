@@ -41,15 +41,14 @@ class SuperLU:
         self._places, self._size = (rows, columns), size
         self._slots: list[Any] = [None, None]
 
-    def codes(self, callbacks: Callbacks, entries: int) -> dict[str, tuple[int, int]]:
-        """Addresses by name of what the loops call; ``entries``: of matrix and maps."""
-        factor = callbacks.entry(self.factor, 3, ((1,), (entries,)))
+    def codes(self, callbacks: Callbacks) -> dict[str, tuple[int, int]]:
+        """Addresses by name of what the loops call."""
+        factor = callbacks.entry(self.factor, 3, ((1,), self._places[0].shape))
         return {"factor": (factor, 0), "solve": (callbacks.entry(self.solve, self._size, ((1,), (self._size,))), 0)}
 
     def factor(self, slot: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
-        values = entries[: self._places[0].size]  # those of the maps follow
-        matrix: Any = sp.csc_array((values, self._places), shape=(self._size, self._size))
+        matrix: Any = sp.csc_array((entries, self._places), shape=(self._size, self._size))
         matrix.eliminate_zeros()
         try:
             made = splu(matrix, permc_spec="COLAMD")
@@ -112,6 +111,7 @@ class Analysis:
         own, size = self.own, self.size
         starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
         named = {"slots": self.slots, "map_starts": starts, "map_columns": self.columns[own:]}
+        named["row_starts"] = np.searchsorted(self.rows[:own], np.arange(size + 1))
         i, j = self.rows[:own], self.columns[:own]
         if not self.storage:
             return named

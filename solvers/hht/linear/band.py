@@ -72,18 +72,18 @@ def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
 def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
     """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
 
-    Place i holds row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
+    Place i holds row ``rows[i]`` times its scale and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
     rows of what a block takes from unknowns of earlier blocks.
     """
     rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
     starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + slot)
-    storage, pivots = part(z, mem.STORAGE + slot), indices(z, mem.PIVOTS + slot)
+    storage, pivots, scales = part(z, mem.STORAGE + slot), indices(z, mem.PIVOTS + slot), part(z, mem.ROW_SCALES + slot)
     offset = 0
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]
         height = 2 * lower + upper + 1
         for i in range(start, start + count):
-            value = right[rows[i]]
+            value = scales[rows[i]] * right[rows[i]]
             for e in range(starts[i], starts[i + 1]):
                 value -= couplings[e] * y[places[e]]
             y[i] = value

@@ -29,6 +29,7 @@ from solvers.hht.loops.sections import (
 
 # unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
 PRODUCT = 48
+LEAST_ROW = 1e-300  # size of a row: the inverse of less is not a number
 OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse is that of making it
 
 
@@ -78,15 +79,39 @@ def factorise(z: Any, slot: Any) -> Any:
     put(part(z, mem.RESIDUAL), 0, values[:size])
     entries, maps, own = values[size:], part(z, mem.MAPS + slot), z.i[mem.OWN]
     put(maps, 0, entries[own : own + maps.size])
-    if z.i[mem.KIND] == mem.KIND_BAND:
-        return factor_band(z, slot, entries)
-    return factor_dense(z, slot, entries) if z.i[mem.KIND] == mem.KIND_DENSE else factor_outside(z, slot)
+    return factor(z, slot, entries)
 
 
 @compiled
-def factor_band(z: Any, slot: Any, entries: Any) -> Any:
+def factor(z: Any, slot: Any, entries: Any) -> Any:
+    """LU of the matrix of these ``entries`` with its rows scaled, into ``slot``; a failure's name, or CONVERGED."""
+    scale_rows(z, slot, entries)
+    if z.i[mem.KIND] == mem.KIND_BAND:
+        return factor_band(z, slot)
+    return factor_dense(z, slot) if z.i[mem.KIND] == mem.KIND_DENSE else factor_outside(z, slot)
+
+
+@compiled
+def scale_rows(z: Any, slot: Any, entries: Any) -> None:
+    """The matrix of these ``entries`` with every row over its largest, into SCALED.
+
+    Rows of constraints have the units of their users: unscaled, LU would answer for large ones alone, and Newton's iteration
+    stall with small ones unmet (compare ``dgeequb`` of LAPACK).
+    """
+    starts, scales, scaled = indices(z, mem.ROW_STARTS), part(z, mem.ROW_SCALES + slot), part(z, mem.SCALED)
+    for i in range(scales.size):
+        most = 0.0
+        for e in range(starts[i], starts[i + 1]):
+            most = max(most, abs(entries[e]))
+        scales[i] = 1.0 / max(most, LEAST_ROW) if most > 0.0 else 1.0
+        for e in range(starts[i], starts[i + 1]):
+            scaled[e] = entries[e] * scales[i]
+
+
+@compiled
+def factor_band(z: Any, slot: Any) -> Any:
     """Blocks of bands, and what couples them."""
-    storage = stored(z, slot, entries)
+    storage, entries = stored(z, slot), part(z, mem.SCALED)
     blocks = indices(z, mem.BLOCKS)
     least, most = factor_blocks(storage, indices(z, mem.PIVOTS + slot), blocks)
     outside, couplings, record = indices(z, mem.OUTSIDE), part(z, mem.COUPLINGS + slot), part(z, mem.RECORD + slot)
@@ -99,8 +124,9 @@ def factor_band(z: Any, slot: Any, entries: Any) -> Any:
 
 
 @inlined
-def stored(z: Any, slot: Any, entries: Any) -> Any:
-    """The matrix of these ``entries`` where its factors will be."""
+def stored(z: Any, slot: Any) -> Any:
+    """The scaled matrix where its factors will be."""
+    entries = part(z, mem.SCALED)
     inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
     for k in range(storage.size):
         storage[k] = 0.0
@@ -110,9 +136,9 @@ def stored(z: Any, slot: Any, entries: Any) -> Any:
 
 
 @compiled
-def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
+def factor_dense(z: Any, slot: Any) -> Any:
     """LAPACK's LU with partial pivoting of the full matrix, column by column."""
-    storage = stored(z, slot, entries)
+    storage = stored(z, slot)
     order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + slot), index_address(z, mem.PIVOTS + slot)
     invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, order + 8 * mem.INFO))
     size, record, least, most, rank = z.i[mem.SIZE], part(z, mem.RECORD + slot), abs(storage[0]), 0.0, 0
@@ -129,7 +155,7 @@ def factor_dense(z: Any, slot: Any, entries: Any) -> Any:
 def factor_outside(z: Any, slot: Any) -> Any:
     """A factorisation that Python keeps."""
     part(z, mem.SLOT_ASKED)[0] = slot
-    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.SLOT_ASKED), address(z, mem.VALUES) + 8 * z.i[mem.SIZE]))
+    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.SLOT_ASKED), address(z, mem.SCALED)))
     result, record = part(z, mem.FACTOR_RESULT), part(z, mem.RECORD + slot)
     record[mem.LEAST_PIVOT], record[mem.RANK] = result[1], result[2]
     return mem.CONVERGED if result[0] > 0.0 else mem.SINGULAR
@@ -138,20 +164,22 @@ def factor_outside(z: Any, slot: Any) -> Any:
 @compiled
 def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
     """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    kind, work = z.i[mem.KIND], part(z, mem.WORK)
+    kind, work, scales = z.i[mem.KIND], part(z, mem.WORK), part(z, mem.ROW_SCALES + slot)
     if kind == mem.KIND_INVERSE:
         times_inverse(z, slot, right, out)
     elif kind == mem.KIND_BAND:
         solve_blocks(z, slot, right, work, out)
     elif kind == mem.KIND_DENSE:
-        put(work, 0, right)
+        for i in range(scales.size):
+            work[i] = scales[i] * right[i]
         order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + slot)
         matrix = address(z, mem.STORAGE + slot)
         one, no, info = order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
         invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
         put(out, 0, work)
     else:
-        put(work, 0, right)
+        for i in range(scales.size):
+            work[i] = scales[i] * right[i]
         part(z, mem.SLOT_ASKED)[0] = slot
         call_python(z, mem.C_SOLVE, mem.SOLVED, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
         put(out, 0, part(z, mem.SOLVED))

@@ -124,6 +124,7 @@ X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
 VALUES = floats(lambda s: s.size + s.matrix + s.maps)
+SCALED = floats(lambda s: s.matrix)  # entries of the matrix whose rows are scaled
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
 INCREMENT = floats(lambda s: 2 * s.size + 2)  # of small systems their sizes and the residual, too
@@ -151,7 +152,8 @@ ATOL = floats(lambda s: 2 * s.n)
 SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
 CHANGE = floats(lambda s: 2 * s.n)
 
-# Two slots for factorisations: factors, maps.
+# Two slots for factorisations: what rows are scaled by, factors, maps.
+ROW_SCALES = slots(lambda s: s.size)
 STORAGE = slots(lambda s: s.storage)
 COUPLINGS = slots(lambda s: s.couplings)
 MAPS = slots(lambda s: s.maps)
@@ -191,6 +193,7 @@ SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STAR
     given_integers,
     ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),
 )
+ROW_STARTS = given_integers("row_starts")
 ENTRY_ROWS, ENTRY_COLUMNS = map(given_integers, ("entry_rows", "entry_columns"))  # places of the entries, or nothing
 PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
 integers(lambda s: s.size)

@@ -65,7 +65,7 @@ class Loops:
         z.i[mem.WATCHING] = bool(self.events.events)
         codes = functions.codes(self.callbacks) | python_codes(engine, self.callbacks) | functions.level_codes()
         if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:
-            codes |= self._outside.codes(self.callbacks, functions.analysis.rows.size)
+            codes |= self._outside.codes(self.callbacks)
         self._put(codes)
         self.events.fill(z)
         self._blank = z.w.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.linear.matrix import factor_band, factor_dense, solve
+from solvers.hht.linear.matrix import factor, solve
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled
 from solvers.hht.loops.sections import address, call, finite, indices, part
@@ -35,12 +35,12 @@ def add_row_sizes(z: Any, typical: Any) -> None:
 
 @compiled
 def factor_entries(z: Any, first: Any) -> Any:
-    """Factors of the matrix in COMPUTED, rows and columns scaled to size one; False where it is singular, or not finite.
+    """Factors of the matrix in COMPUTED, columns and then rows scaled to size one; False where it is singular, or not finite.
 
     Of the ``first`` rows and columns; the others are those of the identity.
     """
     terms, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
-    of_row, of_column = part(z, mem.SOLUTION), part(z, mem.RIGHT)
+    of_column = part(z, mem.RIGHT)
     entries, rows, columns = terms[size:], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
     for k in range(slots.size):
         terms[k] = computed[slots[k]]
@@ -51,35 +51,30 @@ def factor_entries(z: Any, first: Any) -> Any:
             entries[k] = 0.0  # there for the identity only
     if not finite(terms):
         return False
-    scale_to_one(entries, rows, of_row)
-    scale_to_one(entries, columns, of_column)
+    scale_columns(entries, columns, of_column)
     for i in range(size):
-        if of_row[i] == 0.0 or of_column[i] == 0.0:
+        if of_column[i] == 0.0:
             return False
-    ended = factor_band(z, 0, entries) if z.i[mem.KIND] == mem.KIND_BAND else factor_dense(z, 0, entries)
-    return ended == mem.CONVERGED and part(z, mem.RECORD)[mem.RANK] >= size
+    return factor(z, 0, entries) == mem.CONVERGED and part(z, mem.RECORD)[mem.RANK] >= size
 
 
 @compiled
 def solve_entries(z: Any) -> Any:
     """The increment of the residual in COMPUTED with those factors; whether it is finite."""
-    right, increment, size = part(z, mem.RESIDUAL), part(z, mem.INCREMENT), z.i[mem.SIZE]
-    residual, of_row, of_column = part(z, mem.COMPUTED), part(z, mem.SOLUTION), part(z, mem.RIGHT)
-    for i in range(size):
-        right[i] = residual[i] / of_row[i]
-    solve(z, 0, right, increment)
+    increment, of_column, size = part(z, mem.INCREMENT), part(z, mem.RIGHT), z.i[mem.SIZE]
+    solve(z, 0, part(z, mem.COMPUTED)[:size], increment)
     for j in range(size):
         increment[j] /= of_column[j]
     return finite(increment[:size])
 
 
 @compiled
-def scale_to_one(entries: Any, places: Any, largest_of: Any) -> None:
-    """Divide ``entries`` by the largest magnitude of their row, or column, ``places``, which goes into ``largest_of``."""
+def scale_columns(entries: Any, columns: Any, largest_of: Any) -> None:
+    """Divide ``entries`` by the largest magnitude of their column, which goes into ``largest_of``."""
     for i in range(largest_of.size):
         largest_of[i] = 0.0
     for k in range(entries.size):
-        largest_of[places[k]] = max(largest_of[places[k]], abs(entries[k]))
+        largest_of[columns[k]] = max(largest_of[columns[k]], abs(entries[k]))
     for k in range(entries.size):
         if entries[k] != 0.0:
-            entries[k] /= largest_of[places[k]]
+            entries[k] /= largest_of[columns[k]]
