@@ -62,16 +62,17 @@ def wrong_derivatives(dynamics: Dynamics, names: tuple[str, ...], t: float, q: V
     if not names:
         return []
     derived = derive(dynamics.system, t, q, v, ignored=names)
-    return [name for name in names if not all(_agrees(name, dynamics, derived, *at) for at in _points(t, q, v))]
+    points = list(_points(t, q, v, derived.least))
+    return [name for name in names if not all(_agrees(name, dynamics, derived, *at) for at in points)]
 
 
-def _points(t: float, q: Vector, v: Vector) -> Iterator[tuple[float, Vector, Vector, bool]]:
+def _points(t: float, q: Vector, v: Vector, least: float) -> Iterator[tuple[float, Vector, Vector, bool]]:
     """The start and two points near it; true where the system must be defined.  No velocity entry is at rest."""
     index = np.arange(1.0, q.size + 1)
-    moving = v + max(1.0, float(np.max(np.abs(v)))) * np.cos(index)
+    moving = v + max(least, float(np.max(np.abs(v)))) * np.cos(index)
     yield t, q, moving, True
     for k, shift in enumerate((np.sin(2.0 * index), np.cos(3.0 * index))):
-        size = max(1.0, float(np.max(np.abs(q))))
+        size = max(least, float(np.max(np.abs(q))))
         yield t + NEARBY * (k + 1), q + NEARBY * size * shift, moving, False
 
 
@@ -130,7 +131,7 @@ def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
         return
 
     def compare() -> None:
-        for at, place, moving, defined in _points(t, q, v):
+        for at, place, moving, defined in _points(t, q, v, dynamics.least):
             try:
                 _compare_patterns(dynamics, at, place, moving)
             except ProblemError:

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
-
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.dynamics.differences import NESTED, derivative
+from hhtbench.lowering.dynamics.differences import NESTED
 
 Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows, its size); None or absent: zero
 
@@ -42,7 +39,7 @@ class Point:
 
     def derivative(self, function: Callable[[Any], Any], x: Any) -> Any:
         """Jacobian of ``function`` at ``x``: automatic, or by differences for plain callables."""
-        return jax.jacfwd(function)(x) if self.dynamics.xp is jnp else derivative(function, x, NESTED)
+        return self.dynamics.jacobian(function, x, order=NESTED)
 
 
 def kinematics(at: Point) -> Any:

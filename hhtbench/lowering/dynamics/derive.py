@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+import math
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id, same
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.dynamics.differences import least_size
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
@@ -179,11 +181,27 @@ def _derive_numpy(
     def made() -> NumpyDynamics:
         mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
         constant = mass_as_matrix(mass, structure.n, np)
-        return NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
+        found = NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
+        return replace(found, least=least_size(_differenced(found, t, v), q))
 
-    key = by_id(system), parameters_of(system), structure, ignored, without
+    size = np.max(np.abs(q), initial=0.0)
+    decade = math.floor(math.log10(size)) if 0.0 < size < np.inf else 0  # of the coordinates, whose size steps depend on
+    key = by_id(system), parameters_of(system), structure, ignored, without, decade
     found: NumpyDynamics = _derived.find(key, made)
     return found
+
+
+def _differenced(dynamics: NumpyDynamics, t: float, v: Vector) -> Iterator[Callable[[Vector], Any]]:
+    """Declared functions of q whose derivatives are not declared."""
+    gives = dynamics.gives
+    if not gives("force_jacobians"):
+        yield lambda q: dynamics.force(t, q, v)
+    if gives("constraint") and not (gives("constraint_jacobian") and gives("constraint_acceleration")):
+        yield lambda q: dynamics.constraint(t, q)
+    if gives("velocity_constraint"):  # nothing declares its derivative by q
+        yield lambda q: dynamics.velocity_constraint(t, q, v)
+    if gives("mass_matrix"):
+        yield lambda q: dynamics.mass(t, q).ravel()
 
 
 def _rows(system: Any, result: Callable[[str], Any]) -> list[int]:

@@ -8,7 +8,7 @@ not used: it adapts its step with tens of evaluations per entry.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -18,15 +18,20 @@ EPS = float(np.finfo(np.float64).eps)
 NESTED = 2  # order for functions that hold a difference error of about 1e-12 themselves
 STEP = {1: 2.0**-26, NESTED: 2.0**-13, 4: 2.0**-10}  # near eps**(1/2), 1e-12**(1/3), eps**(1/5): truncation against noise
 SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
+COMMON = 1e-2, 1e2  # largest coordinates beside which one is no wrong size of those that are zero
+ALIKE = 1e-4  # relative difference of derivatives by two steps, neither of which is too long or too short
 
 
-def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None) -> np.ndarray:
+def derivative(
+    function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None, *, least: float = 1.0
+) -> np.ndarray:
     """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1, 2 or 4.
 
-    ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.
+    ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.  ``least``: the size of what
+    is smaller, see :func:`least_size`.
     """
     x = np.asarray(x, dtype=np.float64)
-    steps = STEP[order] * np.maximum(1.0, np.abs(x))
+    steps = STEP[order] * np.maximum(least, np.abs(x))
     steps = (x + steps) - x  # exactly representable
     base = function(x) if order == 1 else None
     if pattern is None:
@@ -42,23 +47,51 @@ def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any 
     return result
 
 
-def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
+def least_size(functions: Iterable[Callable[[Any], Any]], q: Any) -> float:
+    """What a coordinate that is zero, or nearly, counts as in steps of differences: one, or the largest of ``q`` (n,).
+
+    The larger of them by which derivatives of the ``functions`` of q do not depend on the steps: mechanisms of micrometres
+    in metres bend within a step that one asks for, and beside 1e6 one is roundoff.
+    """
+    largest = float(np.max(np.abs(q), initial=0.0))
+    if COMMON[0] <= largest <= COMMON[1] or not 0.0 < largest < np.inf:
+        return 1.0
+    larger, smaller = max(1.0, largest), min(1.0, largest)
+    with np.errstate(all="ignore"):
+        return larger if all(_is_smooth(function, q, larger) for function in functions) else smaller
+
+
+def _is_smooth(function: Callable[[Any], Any], q: Any, least: float) -> bool:
+    """Whether shorter steps give the same derivative; where the function is not defined around q they do not."""
+    for order in (1, 4):
+        try:
+            one, other = (derivative(function, q, order, least=size) for size in (least, least / 4.0))
+        except Exception:  # noqa: BLE001 - whatever a user's function raises beside its domain
+            return False
+        if not np.max(np.abs(one - other), initial=0.0) <= ALIKE * np.max(np.abs(other), initial=0.0):
+            return False
+    return True
+
+
+def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
     """Derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order."""
-    e = _step_along(STEP[4], t, q, v)
+    e = _step_along(STEP[4], t, q, v, least)
     return _along(function, 0.0, e, 4) / e
 
 
-def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any) -> np.ndarray:
+def second_derivative_along(
+    function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0
+) -> np.ndarray:
     """Second derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order, error about 1e-9."""
-    e = _step_along(SECOND_STEP, t, q, v)
+    e = _step_along(SECOND_STEP, t, q, v, least)
     near = function(e) + function(-e)
     far = function(2 * e) + function(-2 * e)
     return (16 * near - far - 30 * function(0.0)) / (12 * e * e)
 
 
-def _step_along(relative: float, t: float, q: Any, v: Any) -> float:
+def _step_along(relative: float, t: float, q: Any, v: Any, least: float) -> float:
     """A step in time that moves t by at most ``relative`` and no coordinate by more than that times its size."""
-    size = np.maximum(1.0, np.abs(np.asarray(q, dtype=np.float64)))
+    size = np.maximum(least, np.abs(np.asarray(q, dtype=np.float64)))
     speed = float(np.max(np.abs(v) / size, initial=0.0))
     e = relative / max(1.0, speed)
     return (t + e) - t or e  # exactly representable, also at a late t

@@ -36,6 +36,7 @@ class NumpyDynamics(Dynamics):
     ignored: tuple[str, ...] = ()
     constant_mass: Any = None
     inverse_mass: Any = None
+    least: float = 1.0
     on_call: Callable[[str], None] = note_callback  #: told the name of every callback before it is called
 
     @property
@@ -74,7 +75,7 @@ class NumpyDynamics(Dynamics):
         return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
-        return derivative(function, x, order, self.patterns.get(pattern))
+        return derivative(function, x, order, self.patterns.get(pattern), least=self.least)
 
     @cached_property
     def patterns(self) -> dict[str, Any]:
@@ -87,14 +88,14 @@ class NumpyDynamics(Dynamics):
         return found
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v)
+        return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v, least=self.least)
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
-        return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v)
+        return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v, least=self.least)
 
 
 def checked_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:

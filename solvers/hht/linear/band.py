@@ -72,8 +72,8 @@ def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
 def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
     """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
 
-    Place i holds row ``rows[i]`` times its scale and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``: sparse
-    rows of what a block takes from unknowns of earlier blocks.
+    Place i holds the scaled row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``:
+    sparse rows of what a block takes from unknowns of earlier blocks.
     """
     rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
     starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + slot)

@@ -35,7 +35,7 @@ def add_row_sizes(z: Any, typical: Any) -> None:
 
 @compiled
 def factor_entries(z: Any, first: Any) -> Any:
-    """Factors of the matrix in COMPUTED, columns and then rows scaled to size one; False where it is singular, or not finite.
+    """Factors of the matrix in COMPUTED, columns and rows scaled to size one; False where it is singular, or not finite.
 
     Of the ``first`` rows and columns; the others are those of the identity.
     """
