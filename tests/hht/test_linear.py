@@ -237,18 +237,6 @@ def test_a_pivot_of_roundoff_counts_as_lost_rank_in_a_full_matrix():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [1e-200, 1e-30, 1e30])
-def test_a_row_is_solved_as_well_in_any_unit(kind, size):
-    """Two rows of constraints: one in the user's unit."""
-    matrix = np.array([[1.0, 0.2, 1.0, 0.7], [0.2, 2.0, 3.0, -1.0], [1.0, 3.0, 0.0, 0.0], [0.7, -1.0, 0.0, 0.0]])
-    units = np.array([1.0, 1.0, 1.0, size])
-    right = np.array([1.0, 2.0, 1e10, 3.0])
-    found = Factored(units[:, None] * matrix * units, np.eye(4)[:2], kind).solve(units * right)
-    left = np.abs(matrix @ (units * found) - right) / (np.abs(matrix) @ np.abs(units * found))
-    assert left.max() < 1e-15
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_singular_matrix_has_no_factor(kind):
     matrix = np.diag(np.ones(5)) + np.diag(np.ones(4), 1)
     matrix[2, 2:4], matrix[3, 3] = (1.0, 2.0), 2.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,7 @@ from hhtbench.counting import preparing
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id, same
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
-from hhtbench.lowering.dynamics.differences import least_size
+from hhtbench.lowering.dynamics.differences import least_size, uncommon_decade
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
@@ -184,9 +183,7 @@ def _derive_numpy(
         found = NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
         return replace(found, least=least_size(_differenced(found, t, v), q))
 
-    size = np.max(np.abs(q), initial=0.0)
-    decade = math.floor(math.log10(size)) if 0.0 < size < np.inf else 0  # of the coordinates, whose size steps depend on
-    key = by_id(system), parameters_of(system), structure, ignored, without, decade
+    key = by_id(system), parameters_of(system), structure, ignored, without, uncommon_decade(q)
     found: NumpyDynamics = _derived.find(key, made)
     return found
 

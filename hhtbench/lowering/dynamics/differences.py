@@ -8,6 +8,7 @@ not used: it adapts its step with tens of evaluations per entry.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -18,13 +19,11 @@ EPS = float(np.finfo(np.float64).eps)
 NESTED = 2  # order for functions that hold a difference error of about 1e-12 themselves
 STEP = {1: 2.0**-26, NESTED: 2.0**-13, 4: 2.0**-10}  # near eps**(1/2), 1e-12**(1/3), eps**(1/5): truncation against noise
 SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
-COMMON = 1e-2, 1e2  # largest coordinates beside which one is no wrong size of those that are zero
+COMMON = 1e-2, 1e2  # where the largest coordinate is in between, those near zero may count as of size one
 ALIKE = 1e-4  # relative difference of derivatives by two steps, neither of which is too long or too short
 
 
-def derivative(
-    function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None, *, least: float = 1.0
-) -> np.ndarray:
+def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None, *, least: float = 1.0) -> np.ndarray:
     """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1, 2 or 4.
 
     ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.  ``least``: the size of what
@@ -47,15 +46,22 @@ def derivative(
     return result
 
 
+def uncommon_decade(q: Any) -> int | None:
+    """The power of ten of the largest of ``q`` (n,), on which steps of differences then depend; None where it is common."""
+    largest = float(np.max(np.abs(q), initial=0.0))
+    common = COMMON[0] <= largest <= COMMON[1] or not 0.0 < largest < np.inf
+    return None if common else math.floor(math.log10(largest))
+
+
 def least_size(functions: Iterable[Callable[[Any], Any]], q: Any) -> float:
     """What a coordinate that is zero, or nearly, counts as in steps of differences: one, or the largest of ``q`` (n,).
 
     The larger of them by which derivatives of the ``functions`` of q do not depend on the steps: mechanisms of micrometres
     in metres bend within a step that one asks for, and beside 1e6 one is roundoff.
     """
-    largest = float(np.max(np.abs(q), initial=0.0))
-    if COMMON[0] <= largest <= COMMON[1] or not 0.0 < largest < np.inf:
+    if uncommon_decade(q) is None:
         return 1.0
+    largest = float(np.max(np.abs(q)))
     larger, smaller = max(1.0, largest), min(1.0, largest)
     with np.errstate(all="ignore"):
         return larger if all(_is_smooth(function, q, larger) for function in functions) else smaller
@@ -79,9 +85,7 @@ def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any,
     return _along(function, 0.0, e, 4) / e
 
 
-def second_derivative_along(
-    function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0
-) -> np.ndarray:
+def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
     """Second derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order, error about 1e-9."""
     e = _step_along(SECOND_STEP, t, q, v, least)
     near = function(e) + function(-e)
