@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -191,6 +192,18 @@ def leaving_a_rail() -> Any:
     return hb.HHT(rails).solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], steps=10)
 
 
+def held() -> Any:
+    """A bead on a hoop of radius one, slowed by friction that goes with the size of the hoop's force."""
+    bead = {
+        "mass_matrix": [1.0, 1.0],
+        "force": lambda t, q, v: np.zeros(2),
+        "constraint": lambda t, q: np.array([q @ q - 1.0]),
+        "reaction": lambda t, q, v, lam: -2.0 * lam[0] * q - 0.3 * np.abs(lam[0]) * v,
+    }
+    at, along = (math.cos(0.3), math.sin(0.3)), (-math.sin(0.3), math.cos(0.3))
+    return hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 2e-9), at, along, steps=20)
+
+
 def bouncing() -> Any:
     floor = hb.Event(lambda t, q, v: q[0], direction=-1, change=lambda t, q, v: (q, -0.5 * v), name="floor")
     return hb.HHT(weight(), events=floor).solve((0.0, 10.0), [1.0], [0.0], step=0.01)
@@ -244,6 +257,7 @@ PROVOKED: dict[str, list[Case]] = {
     "inconsistent_initial": [Case("", "g[0]", lambda _: hoop(q0=(1.1, 0.0), step=0.01))],
     "time_resolution": [
         Case("floating-point", "time", lambda _: hb.HHT(weight()).solve((1e9, 1e9 + 1e-6), [1.0], [0.0], step=1e-9)),
+        Case("roundoff of positions", "roundoff of positions", lambda _: held()),
         Case("pile up", "pile up", lambda _: bouncing()),
     ],
     "evaluation_budget": [Case("", "evaluations", lambda _: fall(step=0.01, max_evaluations=5))],

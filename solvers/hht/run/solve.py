@@ -29,6 +29,7 @@ from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.ratios import amplified
+from solvers.hht.run.roundoff import moved_by_roundoff
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
@@ -143,7 +144,10 @@ class Integration:
         if coarse:
             return Failure(Status.time_resolution, coarse)
         found = self._grown(engine)
-        return Failure(Status.unreliable, found) if found else end
+        if found:
+            return Failure(Status.unreliable, found)
+        short = moved_by_roundoff(engine, *self.history.ends()[:4])
+        return Failure(Status.time_resolution, short) if short else end
 
     def _grown(self, engine: Engine) -> str:
         """What prescribed steps have made grow, in words; or none."""
