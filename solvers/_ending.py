@@ -17,10 +17,12 @@ from solvers._dense import Steps, Until
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
-MARGIN = 1e3  # times what the rows that are held are off: so much the rows that are left out may be
+EPS = float(np.finfo(np.float64).eps)
+MARGIN = 1e3  # times what the rows that are held are off, or roundoff: so much the rows that are left out may be
+DATA = 10.0  # times what the start is off: lengths may be given with few digits
 LOOKED_AT = 40  # ends of steps, beside the rows, at which rows that are left out are looked at
 ADVICE = (
-    "the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
+    "it is only nearly dependent, the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
     "the system where they always follow from the others; else start where the rank is that of the motion."
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
@@ -169,7 +171,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
     count, done = len(lam), 0
     (times, q, v), order = _with_steps((rows[0][:count], rows[1][:count], rows[2][:count]), steps)
-    sizes, worst = (size_of(q), size_of(v)), 0.0
+    sizes, worst, data = (size_of(q), size_of(v)), 0.0, CONSISTENT
     for i in order.tolist():
         t = float(times[i])
         try:
@@ -179,10 +181,11 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
             ended = f"The time budget ended when {done} of {count} rows were looked at for constraints left out as redundant"
             return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
         off = _off_level(at, sizes)
-        if lost := _lost(off, redundant, m):
+        if lost := _lost(off, redundant, m, data):
             note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
         worst = max(worst, float(off[list(redundant)].max()))
+        data = min(data, DATA * worst)  # of the first place: later ones are off by more
         if i < count:
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
@@ -230,11 +233,14 @@ def _off_level(at: Levels, sizes: tuple[float, float]) -> Vector:
     return off
 
 
-def _lost(off: Vector, redundant: tuple[int, ...], m: int) -> str:
-    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, in words."""
+def _lost(off: Vector, redundant: tuple[int, ...], m: int, data: float) -> str:
+    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, in words.
+
+    ``data``: by how much they may be, as they are given with so many digits.
+    """
     out = np.isin(np.arange(off.size), redundant)
     worst = int(np.argmax(np.where(out, off, -1.0)))
-    if off[worst] <= max(CONSISTENT, MARGIN * float(np.max(off, where=~out, initial=0.0))):
+    if off[worst] <= max(data, MARGIN * max(EPS, float(np.max(off, where=~out, initial=0.0)))):
         return ""
     name = f"g[{worst}]" if worst < m else f"k[{worst - m}]"
     return f"{name} is off by {off[worst]:.2g} of its size"
