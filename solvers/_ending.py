@@ -22,8 +22,9 @@ MARGIN = 1e3  # times what the rows that are held are off, or roundoff: so much 
 DATA = 10.0  # times what the start is off: lengths may be given with few digits
 LOOKED_AT = 40  # ends of steps, beside the rows, at which rows that are left out are looked at
 ADVICE = (
-    "it is only nearly dependent, the rank is another one there, or a step has led to another branch of the rows that are held. Leave those rows out of "
-    "the system where they always follow from the others; else start where the rank is that of the motion."
+    "it is only nearly dependent, the rank is another one there, or a step has led to another branch of the rows that are "
+    "held. Leave those rows out of the system where they always follow from the others; else start where the rank is that "
+    "of the motion."
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which

@@ -15,7 +15,8 @@ from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_solver
 from hhtbench.request import make_request
 from hhtbench.result import Solution, Status
-from hhtbench.testing.scenes import SCENES, Scene
+from hhtbench.testing.scenes import SCENES
+from hhtbench.testing.scenes.scene import Scene
 
 TOLERANCES = (1e-3, 1e-4, 1e-5)  # loose to tight
 STEPS = (100, 200, 400)  # the same for solvers of prescribed steps

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
-from hhtbench.testing.scenes import moving_circle
+from hhtbench.testing.scenes.moving_circle import moving_circle
 from solvers.hht import HHT
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.formulas import fit, growth

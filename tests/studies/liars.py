@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import hhtbench as hb
 from hhtbench.testing.extremes.scenes import FAST, FIRST, SECOND, SLOW, on_circle
-from hhtbench.testing.scenes import PERIOD
+from hhtbench.testing.scenes.pendulum import PERIOD
 
 
 class Straight:

@@ -9,7 +9,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.testing import agreement, assert_solvers_agree
-from hhtbench.testing.scenes import pendulum
+from hhtbench.testing.scenes.pendulum import pendulum
 from tests.testing.liars import Larger
 
 UNKNOWN = replace(pendulum().problem, exact=None)

@@ -15,7 +15,9 @@ from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import PENDULUM, SPAN, off, problem
 from hhtbench.testing.extremes.linkages import DoublePendulum
 from hhtbench.testing.extremes.scenes import Oscillator
-from hhtbench.testing.scenes import moving_circle, oscillator, screw, skate
+from hhtbench.testing.scenes.moving_circle import moving_circle
+from hhtbench.testing.scenes.oscillator import oscillator
+from hhtbench.testing.scenes.velocity_rows import screw, skate
 
 MOVING = (PENDULUM, moving_circle(), skate(), screw())  # position, moving, velocity, both kinds of constraints
 FORCED = oscillator()

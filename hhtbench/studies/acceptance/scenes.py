@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.testing.scenes import SPAN, Scene, numpy_pendulum, pendulum
+from hhtbench.testing.scenes.pendulum import numpy_pendulum, pendulum
+from hhtbench.testing.scenes.scene import SPAN, Scene
 from hhtbench.testing.subject import Declined
 
 PENDULUM = pendulum()  # compiled

@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import numpy_pendulum
+from hhtbench.testing.scenes.pendulum import numpy_pendulum
 from hhtbench.testing.subject import Declined, Subject, at, errors, expect, same_bits
 
 

@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 from hhtbench.arguments import Vector
 from hhtbench.result import Solution, Status
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import PERIOD, RADIUS, Scene, swing
+from hhtbench.testing.scenes.pendulum import PERIOD, RADIUS, swing
+from hhtbench.testing.scenes.scene import Scene
 from hhtbench.testing.subject import Declined, Subject, expect
 
 ANGLE = 0.5  # of the pendulum from below, at which the event is [rad]

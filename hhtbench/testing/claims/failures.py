@@ -12,7 +12,7 @@ import numpy as np
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution, Status
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import GRAVITY, MASS, Function, numpy_pendulum, pendulum
+from hhtbench.testing.scenes.pendulum import GRAVITY, MASS, Function, numpy_pendulum, pendulum
 from hhtbench.testing.subject import COMPONENTS, Declined, Subject, expect, same_bits
 
 HALF_WAY = 0.75  # [s]

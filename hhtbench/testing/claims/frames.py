@@ -11,7 +11,9 @@ import numpy as np
 
 from hhtbench.request import make_request
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import SPAN, Frame, RedundantPendulum, Scene, moving_circle, pendulum
+from hhtbench.testing.scenes.moving_circle import moving_circle
+from hhtbench.testing.scenes.pendulum import Frame, RedundantPendulum, pendulum
+from hhtbench.testing.scenes.scene import SPAN, Scene
 from hhtbench.testing.subject import Declined, Subject, at, differences, errors, expect, rms, size_of
 
 TURNED = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0

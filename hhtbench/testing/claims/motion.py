@@ -10,7 +10,10 @@ from scipy.integrate import simpson
 
 from hhtbench.protocol import declared
 from hhtbench.testing.claims.registry import claim
-from hhtbench.testing.scenes import SCENES, Scene, multipliers, numpy_pendulum, oscillator
+from hhtbench.testing.scenes import SCENES
+from hhtbench.testing.scenes.oscillator import oscillator
+from hhtbench.testing.scenes.pendulum import numpy_pendulum
+from hhtbench.testing.scenes.scene import Scene, multipliers
 from hhtbench.testing.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
 
 EVERY = tuple(SCENES)

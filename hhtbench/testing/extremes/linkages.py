@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from hhtbench.arguments import Vector
 from hhtbench.protocol import Motion, Problem, Scales, System, parameter
-from hhtbench.testing.scenes import GRAVITY, RADIUS, swing
+from hhtbench.testing.scenes.pendulum import GRAVITY, RADIUS, swing
 
 
 class Parallelogram(System):
@@ -33,7 +33,7 @@ class Parallelogram(System):
 
 
 def parallelogram(span: float) -> Problem:
-    """Released at rest: both rods swing as the pendulum of :func:`hhtbench.testing.scenes.swing`."""
+    """Released at rest: both rods swing as the pendulum of :func:`hhtbench.testing.scenes.pendulum.swing`."""
 
     def exact(t: float) -> Motion:
         angle, rate = swing(t)

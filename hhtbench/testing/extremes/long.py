@@ -18,7 +18,7 @@ from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
 from hhtbench.testing.extremes.known import held, kept
 from hhtbench.testing.extremes.linkages import parallelogram, parallelogram_levels
-from hhtbench.testing.scenes import GRAVITY, PERIOD, RADIUS
+from hhtbench.testing.scenes.pendulum import GRAVITY, PERIOD, RADIUS
 
 STEPS = 500  # a swing
 ROWS = 40  # of output, about

@@ -19,7 +19,8 @@ from hhtbench.testing.extremes.known import held, motion, off
 from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum, double_pendulum_angles
 from hhtbench.testing.extremes.scenes import stiff
 from hhtbench.testing.extremes.springs import CURVATURE, beside
-from hhtbench.testing.scenes import PERIOD, SPAN, Frame, Scene, pendulum
+from hhtbench.testing.scenes.pendulum import PERIOD, Frame, pendulum
+from hhtbench.testing.scenes.scene import SPAN, Scene
 from hhtbench.testing.subject import ACCURACY
 
 SWING = 100.0  # error over h^2 of a method of second order in a swing of the pendulum [1/s^2]; HHT's is near 10
