@@ -29,13 +29,13 @@ from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.ratios import amplified
-from solvers.hht.run.roundoff import moved_by_roundoff
 from solvers.hht.run.rows import recovered
 from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import departed, grown
+from solvers.hht.run.unresolved import moved_by_roundoff, steep_forces
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -118,9 +118,15 @@ class Integration:
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
     def _unseen(self, stepper: Stepper, at_start: float) -> str:
-        """That the tolerances allow every error of q, which was ``at_start`` large at the start, in words; or none."""
+        """What steps may not have seen, in words; or none.
+
+        Prescribed ones forces that are steep; those by error whatever their tolerances allow, as every error of q, which
+        was ``at_start`` large at the start.
+        """
         by_error = stepper.plan.by_error
-        if by_error is None or by_error.tolerances.least <= at_start:
+        if by_error is None:
+            return "" if stepper.engine.method.extrapolated else steep_forces(*self.history.accelerations())
+        if by_error.tolerances.least <= at_start:
             return ""
         return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))
 

@@ -1,4 +1,4 @@
-"""Steps so short that roundoff of positions decides their multipliers, which a reaction not linear in these feels."""
+"""Prescribed steps that do not resolve a motion: too long for what forces do in one, or too short for positions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from hhtbench.arguments import Matrix
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from solvers.hht.equations.formulas import EPS
@@ -16,6 +16,24 @@ from solvers.hht.run.engine import Engine
 LOOKS = 12  # how often along a run
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
+
+
+def steep_forces(t: Vector, h: Vector, v: Matrix, a: Matrix) -> str:
+    """That forces change v by more than its size within one of the steps ``h`` (k,) to t, v and a (k, n), in words; or none.
+
+    What begins and ends between two looks at the forces, as contact does, throws the motion anywhere.
+    """
+    if not (a.max() - a.min()) * np.abs(h).max() > np.abs(v[-1]).max():  # most motions, in a tenth of the time
+        return ""
+    changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:])
+    most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
+    if not most > size:
+        return ""
+    end = t[1 + int(changes.argmax())]
+    return (
+        f"In the step to t = {end:.10g} forces change by what moves v by {most:.2g}, and v is {size:.2g} at most: steps do "
+        "not resolve such forces; compare with shorter ones, or with error control."
+    )
 
 
 def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix) -> str:
