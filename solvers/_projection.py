@@ -175,11 +175,16 @@ def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
         blocks: Any = [[mass, rows.transpose()], [rows, None]]
         solved, _ = solve_scaled_sparse(sp.block_array(blocks, format="csr"), right)
         return np.full(pull.size, np.nan) if solved is None else solved[: pull.size]
-    matrix = np.block([[mass, rows.T], [rows, np.zeros((value.size, value.size))]])
-    largest = np.max(np.abs(matrix), axis=1)
-    size = 1 / np.sqrt(np.where(largest > 0, largest, 1.0))
-    solution, *_ = linalg.lstsq(matrix * np.outer(size, size), right * size, cond=DEPENDENT, check_finite=False)
-    return np.asarray((solution * size)[: pull.size])
+    weight = np.diag(mass)
+    root = np.sqrt(np.where(weight > 0.0, weight, np.max(weight, initial=0.0) or 1.0))
+    along = rows / root  # in coordinates whose masses are one
+    length = np.abs(along).max(axis=1)  # squares of what is huge are not numbers
+    length[length == 0.0] = 1.0
+    along /= length[:, None]
+    matrix = np.block([[mass / np.outer(root, root), along.T], [along, np.zeros((value.size, value.size))]])
+    right = np.concatenate([right[: pull.size] / root, right[pull.size :] / length])
+    solution, *_ = linalg.lstsq(matrix, right, cond=DEPENDENT, check_finite=False)
+    return np.asarray(solution[: pull.size] / root)
 
 
 def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) -> Vector:
@@ -189,7 +194,8 @@ def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) 
         mass, rows, value = level(x)
         change = closest(mass, rows, mass @ (x - start), value)
         x = x + change
-        moved = float(np.max(np.abs(change), initial=0.0)) / max(1.0, float(np.max(np.abs(x))))
+        size = float(max(np.max(np.abs(x)), np.max(np.abs(start)))) or 1.0
+        moved = float(np.max(np.abs(change))) / size
         if moved <= SMALL or (moved <= STALLED and moved > last / 2):
             break
         last = moved

@@ -18,6 +18,10 @@ MOST = 20_000  # evaluations of a motion: two seconds
 NEAR = 0.1  # of the size of a mechanism: no rod and no spring is shorter
 
 
+class Spent(Exception):
+    """What a motion may take is used up, or it is none."""
+
+
 class Accelerations(NamedTuple):
     """What the acceleration level asks for."""
 
@@ -165,19 +169,20 @@ class Judge:
         def rate(s, y):
             nonlocal settled, left
             left -= 1
-            if left < 0:
-                return np.full(2 * n, np.nan)
+            if left < 0 or not np.isfinite(y).all():  # a first step that is nan would be shortened for ever
+                raise Spent
             vdot, _, _, well = self.acceleration(s, y[:n], y[n:])
             settled = settled and well
             return np.concatenate([y[n:], vdot])
 
         y = np.concatenate([q, v])
         atol = 1e-13 * np.repeat(self.sizes, n)
-        for end in times:
-            run = solve_ivp(rate, (t, end), y, "DOP853", rtol=1e-11, atol=atol)
-            settled = settled and run.success and left >= 0
-            found.append(run.y[:, -1])
-        return np.array(found) if settled else None
+        with suppress(Spent):
+            for end in times:
+                run = solve_ivp(rate, (t, end), y, "DOP853", rtol=1e-11, atol=atol)
+                settled = settled and run.success
+                found.append(run.y[:, -1])
+        return np.array(found) if settled and len(found) == len(times) else None
 
     def energy(self, t, q, v) -> float:
         """[J]."""

@@ -145,7 +145,8 @@ def errors(setting: Setting, s: Solution) -> float:
     """What a run may err by over the sizes, of a motion that is well conditioned."""
     way, spoil = setting.case.way, setting.case.spoil
     found = CLOSE if way.steps else TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
-    found += EPS * float(np.abs(s.t).max()) * setting.rate  # of times
+    crossed = float(np.abs(s.v).max()) / (setting.judge.sizes[0] or 1.0)  # it may have become fast
+    found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed)  # of times
     sigma = setting.judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
     found += ROUNDED * EPS / sigma**2  # of rows nearly alike
     return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)

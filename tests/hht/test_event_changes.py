@@ -25,6 +25,20 @@ def test_a_bouncing_ball_hits_the_floor_when_the_closed_solution_does(how):
     np.testing.assert_allclose(solution.v_events[0][:, 0], -speeds, rtol=1e-13)
 
 
+@pytest.mark.parametrize("origin", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("direction", [-1, 0])
+@pytest.mark.parametrize("how", HOW, ids=str)
+def test_a_ball_bounces_far_from_the_origin_of_time_as_near_to_it(how, direction, origin):
+    """An impact falls between two times: what is left of the height there, however signed, is no second one."""
+    floor = Event(height, direction=direction, change=lambda t, q, v: (q, -RESTITUTION * v))
+    solution = HHT(FREE, events=[floor]).solve((origin, origin + 2.0), [1.0], [0.0], **how)
+    assert solution.success, solution.message
+    fall = np.sqrt(2.0 / GRAVITY)
+    expected = fall + 2 * fall * np.cumsum([0.0, *RESTITUTION ** np.arange(1, 20)])
+    expected = expected[expected < 2.0]
+    np.testing.assert_allclose(solution.t_events[0] - origin, expected, rtol=0, atol=1e-14 + 10 * np.spacing(origin))
+
+
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("route", SYSTEMS)
 def test_impacts_of_a_pendulum_on_a_wall_converge_with_order_two(route, alpha):

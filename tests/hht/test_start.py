@@ -53,6 +53,43 @@ def test_calc_initcond_moves_the_start_onto_both_levels_and_says_how_far(route, 
     assert np.allclose(v, V0, atol=1e-9)
 
 
+POINTS = np.array([[1.07901, -1.041988], [0.0, 1.5], [-0.555727, -0.575472], [1.283995, 0.203365], [0.0, 0.0]])
+RODS = np.array([(0, 4), (1, 4), (2, 4), (3, 4), (2, 3), (0, 3)])  # the last point is fixed
+MASSES = [3e-4, 1e5, 3e-6, 1e3]
+
+
+def along_rods(q):
+    """(6, 2) from end to end."""
+    points = np.vstack([q.reshape(4, 2), np.zeros((1, 2))])
+    return points[RODS[:, 0]] - points[RODS[:, 1]]
+
+
+def rows_of_rods(q):
+    rows = np.zeros((6, 5, 2))
+    for row, (i, j), d in zip(rows, RODS, along_rods(q), strict=True):
+        row[i], row[j] = d, -d
+    return rows[:, :4].reshape(6, 8)
+
+
+@pytest.mark.parametrize("unit", [1e-79, 1.0, 1e79])
+def test_calc_initcond_does_the_same_in_any_unit(unit):
+    """Light and heavy masses on rods: what is on its constraints stays, what is off moves little."""
+    given = POINTS[:4].ravel()
+    squares = np.sum(along_rods(given) ** 2, axis=1) / 2
+    linkage = NumpySystem(
+        mass_matrix=np.repeat(MASSES, 2),
+        force=lambda t, q, v: np.zeros(8),
+        constraint=lambda t, q: np.sum(along_rods(q) ** 2, axis=1) / 2 - squares * unit**2,
+        constraint_jacobian=lambda t, q: rows_of_rods(q),
+    )
+    for off, most in ((0.0, 1e-14), (1e-3, 1e-2)):
+        q0 = (given + off * np.array([1, -1, 1, 0, -1, 1, 0, 1])) * unit
+        solution = HHT(linkage, calc_initcond=True).solve((0.0, 1e-3), q0, np.zeros(8), steps=1)
+        assert solution.success, solution.message
+        assert np.abs(solution.q[0] / unit - given).max() <= most
+        assert np.abs(np.sum(along_rods(solution.q[0] / unit) ** 2, axis=1) / 2 - squares).max() <= 1e-12
+
+
 NO_ROOT = {
     "no root": lambda t, q: np.array([q @ q + 1.0]),
     "no root, flat": lambda t, q: np.array([np.exp(-(q @ q)) + 1e-3]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, crosses, cubic
 from solvers.hht.loops.sections import address, indices, invoke, part
@@ -12,6 +13,7 @@ from solvers.hht.loops.sections import address, indices, invoke, part
 EXTRA = 3  # samples of a step beside those inside: its start, a place just behind it, its end
 LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up
 ZERO = 1e-12  # of the largest value in the step: what a start on the zero of an event function may be off
+SPACINGS = 8.0  # of times, at most: that a start on a zero has no better time
 
 
 @compiled
@@ -39,9 +41,10 @@ def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
     times, values = part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
     t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
     begins, scale = z.i[mem.EVENTS_KNOWN] == 0, 0.0
+    blurred = min(SPACINGS * EPS * abs(t0 / (t1 - t0)), 0.25 / (count - 2))  # of the step
     for k in range(count):
         at = first + k
-        times[at] = t0 + LEAVING * (t1 - t0) if k == 1 and begins else t0
+        times[at] = t0 + max(LEAVING, 2.0 * blurred) * (t1 - t0) if k == 1 and begins else t0
         if k > 1:
             times[at] = t1 if k == count - 1 else t0 + (k - 1) / (count - 2) * (t1 - t0)
         if k > 1 or begins:
@@ -52,7 +55,7 @@ def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
         else:
             values[at] = part(z, mem.EVENT_VALUES)[e]
         scale = max(scale, abs(values[at]))
-    if begins and abs(values[first]) <= ZERO * scale:
+    if begins and abs(values[first]) <= max(ZERO, blurred) * scale:
         values[first] = 0.0
     return True
 
