@@ -147,9 +147,9 @@ class HHT:
                 self._message = started.message
                 return started.status
             self._engine = started.engine
-            tolerances, (engine, state) = None, (started.engine, started.state)
+            tolerances, state = None, started.state
             if h is None:
-                tolerances = make_tolerances(asked.rtol, asked.atol, state, engine.applied(state))
+                tolerances = make_tolerances(asked.rtol, asked.atol, state, started.applied)
             unseen = "" if tolerances is None else tolerances.warn(state.size_q)
             self._message = " ".join(filter(None, (started.note, note, unseen)))
             self._integrator = begun(place, state, h, tolerances, len(self.events))

@@ -172,7 +172,11 @@ def clear(setting: Setting, s: Solution) -> bool:
     judge, way = setting.judge, setting.case.way
     ahead = setting.length / (way.steps or 20) * max(way.ratios, default=1.0) / np.mean(way.ratios or 1.0)
     places = [(float(s.t[i]), s.q[i], s.v[i]) for i in some(s.t.size, 12)]
-    places += [(float(s.t[-1]) + ahead * x, s.q[-1] + ahead * x * s.v[-1], s.v[-1]) for x in (0.5, 1.0)]
+    times = [float(s.t[-1]) + ahead * x for x in (0.5, 1.0)]
+    motion = judge.carried(float(s.t[-1]), s.q[-1], s.v[-1], times)
+    if motion is None:
+        return False
+    places += [(t, *np.split(y, 2)) for t, y in zip(times, motion, strict=True)]
     fastest = max(judge.rate(*place) for place in places)
     resolved = abs(ahead) * fastest <= RESOLVED if way.steps else fastest <= FASTER * setting.rate
     return resolved and all(judge.sigma(*place[:2]) > CLEAR for place in places)

@@ -74,7 +74,7 @@ class Integration:
         start, asked = engine.loops.row(state), request.t_eval
         self.history = History(engine.structure, start, len(events), asked, every=request.keep_steps)
         if steps is None:
-            tolerances = make_tolerances(request.rtol, request.atol, state, engine.applied(state))
+            tolerances = make_tolerances(request.rtol, request.atol, state, started.applied)
             plan: Plan = ByError(tolerances, self.solver.options.control)
         else:
             plan = Prescribed(steps)

@@ -43,6 +43,7 @@ class Started(NamedTuple):
     engine: Engine
     state: State
     note: str
+    applied: Vector  #: M^-1 F (n,) there under error control, whose tolerances take it; else (0,)
 
 
 def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
@@ -92,7 +93,7 @@ def begin(
         engine.watch(events)
         plain = None if options.calc_initcond else engine.started(place, guesses)
         if plain is not None:
-            return Started(purpose, engine, plain, "")
+            return Started(purpose, engine, plain, "", engine.applied(plain) if controlled else NOTHING)
         if unseen:
             engine = make_engine(*of, controlled=controlled, ready=ready)
             engine.watch(events)
@@ -107,7 +108,9 @@ def begin(
             notes.append(f"{moved}.")
         failure = check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses)
         state = failure or first_state(engine, at, *guesses, h)
-        return state if isinstance(state, Failure) else Started(purpose, engine, state, " ".join(notes))
+        if isinstance(state, Failure):
+            return state
+        return Started(purpose, engine, state, " ".join(notes), engine.applied(state) if controlled else NOTHING)
 
     started: Started | Failure = tried_twice(begun, work, place.t)
     if isinstance(started, Failure) and engine is not None:
