@@ -191,7 +191,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
     told = f"Rows {list(redundant)} of [g; k] depend on the others and were left out"
-    return Recovered(lam, mu, f"{told}; they hold to {worst:.1e} of their size.")
+    return Recovered(lam, mu, f"{told}; they hold to {worst:.1e} of their size." if order.size else f"{told}.")
 
 
 def _with_steps(rows: Rows, steps: Steps | None) -> tuple[Rows, Any]:

@@ -101,6 +101,13 @@ def test_the_message_tells_which_rows_were_left_out_and_how_well_they_hold(off, 
     assert 0.1 * held * (off > 0) <= float(told[1]) <= 2 * held
 
 
+def test_without_a_row_nothing_is_said_of_how_well_they_hold():
+    with pytest.warns(UserWarning, match="redundant"):
+        found = HHT(Twice()).solve((0.0, 1.0), [1.0, 0.0], [0.0, 0.0], step=0.1, t_eval=[1.0], max_num_steps=2)
+    assert found.status is Status.max_steps and found.t.size == 0
+    assert "were left out" in found.message and "hold to" not in found.message
+
+
 @pytest.mark.parametrize("tilt", [1e-10, 1e-11, 1e-12])
 def test_a_row_left_out_that_is_violated_by_more_than_roundoff_was_none_that_followed_from_others(tilt):
     """Both rails hold the bead still; without the second it falls by 5 m, which violates that by 1e-12 of its size only."""
