@@ -47,7 +47,8 @@ class HHTOptions:
     extrapolate_reaction
         Count the reaction of the last step's multipliers as a force, so that alpha damps vibrations that constraint forces
         carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, ``hhtbench verify tension``).  Not
-        with alpha = 0, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of b = 1.
+        with alpha = 0, b near 1/2, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of
+        b = 1.
     rescale_a
         Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
     start
@@ -105,6 +106,13 @@ class HHTOptions:
                 f"extrapolate_reaction needs an alpha of {LEAST_DAMPING:g} at most: without damping the error of what is "
                 f"extrapolated makes vibrations grow (H56); got {self.coefficients.alpha:g}. Take alpha = -0.05, or -0.3."
             )
+        if self.extrapolate_reaction:
+            low, high = self.coefficients.unstable_b
+            if low <= b <= high:
+                raise ProblemError(
+                    f"extrapolate_reaction needs b below {low:.6g} or above {high:.6g} with this alpha: between them the "
+                    f"multipliers grow by themselves (H57); got b = {b:g}. Take b = 0, or 1."
+                )
         if abs(b - 0.5) < NEAR_HALF:
             text = f"b = {b:g} is close to the singular value 1/2; errors grow like 1/(1 - 2b). Take b = 0."
             warnings.warn(text, UserWarning, stacklevel=5)  # at the call of HHT

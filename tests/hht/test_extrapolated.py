@@ -10,7 +10,7 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 from solvers.hht import HHT
-from solvers.hht.equations.coefficients import REACTIONS
+from solvers.hht.equations.coefficients import REACTIONS, Coefficients
 from solvers.hht.run.pace import CROWDED
 from solvers.hht.verify import tension
 from tests.hht.event_scenes import impacts, wall
@@ -183,6 +183,21 @@ def test_what_it_does_not_take_is_refused_by_name():
         with pytest.raises(ProblemError, match=f"declares {part}"):
             HHT(problem.system, **ON)
         assert part in solver.accepts(problem, Request(rtol=1e-4))
+
+
+@pytest.mark.filterwarnings("ignore:b = ")
+@pytest.mark.parametrize("alpha", [-0.1, -1 / 3])
+@pytest.mark.parametrize("edge", [0, 1])
+def test_b_between_which_multipliers_grow_by_themselves_is_refused_and_no_other(edge, alpha, monkeypatch):
+    """A tenth of the interval beside either edge: roundoff grows to a failure within 3,000 steps, or not at all."""
+    given, edges = ((0.0, 3.0), Q0, V0), Coefficients(alpha=alpha, b=0.0).unstable_b
+    aside = 0.1 * (edges[1] - edges[0])
+    outside, inside = (edges[edge] + sign * (1 - 2 * edge) * aside for sign in (-1.0, 1.0))
+    assert HHT(pendulum(), alpha=alpha, b=outside, **ON).solve(*given, steps=3_000).success
+    with pytest.raises(ProblemError, match=r"needs b below .* or above .*; got b = .* Take b = 0, or 1"):
+        HHT(pendulum(), alpha=alpha, b=inside, **ON)
+    monkeypatch.setattr(Coefficients, "unstable_b", (1.0, 0.0))
+    assert not HHT(pendulum(), alpha=alpha, b=inside, **ON).solve(*given, steps=3_000).success
 
 
 def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():

@@ -54,6 +54,11 @@ class Coefficients(NewmarkWeights):
         """Spectral radius at infinite frequency, (1 + alpha) / (1 - alpha), (H18)."""
         return (1.0 + self.alpha) / (1.0 - self.alpha)
 
+    @property
+    def unstable_b(self) -> tuple[float, float]:
+        """Between which b extrapolated multipliers grow by themselves, (H57)."""
+        return (1.0 - self.alpha**2) / 2.0, 0.5 + self.alpha**2 / 4.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Method:

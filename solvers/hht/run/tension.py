@@ -70,9 +70,9 @@ def remedies(engine: Engine) -> list[str]:
     if not s.m:
         return []
     found = []
-    with suppress(ProblemError):  # an alpha that damps too little
+    with suppress(ProblemError):  # an alpha that damps too little, or a b
         if not (method.extrapolated or s.mass == "sparse" or not_extrapolated(engine.dynamics.system)):
-            make_options(alpha=method.coefficients.alpha, extrapolate_reaction=True)
+            make_options(alpha=method.coefficients.alpha, b=method.coefficients.b, extrapolate_reaction=True)
             found.append("extrapolate_reaction=True, which damps it,")
     implicit = "" if method.reaction == "implicit" else ' with reaction="implicit"'  # others make it grow, or have b = 0
     return [*found, f"b = 1{implicit}{' where position constraints carry it' if s.p else ''}"]
@@ -115,8 +115,7 @@ def departed(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, lam: Ma
     """Whether extrapolated multipliers have let a vibration grow in prescribed steps, in words; or none.
 
     Of steps ``h`` (k, 1), 0 for a state that none has led to, to t, q, v with their multipliers ``lam`` (k, m).  These are
-    those of the states, (H16), up to O(h); a vibration, which the start tells to be faster than the steps, and large, is in
-    one of the two alone.
+    those of the states, (H16), up to O(h); a vibration that is faster than the steps, and large, is in one of the two alone.
     """
     led = np.flatnonzero(h[:, 0])
     if not (engine.method.extrapolated and engine.structure.m and led.size):

@@ -1,4 +1,4 @@
-"""Prescribed steps that do not resolve a motion: too long for what forces do in one, or too short for positions."""
+"""Steps that do not resolve a motion: too long for what forces do in one, or too short for positions."""
 
 from __future__ import annotations
 
