@@ -80,8 +80,13 @@ def solution_of(
             more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
-    told = {"status": end.status, "message": f"{end.message} {note}".strip(), "counters": run.work.counters()}
+    told = {"status": end.status, "message": sentences(end.message, note), "counters": run.work.counters()}
     return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
+
+
+def sentences(message: str, note: str) -> str:
+    """``message``, and ``note`` if there is one as another sentence behind it."""
+    return f"{message.removesuffix('.')}. {note}" if message and note else message or note
 
 
 def _noted(end: Failure, found: Recovered) -> Failure:
@@ -89,7 +94,7 @@ def _noted(end: Failure, found: Recovered) -> Failure:
     replaced = (Status.success, Status.event) if found.instead is Status.redundant_constraints else (Status.success,)
     if found.instead is not None and end.status in replaced:
         return Failure(found.instead, found.note)
-    return Failure(end.status, f"{end.message} {found.note}".strip())
+    return Failure(end.status, sentences(end.message, found.note))
 
 
 def recover_multipliers(

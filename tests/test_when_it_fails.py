@@ -204,6 +204,24 @@ def held() -> Any:
     return hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 2e-9), at, along, steps=20)
 
 
+def strained(label: str) -> Any:
+    """A bead that a hoop of radius one holds against a push outwards, and something at its speed.
+
+    How large the push is where its roundoff is found in one way or the other differs from machine to machine.
+    """
+    for push in np.geomspace(1e9, 1e17, 33):
+        bead = {
+            "mass_matrix": [1.0, 1.0],
+            "force": lambda t, q, v, push=push: push * q,
+            "constraint": lambda t, q: np.array([q @ q - 1.0]),
+            "velocity_constraint": lambda t, q, v: np.array([q[0] * v[1] - q[1] * v[0] - 1.0]),
+        }
+        found = hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 1.0), (1.0, 0.0), (0.0, 1.0), steps=10)
+        if found.status.label == label and "roundoff" in found.message:
+            break
+    return found
+
+
 def bouncing() -> Any:
     floor = hb.Event(lambda t, q, v: q[0], direction=-1, change=lambda t, q, v: (q, -0.5 * v), name="floor")
     return hb.HHT(weight(), events=floor).solve((0.0, 10.0), [1.0], [0.0], step=0.01)
@@ -240,6 +258,7 @@ PROVOKED: dict[str, list[Case]] = {
         Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),
         Case("smallest step", "look for a jump", lambda _: fall(weight(force=wall), rtol=1e-4, options={"min_step": 0.1})),
         Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
+        Case("roundoff", "roundoff moves q or v", lambda _: strained("newton_failed")),
         Case("so light", "keep their rank", lambda _: light()),
     ],
     "singular_iteration_matrix": [
@@ -274,6 +293,7 @@ PROVOKED: dict[str, list[Case]] = {
         Case("", "", lambda _: cell(Lies())),
         Case("change too much", "(H53)", lambda _: uneven()),
         Case("constraint forces carry", "forces carry a vibration", lambda _: swing()),
+        Case("roundoff", "roundoff: ", lambda _: strained("unreliable")),
         Case("extrapolated", "extrapolation", lambda _: rods(1e6, alpha=-0.02, step=0.05, until=2.0)),
     ],
     "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from hhtbench import ProblemError, Solution, Status
@@ -108,13 +110,20 @@ def on_levels(setting: Setting, s: Solution) -> None:
                 expect(most <= limit, f"{told} by {most:.1e}, {most / limit:.1e} times what may be")
 
 
+def left(s: Solution) -> float:
+    """What share of q or v roundoff leaves in a step, as the message says."""
+    told = re.search(r"Roundoff leaves up to (\S+) of q or v", s.message)
+    return float(told[1]) if told else 0.0
+
+
 def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
     """What q and v may be off the levels by.
 
     Of a step of h over which forces and reactions push with accelerations up to A, before they cancel one another, the sums
     for q and v round to eps h^2 A and eps h A, and the reaction of a place that is off turns: v is off by A h / l times
     that, l the shortest length.  A is large where rows are nearly dependent, or hold light bodies between heavy ones.
-    Besides, Newton's increments are small, and rows left out as redundant are held as well as a start is consistent.
+    Besides, Newton's increments are small, or as large as the run says, and rows left out as redundant are held as well as
+    a start is consistent.
     """
     case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, setting.judge.sizes
     lengths, looks = np.abs(np.diff(s.t)), some(s.t.size)
@@ -130,7 +139,7 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
         + in_q * longest * pushed / nearest
         + clock * setting.rate * size_v
     )
-    relative = NewtonOptions().stagnation
+    relative = NewtonOptions().stagnation + left(s)
     if len(judge.distinct) < multipliers.shape[1] or not judge.sound:
         relative += CONSISTENT
     if not case.way.declares:

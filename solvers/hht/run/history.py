@@ -107,10 +107,9 @@ class History:
         h, q, v = self._columns(1, 2, 3)
         return h[:, 0], q, v
 
-    def accelerations(self) -> tuple[Vector, Vector, Matrix, Matrix]:
-        """t and h (k,), v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        t, h, v, a = self._columns(0, 1, 3, 4)
-        return t[:, 0], h[:, 0], v, a
+    def states(self) -> list[Matrix]:
+        """t, h (k, 1), q, v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        return self._columns(0, 1, 2, 3, 4)
 
     def ends(self) -> list[Matrix]:
         """t, h (k, 1), q, v (k, n) and lam (k, m) of the rows that are kept, all at the ends of their steps."""

@@ -35,7 +35,7 @@ from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import departed, grown
-from solvers.hht.run.unresolved import moved_by_roundoff, steep_forces
+from solvers.hht.run.unresolved import left_by_roundoff, moved_by_roundoff, off_constraints, steep_forces
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -81,7 +81,7 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
-        note = f"{started.note} {self._unseen(self.stepper, state.size_q)}".strip()
+        note = " ".join(filter(None, (started.note, self._unseen(self.stepper, state.size_q), left_by_roundoff(engine))))
         solution = self._assembled(self.stepper, self._checked(engine, end), note)
         idle.put_back(started.purpose, engine)
         return solution
@@ -125,7 +125,7 @@ class Integration:
         """
         by_error = stepper.plan.by_error
         if by_error is None:
-            return "" if stepper.engine.method.extrapolated else steep_forces(*self.history.accelerations())
+            return "" if stepper.engine.method.extrapolated else steep_forces(*self.history.states())
         if by_error.tolerances.least <= at_start:
             return ""
         return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))
@@ -149,7 +149,7 @@ class Integration:
         coarse = unresolved(self.history.span, made, rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        found = self._grown(engine)
+        found = off_constraints(engine, *self.history.states()) or self._grown(engine)
         if found:
             return Failure(Status.unreliable, found)
         short = moved_by_roundoff(engine, *self.history.ends()[:4])

@@ -28,6 +28,7 @@ from solvers.hht.run.noise import noise
 from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
 from solvers.hht.run.tension import unstable
+from solvers.hht.run.unresolved import coarse_roundoff
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
@@ -270,6 +271,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         remedy = text
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text
+    elif numbers[mem.ROUNDOFF]:
+        return coarse_roundoff(engine, float(numbers[mem.ROUNDOFF]), where)
     failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)
 

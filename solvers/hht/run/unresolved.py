@@ -1,4 +1,4 @@
-"""Steps that do not resolve a motion: too long for what forces do in one, or too short for positions."""
+"""Steps that do not resolve a motion: too long for what forces do in one, too short for positions, or beside roundoff."""
 
 from __future__ import annotations
 
@@ -7,29 +7,35 @@ from contextlib import suppress
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Matrix
 from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.result import Status
+from solvers._start import Failure, of_dynamics
 from solvers.hht.equations.formulas import EPS
+from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 
 LOOKS = 12  # how often along a run
+UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
+TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
 
 
-def steep_forces(t: Vector, h: Vector, v: Matrix, a: Matrix) -> str:
-    """That forces change v by more than its size within one of the steps ``h`` (k,) to t, v and a (k, n), in words; or none.
+def steep_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+    """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
-    What begins and ends between two looks at the forces, as contact does, throws the motion anywhere.
+    In words.  What begins and ends between two looks at the forces, as contact does, throws the motion anywhere.
     """
-    if not (a.max() - a.min()) * np.abs(h).max() > np.abs(v[-1]).max():  # most motions, in a tenth of the time
+    longest = np.abs(h).max()
+    if not (a.max() - a.min()) * longest > np.abs(v[-1]).max():  # most motions, in a tenth of the time
         return ""
-    changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:])
+    changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:, 0])
     most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
-    if not most > size:
+    if not (most > size and most * longest > UNSEEN * np.abs(q).max()):
         return ""
-    end = t[1 + int(changes.argmax())]
+    end = t[1 + int(changes.argmax()), 0]
     return (
         f"In the step to t = {end:.10g} forces change by what moves v by {most:.2g}, and v is {size:.2g} at most: steps do "
         "not resolve such forces; compare with shorter ones, or with error control."
@@ -66,3 +72,49 @@ def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix
         f"reaction, not linear in these, moves v by {error:.2g} in a step besides the {moved:.2g} of accelerations; take "
         f'steps longer than {shortest:.2g} s, or reaction="midpoint", which does not feel it'
     )
+
+
+def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+    """That roundoff of accelerations that cancel one another has moved rows off the constraints, in words; or none.
+
+    Of steps ``h`` (k, 1) to t, q, v and a (k, n).  Accelerations A round q1 to eps h^2 A, and what holds the place beside it
+    turns by that over |q|: v1 is off by h A as much.  The iteration sees its own q1 and v1, which round otherwise.
+    """
+    largest, longest, size = float(np.abs(a).max()), float(np.abs(h).max()), float(np.abs(q).max())
+    speed = max(float(np.abs(v).max()), size / (abs(float(t[-1, 0] - t[0, 0])) or math.inf))  # slower, nothing moves
+    most = engine.functions.newton.coarse
+    if not (engine.structure.constrained and EPS * longest**3 * largest**2 > most * speed * size):
+        return ""
+    with uncounted(), suppress(BudgetSpent, NonFiniteValue):
+        levels = of_dynamics(engine.dynamics).levels
+        for i in np.unique(np.linspace(0, len(t) - 1, min(LOOKS, len(t))).astype(int)).tolist():
+            at = levels.at(float(t[i, 0]), q[i], v[i])
+            in_q, in_v = at.scaled_position(size).max(initial=0.0), at.scaled_velocity(speed).max(initial=0.0)
+            if max(in_q, in_v) > most:
+                return (
+                    f"roundoff: at t = {t[i, 0]:.10g} q is off the constraints by {in_q:.2g} of its size, v by {in_v:.2g}, "
+                    f"since accelerations of {largest:.2g} cancel one another; take smaller steps"
+                )
+    return ""
+
+
+def left_by_roundoff(engine: Engine) -> str:
+    """What share of q or v roundoff has left unknown in a step, in words; or none where it is little."""
+    share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
+    if not share > TOLD:
+        return ""
+    return f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large."
+
+
+def coarse_roundoff(engine: Engine, share: float, where: str) -> Failure:
+    """Of a step in which roundoff left increments of a ``share`` of q or v.
+
+    Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them.
+    """
+    told = f"roundoff moves q or v by {share:.2g} of their sizes"
+    if engine.structure.linear_reaction:
+        text = f"{told}: forces and reactions that cancel one another are too large, {where}; take a smaller step"
+        return Failure(Status.newton_failed, f"Newton's iteration did not converge: {text}")
+    midpoint = "" if engine.method.reaction == "midpoint" else ', or reaction="midpoint"'
+    text = f"{told} by the multipliers of so short a step, which the reaction is not linear in"
+    return Failure(Status.time_resolution, f"{text}, {where}; take a larger step{midpoint}")

@@ -123,7 +123,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
     typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    tried[mem.ROOT_TOLERANCE] = 0.0
+    tried[mem.ROOT_TOLERANCE] = tried[mem.ROUNDOFF] = 0.0
     level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
     ended, slot, rate = newton(z, lagged, h, counts)

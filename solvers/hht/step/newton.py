@@ -19,6 +19,7 @@ from solvers.hht.step.stopping import (
     corrected,
     enough,
     force_rows_end,
+    is_coarse,
     is_noise,
     is_roundoff,
     measure_once,
@@ -36,6 +37,7 @@ class NewtonOptions:
     tolerance: float = 1e-13  #: error left in q1, v1 over typical sizes: just above roundoff, both levels then hold to it
     margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
     stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it that is measured, (H30)
+    coarse: float = 1e-3  #: larger increments of constrained motion are left to no roundoff: the step fails for it
     stalled: float = 0.5  #: contraction of a matrix at the very iterate from which it counts as none
     blinded: float = 1e-8  #: increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
     second: float = 0.5  #: what of an increment is left two later at most, (H29)
@@ -182,7 +184,7 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
     o = part(z, mem.CONSTANTS)
     rate = i.worst if i.rate != 0.0 else 0.0
     if converged(z, i.size, rate) or (may_be_roundoff(z, i, counts) and converged(z, i.size, rate)):
-        return DONE
+        return NOISE_LEFT if is_coarse(z, i.slot, i.size) else DONE
     if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
         return ALL_AGAIN
     if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS, NOTHING
+from solvers.hht.equations.formulas import EPS, NOTHING, TINY
 from solvers.hht.linear.matrix import correct, early, move, moved_by, step_back
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import allowed, compiled, digits, has_digit, relative_part, relative_tolerance
@@ -142,10 +142,31 @@ def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
 
 
 @compiled
+def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
+    """Whether an increment of constrained motion is too much of q or of v to be left, be it roundoff.
+
+    Of typical sizes, and of v itself: what forces would make of that may be far more where they cancel one another.  What
+    share of them it is goes into ROUNDOFF if it is too much, and else into LEFT if none has been more.
+    """
+    number, tried, o = part(z, mem.NUMBER), part(z, mem.ATTEMPT), part(z, mem.CONSTANTS)
+    if z.i[mem.M] + z.i[mem.P] == 0 or moved <= o[mem.STAGNATION]:
+        return False
+    _, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
+    share = max(moved, in_v / max(number[mem.SIZE_V], abs(tried[mem.H_TRIED]) * largest(part(z, mem.VDOT)), TINY))
+    if not share > o[mem.COARSE]:
+        tried[mem.LEFT] = max(tried[mem.LEFT], share)
+        return False
+    tried[mem.ROUNDOFF] = share
+    return True
+
+
+@compiled
 def is_noise(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
-    """Whether such an increment of constrained motion is noise of no function, and not roundoff."""
+    """Whether such an increment of constrained motion is noise of no function, or as coarse, and not roundoff."""
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= part(z, mem.CONSTANTS)[mem.STAGNATION]:
         return False
+    if is_coarse(z, slot, moved):
+        return True
     most = UNLIKE * measured(z, slot, code, WIDER * EPS, counts)
     noisy = moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
     if not noisy or code == mem.C_CONSTRAINTS:
