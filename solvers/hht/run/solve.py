@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.arguments import check_interval, real_number, real_vector
+from hhtbench.arguments import Matrix, check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
@@ -35,7 +35,7 @@ from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import departed, grown
-from solvers.hht.run.unresolved import left_by_roundoff, moved_by_roundoff, off_constraints, steep_forces
+from solvers.hht.run.unresolved import is_resolved, left_by_roundoff, moved_by_roundoff, off_constraints, steep_forces
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -81,8 +81,10 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
-        note = " ".join(filter(None, (started.note, self._unseen(self.stepper, state.size_q), left_by_roundoff(engine))))
-        solution = self._assembled(self.stepper, self._checked(engine, end), note)
+        _, h, _, v, a = states = self.history.states()
+        far = [] if is_resolved(h, v, a) else states
+        note = f"{started.note} {self._unseen(self.stepper, state.size_q, far)} {left_by_roundoff(engine)}"
+        solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution
 
@@ -117,15 +119,15 @@ class Integration:
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
-    def _unseen(self, stepper: Stepper, at_start: float) -> str:
+    def _unseen(self, stepper: Stepper, at_start: float, far: list[Matrix]) -> str:
         """What steps may not have seen, in words; or none.
 
-        Prescribed ones forces that are steep; those by error whatever their tolerances allow, as every error of q, which
-        was ``at_start`` large at the start.
+        Prescribed ones forces that are steep, where accelerations go ``far``, as in :meth:`_checked`; those by error
+        whatever their tolerances allow, as every error of q, which was ``at_start`` large at the start.
         """
         by_error = stepper.plan.by_error
         if by_error is None:
-            return "" if stepper.engine.method.extrapolated else steep_forces(*self.history.states())
+            return steep_forces(*far) if far and not stepper.engine.method.extrapolated else ""
         if by_error.tolerances.least <= at_start:
             return ""
         return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))
@@ -140,8 +142,11 @@ class Integration:
         rows.q[which], rows.v[which] = q, v
         return str(unmet)
 
-    def _checked(self, engine: Engine, end: Failure) -> Failure:
-        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow."""
+    def _checked(self, engine: Engine, end: Failure, far: list[Matrix]) -> Failure:
+        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow.
+
+        ``far``: the rows' states where accelerations of a step would move v by more than its size, else none.
+        """
         if end.status not in (Status.success, Status.event):
             return end
         rtol = ADDS_UP if self.request.rtol is None else float(np.min(self.request.rtol))
@@ -149,7 +154,7 @@ class Integration:
         coarse = unresolved(self.history.span, made, rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        found = off_constraints(engine, *self.history.states()) or self._grown(engine)
+        found = (off_constraints(engine, *far) if far else "") or self._grown(engine)
         if found:
             return Failure(Status.unreliable, found)
         short = moved_by_roundoff(engine, *self.history.ends()[:4])

@@ -23,17 +23,19 @@ FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
 
 
+def is_resolved(h: Matrix, v: Matrix, a: Matrix) -> bool:
+    """Whether accelerations a (k, n) change v by less than its size at the end in steps ``h`` (k, 1): most motions."""
+    return bool(max(a.max(), -a.min()) * max(h.max(), -h.min()) <= max(v[-1].max(), -v[-1].min()))
+
+
 def steep_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
     """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
     In words.  What begins and ends between two looks at the forces, as contact does, throws the motion anywhere.
     """
-    longest = np.abs(h).max()
-    if not (a.max() - a.min()) * longest > np.abs(v[-1]).max():  # most motions, in a tenth of the time
-        return ""
     changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:, 0])
     most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
-    if not (most > size and most * longest > UNSEEN * np.abs(q).max()):
+    if not (most > size and most * np.abs(h).max() > UNSEEN * np.abs(q).max()):
         return ""
     end = t[1 + int(changes.argmax()), 0]
     return (
