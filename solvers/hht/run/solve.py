@@ -81,8 +81,8 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
-        _, h, _, v, a = states = self.history.states()
-        far = [] if is_resolved(h, v, a) else states
+        _, lengths, _, v, a = states = self.history.states()
+        far = [] if is_resolved(lengths, v, a) else states
         note = f"{started.note} {self._unseen(self.stepper, state.size_q, far)} {left_by_roundoff(engine)}"
         solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
