@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 import hhtbench as hb
 from hhtbench.lowering import derive
@@ -87,11 +88,11 @@ def test_velocities_off_the_constraints_are_not_where_rank_is_lost(monkeypatch):
     for system, found in ((Never(), False), (Speed(), True)):
         place = Place(0.5, np.zeros(2), np.array([0.3, 0.4]), np.zeros(2))
         rows = UnitRows(derive(system, place.t, place.q, place.v), place)
-        assert (by_velocity._position(rows, place, 1.0) is not None) is found
+        assert (by_velocity._lost_within(rows, place, 1.0) is not None) is found
 
 
 def test_constraints_that_are_linear_in_v_cost_no_look(monkeypatch):
-    monkeypatch.setattr(by_velocity, "poles", None)
+    monkeypatch.setattr(by_velocity, "_lost", None)
     for name in ("knife_edge", "simple_pendulum"):
         assert hb.solve(hb.load_problem(name), "hht", rtol=1e-3).success
 
@@ -101,3 +102,39 @@ def test_a_pole_stands_out_from_what_is_three_steps_away():
     assert poles(pole[:, None]).tolist() == [20]
     wave = np.sin(2.0 * np.pi * np.arange(200) / 50.0)
     assert poles(np.stack([0.0 * wave, wave], axis=1)).size == 0
+
+
+class Turning(hb.System):
+    """A bead on a ring, whose speed along a direction that turns is given: it ends where that points along the radius."""
+
+    rate: float = hb.parameter(0.5)
+
+    def force(self, t, q, v):
+        return jnp.zeros(2)
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1.0) / 2.0])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([v[0] * jnp.cos(self.rate * t) + v[1] * jnp.sin(self.rate * t) - 1.0])
+
+
+ENDS = quad(lambda angle: 1.0 / (1.0 / np.sin(angle) - 0.5), 0.0, 1.0)[0]  # [s], from an angle of 1 between both
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [*({"rtol": 10.0**-k} for k in range(2, 8)), *({"steps": k} for k in (20, 50, 100, 200, 500, 1_000))],
+    ids=str,
+)
+def test_no_step_goes_on_where_a_velocity_grows_beyond_all_bounds(request_):
+    """Beyond it v points the other way and leads back: steps went to and fro between both sides, said a success."""
+    start = [np.cos(1.0), -np.sin(1.0)], np.array([np.sin(1.0), np.cos(1.0)]) / np.sin(1.0)
+    solution = hb.HHT(Turning()).solve((0.0, 2.0), *start, **request_)
+    assert solution.status is Status.singular_iteration_matrix, solution.message
+    assert "rank 1 of 2 rows" in solution.message
+    assert solution.t[-1] < ENDS + 1e-2
+    told = float(solution.message.split("lose rank at t = ")[1].split(":")[0])
+    assert abs(told - ENDS) < 3 * 2.0 / request_["steps"] if "steps" in request_ else abs(told - ENDS) < 0.02
+    if "steps" in request_:
+        assert "v grows beyond all bounds there" in solution.message and "No motion goes on beyond" in solution.message

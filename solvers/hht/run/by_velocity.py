@@ -12,10 +12,13 @@ from scipy.optimize import minimize_scalar
 from hhtbench.arguments import Matrix
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from solvers._start import Failure, finite_levels
+from solvers.hht.loops import memory as mem
+from solvers.hht.run import singular
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History
 from solvers.hht.run.singular import (
     LONGEST,
+    MAY_BE_SINGULAR,
     Place,
     SingularPosition,
     UnitRows,
@@ -35,28 +38,37 @@ LEFT = 0.5  # of it, at most, where t and q alone lose rank
 MET = 1e-2  # of the change of v, at most, that v there may be off the constraints
 WITHIN: Any = {"bounds": (0.0, 1.0), "method": "bounded", "options": {"xatol": 1e-5}}  # from none to all of AHEAD
 MOST, SAME = 30, 1e-4  # changes by Newton's iteration, which halve v where it vanishes, and the one that ends it, of v
+ASKED = 0.1  # of what they give v here: so much do rows ask for, at least, along what is lost, where v grows with 1/sigma
+UNBOUNDED = "the constraints ask for a velocity that they leave no direction for, and v grows beyond all bounds there"
+ENDS = "No motion goes on beyond; end before it"
 OPEN = "k_v loses rank with v, and v' may take another direction there"
 
 
 def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | None:
     """That rank was lost in the last ``made`` steps or just before, which ``history`` then ends before; else None."""
-    s = engine.structure
-    if not (s.p and s.velocity_jacobian_uses_v) or seconds_of_look(engine.dynamics) > LONGEST:
+    if not engine.structure.p or seconds_of_look(engine.dynamics) > LONGEST:
         return None
     t, q, v, mu = history.last(made + 2 * BESIDE, (0, 2, 3, 7))
-    try:
-        for i in poles(mu).tolist():
-            for j in range(max(i - 2, 1), min(i + 1, len(t) - 1)):
-                place = places_of(t[j - 1 : j + 1], q[j - 1 : j + 1], v[j - 1 : j + 1])[0]
-                position = _position(UnitRows(engine.dynamics, engine.place), place, AHEAD * float(t[j + 1, 0] - t[j, 0]))
-                if position is not None:
-                    beyond = len(t) - 1 - j
-                    history.cut(beyond)
-                    engine.work.add("steps_accepted", -beyond)
-                    return told(position, OPEN)
-    except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
-        return None
+    for i in poles(mu).tolist():
+        for j in range(max(i - 2, 1), min(i + 1, len(t) - 1)):
+            place = places_of(t[j - 1 : j + 1], q[j - 1 : j + 1], v[j - 1 : j + 1])[0]
+            failure = _lost(engine, place, AHEAD * float(t[j + 1, 0] - t[j, 0]))
+            if failure is not None:
+                beyond = len(t) - 1 - j
+                history.cut(beyond)
+                engine.work.add("steps_accepted", -beyond)
+                return failure
     return None
+
+
+def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:
+    """The singular position that has caused the ``failure`` of a run through ``places``; else that, with a cause by v."""
+    found = singular.cause_of(engine, failure, places)
+    may_be = found is failure and failure.status in MAY_BE_SINGULAR and engine.structure.p and places
+    if not may_be or seconds_of_look(engine.dynamics) > LONGEST:
+        return found
+    h = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
+    return _lost(engine, places[-1], 2 * AHEAD * h) or failure
 
 
 def poles(mu: Matrix) -> Any:
@@ -70,17 +82,31 @@ def poles(mu: Matrix) -> Any:
     return np.flatnonzero(((moved(0) > 0.0) & (moved(0) >= beside)).any(axis=1))
 
 
-def _position(rows: UnitRows, place: Place, s: float) -> SingularPosition | None:
-    """Where v loses rank within ``s`` [s] after ``place``, on the constraints."""
+def _lost(engine: Engine, place: Place, s: float) -> Failure | None:
+    """That rank is lost by v within ``s`` [s] after ``place``, on the constraints, or v itself; else None."""
+    try:
+        rows = UnitRows(engine.dynamics, engine.place)
+        if not (engine.structure.velocity_jacobian_uses_v or rows.asked(place).any()):
+            return None
+        return _lost_within(rows, place, s)
+    except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
+        return None
+
+
+def _lost_within(rows: UnitRows, place: Place, s: float) -> Failure | None:
     here = rows.least(place)
     if rows.least(_there(rows, place, s / 10)[0]) > FALLS * here:
         return None
     found, lacks = _there(rows, place, s * minimize_scalar(lambda x: rows.least(_there(rows, place, x * s)[0]), **WITHIN).x)
     if rows.least(found) > GONE * here or lacks > MET * float(np.linalg.norm(found.v - place.v)):
         return None
-    if rows.least(replace(found, v=place.v)) <= LEFT * here:
-        return None
-    return dependent_at(rows, found, linalg.svd(rows.at(found))[0][:, -1:])
+    left = linalg.svd(rows.at(found))[0][:, -1:]
+    if rows.least(replace(found, v=place.v)) > LEFT * here:
+        return told(dependent_at(rows, found, left), OPEN)
+    speed = float(np.linalg.norm(rows.root(place).T @ place.v))
+    if np.abs(rows.asked(found) @ left).max() > ASKED * here * speed:
+        return told(dependent_at(rows, found, left), UNBOUNDED, ENDS)
+    return None
 
 
 def _there(rows: UnitRows, place: Place, s: float) -> tuple[Place, float]:

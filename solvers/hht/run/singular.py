@@ -109,6 +109,11 @@ class UnitRows:
         """(m + p, n) there, not over the root of the mass."""
         return np.asarray(self._rows(place) / np.linalg.norm(self._rows(self.first), axis=1, keepdims=True))
 
+    def asked(self, place: Start) -> Vector:
+        """The velocity level (m + p,) there, in the same units, of what is at rest: what v must differ from zero for."""
+        at = self.projection.levels.at(place.t, place.q, np.zeros_like(place.v))
+        return np.asarray(at.velocity_drift / self._lengths[:, 0])
+
     def _rows(self, place: Start) -> Matrix:
         check_time()
         rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
@@ -259,7 +264,9 @@ def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularP
     return replace(failure, message=f"{failure.message.removesuffix('.')}. {found.text}")
 
 
-def told(position: SingularPosition, why: str) -> Failure:
-    """That a run ends at ``position``, and ``why`` it does not go on beyond."""
-    remedy = "Several motions may follow; end before it, or choose other coordinates"
+OTHERS = "Several motions may follow; end before it, or choose other coordinates"
+
+
+def told(position: SingularPosition, why: str, remedy: str = OTHERS) -> Failure:
+    """That a run ends at ``position``, ``why`` it does not go on beyond, and what follows."""
     return Failure(Status.singular_iteration_matrix, f"{position.text}. It is not stepped over: {why}. {remedy}.")

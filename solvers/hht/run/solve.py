@@ -22,7 +22,7 @@ from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
 from solvers.hht.run.beside import settle
-from solvers.hht.run.by_velocity import lost_by_velocity
+from solvers.hht.run.by_velocity import cause_of, lost_by_velocity
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -30,7 +30,7 @@ from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.ratios import amplified
 from solvers.hht.run.rows import recovered
-from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
+from solvers.hht.run.singular import LAST_ROWS, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS

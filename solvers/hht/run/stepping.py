@@ -21,10 +21,11 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
+from solvers.hht.run.by_velocity import cause_of
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
-from solvers.hht.run.singular import cause_of, places_of, told
+from solvers.hht.run.singular import places_of, told
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
