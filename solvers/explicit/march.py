@@ -254,8 +254,8 @@ def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
         for r in range(k.errors.shape[1]):
             first += k.errors[0, r] * o.slopes[r, j]
             second += k.errors[1, r] * o.slopes[r, j]
-        a += (first / scale[j]) ** 2
-        b += (second / scale[j]) ** 2
+        first, second = first / scale[j], second / scale[j]
+        a, b = a + first * first, b + second * second
     if a == 0.0 and b == 0.0:
         return 0.0
     return abs(h) * a / math.sqrt((a + 0.01 * b) * scale.size)

@@ -1,5 +1,6 @@
 """Saving, copying and threads leave every bit where it was (rows R3 to R5 of the acceptance matrix)."""
 
+import ast
 import copy
 import pickle
 import threading
@@ -12,6 +13,7 @@ import pytest
 from hhtbench.protocol import System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
+from solvers.hht.loops.compiled import SOURCES
 from tests.hht.scenes import ALPHAS, GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, gravity, pendulum, same_bits
 from tests.hht.test_jacobians import STIFFNESS, stiff_force
 
@@ -162,3 +164,17 @@ def test_a_callback_that_uses_its_own_solver_is_refused():
     holder.append(HHT(pendulum(force=force)))
     with pytest.raises(RuntimeError, match="already solving"):
         holder[0].solve((0.0, 0.1), Q0, V0, step=0.01)
+
+
+def test_what_is_compiled_squares_by_products():
+    """``x ** 2`` is a product in machine code and a call of pow in Python, which rounds otherwise once in a thousand."""
+    files = [file for source in SOURCES for file in (sorted(source.glob("*.py")) if source.is_dir() else [source])]
+    nodes = [(file.name, node) for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
+    assert len(files) > 10
+    whole = lambda node: isinstance(node, ast.Constant) and isinstance(node.value, int)  # noqa: E731
+    powers = [
+        (name, node.lineno)
+        for name, node in nodes
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and whole(node.right)
+    ]
+    assert powers == []

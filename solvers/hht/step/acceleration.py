@@ -245,6 +245,7 @@ def judged_mass(z: Any) -> Any:
             if not scale > 0.0:
                 return math.inf, math.inf
             worst = max(worst, abs(mass[i * size + j] - mass[j * size + i]) / scale)
-            total += (mass[i * size + j] / scale) ** 2
-            of_inverse += (inverse[i * n + j] * scale) ** 2
+            of_mass, of_its_inverse = mass[i * size + j] / scale, inverse[i * n + j] * scale
+            total += of_mass * of_mass
+            of_inverse += of_its_inverse * of_its_inverse
     return worst, math.sqrt(total * of_inverse)

@@ -112,7 +112,8 @@ def weighted_rms(x: Any, weights: Any) -> Any:
     """Root mean square of x over ``weights``; infinity where it is not finite."""
     total = 0.0
     for i in range(x.size):
-        total += (x[i] / weights[i]) ** 2
+        ratio = x[i] / weights[i]
+        total += ratio * ratio  # a square by ** rounds otherwise in Python, once in a thousand
     return math.sqrt(total / x.size) if math.isfinite(total) else math.inf
 
 
