@@ -10,8 +10,9 @@ from scipy import linalg
 from scipy.optimize import minimize_scalar
 
 from hhtbench.arguments import Matrix
+from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from solvers._start import Failure, finite_levels
+from solvers._start import Failure, finite_levels, of_dynamics
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import singular
 from solvers.hht.run.engine import Engine
@@ -46,7 +47,7 @@ OPEN = "k_v loses rank with v, and v' may take another direction there"
 
 def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | None:
     """That rank was lost in the last ``made`` steps or just before, which ``history`` then ends before; else None."""
-    if not engine.structure.p or seconds_of_look(engine.dynamics) > LONGEST:
+    if not _may_be_lost(engine):
         return None
     t, q, v, mu = history.last(made + 2 * BESIDE, (0, 2, 3, 7))
     for i in poles(mu).tolist():
@@ -64,11 +65,25 @@ def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | N
 def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:
     """The singular position that has caused the ``failure`` of a run through ``places``; else that, with a cause by v."""
     found = singular.cause_of(engine, failure, places)
-    may_be = found is failure and failure.status in MAY_BE_SINGULAR and engine.structure.p and places
-    if not may_be or seconds_of_look(engine.dynamics) > LONGEST:
+    if found is not failure or failure.status not in MAY_BE_SINGULAR or not (places and _may_be_lost(engine)):
         return found
     h = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
     return _lost(engine, places[-1], 2 * AHEAD * h) or failure
+
+
+def _may_be_lost(engine: Engine) -> bool:
+    """Whether constraints may lose rank with v, or ask for a velocity: told once, at the start, at two times."""
+    s = engine.structure
+    if not s.p or seconds_of_look(engine.dynamics) > LONGEST:
+        return False
+    if s.velocity_jacobian_uses_v or s.rheonomic:
+        return True
+    if engine.asks is None:
+        levels, at = of_dynamics(engine.dynamics).levels, engine.place
+        with uncounted():
+            found = [levels.at(t, at.q, np.zeros_like(at.v)).velocity_drift for t in (at.t, at.t + 1.0)]
+        engine.asks = bool(np.any(found))
+    return engine.asks
 
 
 def poles(mu: Matrix) -> Any:
@@ -85,10 +100,7 @@ def poles(mu: Matrix) -> Any:
 def _lost(engine: Engine, place: Place, s: float) -> Failure | None:
     """That rank is lost by v within ``s`` [s] after ``place``, on the constraints, or v itself; else None."""
     try:
-        rows = UnitRows(engine.dynamics, engine.place)
-        if not (engine.structure.velocity_jacobian_uses_v or rows.asked(place).any()):
-            return None
-        return _lost_within(rows, place, s)
+        return _lost_within(UnitRows(engine.dynamics, engine.place), place, s)
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
 

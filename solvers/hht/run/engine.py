@@ -74,6 +74,7 @@ class Engine:
         self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
+        self.asks: bool | None = None  #: whether constraints ask for a velocity of what is at rest; None: not yet known
         self.distrusts = False  #: whether the declared derivatives were given up
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
