@@ -112,7 +112,12 @@ def on_levels(setting: Setting, s: Solution) -> None:
 
 def left(s: Solution) -> float:
     """What share of q or v roundoff leaves in a step, as the message says."""
-    told = re.search(r"Roundoff leaves up to (\S+) of q or v", s.message)
+    return number(r"Roundoff leaves up to (\S+) of q or v", s)
+
+
+def number(words: str, s: Solution) -> float:
+    """The one in the message that ``words`` leave out; 0 without."""
+    told = re.search(words, s.message)
     return float(told[1]) if told else 0.0
 
 
