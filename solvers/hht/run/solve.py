@@ -61,6 +61,7 @@ class Integration:
         """``steps``: those that ``request`` prescribes; None: error control."""
         self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
         self.place, self.guesses = place, guesses
+        self.rtol = 0.0 if request.rtol is None else float(np.min(request.rtol))
         self.work = clock.work = Work(max_evaluations=request.max_evaluations, clock=clock)
 
     def solution(self) -> Solution:
@@ -83,7 +84,7 @@ class Integration:
         engine.raise_left_over()
         _, lengths, _, v, a = states = self.history.states()
         far = [] if is_resolved(lengths, v, a) else states
-        note = f"{started.note} {self._unseen(self.stepper, state.size_q, far)} {left_by_roundoff(engine)}"
+        note = f"{started.note} {self._unseen(self.stepper, state.size_q, far)} {left_by_roundoff(engine, self.rtol)}"
         solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution
@@ -149,9 +150,8 @@ class Integration:
         """
         if end.status not in (Status.success, Status.event):
             return end
-        rtol = ADDS_UP if self.request.rtol is None else float(np.min(self.request.rtol))
         made, elapsed = self.history.steps
-        coarse = unresolved(self.history.span, made, rtol, elapsed)
+        coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
         found = (off_constraints(engine, *far) if far else "") or self._grown(engine)

@@ -100,12 +100,15 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     return ""
 
 
-def left_by_roundoff(engine: Engine) -> str:
-    """What share of q or v roundoff has left unknown in a step, in words; or none where it is little."""
+def left_by_roundoff(engine: Engine, rtol: float) -> str:
+    """What share of q or v roundoff has left unknown in a step, in words; or none where it is little, or below ``rtol``."""
     share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
-    if not share > TOLD:
+    if not share > max(TOLD, rtol):
         return ""
-    return f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large."
+    return (
+        f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large, or rows "
+        "of the constraints nearly depend on others."
+    )
 
 
 def coarse_roundoff(engine: Engine, share: float, where: str) -> Failure:
