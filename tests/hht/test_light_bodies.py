@@ -33,6 +33,23 @@ def test_so_they_do_under_error_control():
     assert "the constraints keep their rank" in solution.message
 
 
+class Pulled(DoublePendulum):
+    """Pulled straight by far more than its weight."""
+
+    def force(self, t, q, v):
+        return super().force(t, q, v) + jnp.array([0.0, 0.0, 0.0, -200.0])
+
+
+@pytest.mark.parametrize("options", [{}, {"alpha": -0.2, "extrapolate_reaction": True}], ids=str)
+@pytest.mark.parametrize("steps", [50, 500])
+@pytest.mark.parametrize("angle", [0.3, 0.5, 0.8, 1.2])
+def test_what_throws_a_light_body_about_is_named_though_no_row_loses_rank(angle, steps, options):
+    """Where rods are straight the least singular value has a least above zero, by the light body's mass: nothing vanishes."""
+    solution = hb.HHT(Pulled(ratio=1e6), **options).solve((0.0, 1.0), *DoublePendulum.bent(angle, -0.4), steps=steps)
+    assert solution.status is Status.newton_failed
+    assert "the constraints keep their rank, but over the root of the mass" in solution.message
+
+
 class Uneven(type(BARS.system)):
     """Four bars of which each has its own mass; the motions are the same but for the pace."""
 

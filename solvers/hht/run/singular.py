@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg
+from scipy.optimize import minimize_scalar
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import check_time
@@ -165,11 +166,19 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         if found is None or not abs(found.t - last.t) <= near:
             lost = rows.least(last) ** 3 < EPS * rows.least(elsewhere) ** 3  # (H51)
             if not (lost and _to_zero(rows, places) <= near):
-                return None
+                return _by_mass(rows, elsewhere, last, reach)
             found = last
         return _told(rows, clear or elsewhere, found)
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
+
+
+def _by_mass(rows: UnitRows, before: Start, last: Place, reach: float) -> SingularPosition | None:
+    """What mass alone makes nearly dependent within ``reach`` [s] beyond ``last``, where nothing vanishes; or None."""
+    ahead = reach if last.t >= before.t else -reach
+    share = minimize_scalar(lambda x: rows.least(last.moved(x * ahead)), bounds=(0.0, 1.0), method="bounded").x
+    found = _told(rows, before, last.moved(share * ahead))
+    return found if found is not None and found.by_mass else None
 
 
 def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
