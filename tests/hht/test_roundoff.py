@@ -68,6 +68,19 @@ def strained():
     return [hb.HHT(Driven(k=k)).solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], steps=STEPS) for k in pushes]
 
 
+def test_forces_that_constraints_hold_against_are_followed_as_advised():
+    """Steps of 2e-3 s in which such forces turn: the error was the motion's size, and 2e-6 with what the message names."""
+    end, start = 0.5, ((1.0, 0.0), (0.0, 1.0))
+    plain, extrapolated = (
+        hb.HHT(Pushed(k=1e8), alpha=-0.3, extrapolate_reaction=given).solve((0.0, end), *start, steps=250)
+        for given in (False, True)
+    )
+    errors = [np.abs(x.q[-1] - [np.cos(end), np.sin(end)]).max() for x in (plain, extrapolated)]
+    assert plain.success and errors[0] > 0.1
+    assert UNRESOLVED in plain.message and "extrapolate_reaction=True, which follows" in plain.message
+    assert extrapolated.success and errors[1] < 1e-5 and UNRESOLVED not in extrapolated.message
+
+
 def test_a_step_that_roundoff_makes_ends_the_run(strained):
     """Its increments no longer shrink since they are roundoff, as large as the ring: that was taken for convergence."""
     told = [x.message for x in strained if x.status is Status.newton_failed]

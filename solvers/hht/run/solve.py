@@ -128,7 +128,7 @@ class Integration:
         """
         by_error = stepper.plan.by_error
         if by_error is None:
-            return steep_forces(*far) if far and not stepper.engine.method.extrapolated else ""
+            return steep_forces(stepper.engine, *far) if far and not stepper.engine.method.extrapolated else ""
         if by_error.tolerances.least <= at_start:
             return ""
         return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))

@@ -14,7 +14,7 @@ from hhtbench.result import Status
 from solvers._start import Failure, of_dynamics
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.engine import Engine
+from solvers.hht.run.engine import Engine, not_extrapolated
 
 LOOKS = 12  # how often along a run
 UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
@@ -28,19 +28,22 @@ def is_resolved(h: Matrix, v: Matrix, a: Matrix) -> bool:
     return bool(max(a.max(), -a.min()) * max(h.max(), -h.min()) <= max(v[-1].max(), -v[-1].min()))
 
 
-def steep_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
     """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
-    In words.  What begins and ends between two looks at the forces, as contact does, throws the motion anywhere.
+    In words.  Forces that constraints hold against are followed with extrapolated multipliers, (H55).  What begins and ends
+    between two looks at the forces, as contact does, throws the motion anywhere.
     """
     changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:, 0])
     most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
     if not (most > size and most * np.abs(h).max() > UNSEEN * np.abs(q).max()):
         return ""
-    end = t[1 + int(changes.argmax()), 0]
+    end, others = t[1 + int(changes.argmax()), 0], ["error control"]
+    if engine.structure.m and engine.structure.mass != "sparse" and not not_extrapolated(engine.dynamics.system):
+        others.append("extrapolate_reaction=True, which follows those that constraints hold against")
     return (
         f"In the step to t = {end:.10g} forces change by what moves v by {most:.2g}, and v is {size:.2g} at most: steps do "
-        "not resolve such forces; compare with shorter ones, or with error control."
+        f"not resolve such forces; compare with shorter ones, or with {' or '.join(others)}."
     )
 
 
