@@ -18,6 +18,7 @@ from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 
 EPS = float(np.finfo(np.float64).eps)
+AGAIN = 20  # rows, one after the other, that are looked at again where many at once have missed them
 MARGIN = 1e3  # times what the rows that are held are off, or roundoff: so much the rows that are left out may be
 DATA = 10.0  # times what the start is off: lengths may be given with few digits
 LOOKED_AT = 40  # ends of steps, beside the rows, at which rows that are left out are looked at
@@ -109,7 +110,7 @@ def recover_multipliers(
         return Recovered(own.lam, own.mu)
     times = rows[0]
     done = _together(recover_many, times.size)
-    found = _one_by_one(run, rows, own, done)
+    found = _one_by_one(run, rows, own, done, times.size if recover_many is None else AGAIN)
     note = f"{found.note} {check(done) if check else ''}".strip()
     if found.instead is None and np.count_nonzero(done) < done.size:  # in a fifth of the time of all()
         undetermined = times[~done]
@@ -118,13 +119,19 @@ def recover_multipliers(
     return found._replace(note=note)
 
 
-def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Recovered:
-    """The multipliers of those ``rows`` that are not ``done``, which it notes where it finds them."""
+def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any, misses: int) -> Recovered:
+    """The multipliers of those ``rows`` that are not ``done``, which it notes where it finds them.
+
+    Until so many ``misses`` in a row: the same iteration, from the same guesses, may have missed them together already.
+    """
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if np.count_nonzero(done) == done.size:
         return Recovered(lam, mu)
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
+    missed = 0
     for i in np.flatnonzero(~done).tolist():
+        if missed == misses:
+            break
         guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
         try:
             run.work.check_time()
@@ -135,7 +142,7 @@ def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Rec
         except NonFiniteValue as error:
             note = f"{error}, when the multipliers were recovered."
             return Recovered(lam[:i], mu[:i], note, Status.nonfinite_callback)
-        done[i] = found.converged
+        done[i], missed = found.converged, 0 if found.converged else missed + 1
         if found.converged:
             guess = found.lam, found.mu
         lam[i], mu[i] = guess

@@ -52,6 +52,9 @@ def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | N
     t, q, v, mu = history.last(made + 2 * BESIDE, (0, 2, 3, 7))
     for i in poles(mu).tolist():
         for j in range(max(i - 2, 1), min(i + 1, len(t) - 1)):
+            if float(t[j, 0]) in history.looked:  # with these very steps
+                continue
+            history.looked.add(float(t[j, 0]))
             place = places_of(t[j - 1 : j + 1], q[j - 1 : j + 1], v[j - 1 : j + 1])[0]
             failure = _lost(engine, place, AHEAD * float(t[j + 1, 0] - t[j, 0]))
             if failure is not None:

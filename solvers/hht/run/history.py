@@ -52,6 +52,7 @@ class History:
         self._layout, self._constrained = row_layout(structure), structure.constrained
         self._rows = np.empty((ROOM, self._layout.columns))
         self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
+        self.looked: set[float] = set()  #: times [s] of rows after which rank has been looked for, (H52)
         self._elapsed, self._begin = 0.0, float(start[0])
         self._every = every
         self._ahead = t_eval  # those that are not in ``_output`` yet
