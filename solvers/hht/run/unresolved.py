@@ -114,14 +114,15 @@ def left_by_roundoff(engine: Engine, rtol: float) -> str:
     )
 
 
-def coarse_roundoff(engine: Engine, share: float, where: str) -> Failure:
+def coarse_roundoff(engine: Engine, share: float, where: str, *, prescribed: bool) -> Failure:
     """Of a step in which roundoff left increments of a ``share`` of q or v.
 
     Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them.
     """
     told = f"roundoff moves q or v by {share:.2g} of their sizes"
     if engine.structure.linear_reaction:
-        text = f"{told}: forces and reactions that cancel one another are too large, {where}; take a smaller step"
+        remedy = "take a smaller step" if prescribed else "leave out what only strains the mechanism"
+        text = f"{told}: forces and reactions that cancel one another are too large, {where}; {remedy}"
         return Failure(Status.newton_failed, f"Newton's iteration did not converge: {text}")
     midpoint = "" if engine.method.reaction == "midpoint" else ', or reaction="midpoint"'
     text = f"{told} by the multipliers of so short a step, which the reaction is not linear in"
