@@ -138,3 +138,35 @@ def test_no_step_goes_on_where_a_velocity_grows_beyond_all_bounds(request_):
     assert abs(told - ENDS) < 3 * 2.0 / request_["steps"] if "steps" in request_ else abs(told - ENDS) < 0.02
     if "steps" in request_:
         assert "v grows beyond all bounds there" in solution.message and "No motion goes on beyond" in solution.message
+
+
+class Driven(hb.System):
+    """A crank of 1 m, whose coupler of 2 m is moved at its other end, to 2 + reach cos t: 1 m is as far as it gets."""
+
+    reach: float = hb.parameter(1.05)
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -1.0])
+
+    def constraint(self, t, q):
+        x = 2.0 + self.reach * jnp.cos(t)
+        return jnp.stack([(q @ q - 1.0) / 2.0, ((q[0] - x) ** 2 + q[1] ** 2 - 4.0) / 2.0])
+
+    def start(self, t):
+        x, speed = 2.0 + self.reach * np.cos(t), -self.reach * np.sin(t)
+        height = np.sqrt(1.0 - ((x * x - 3.0) / (2.0 * x)) ** 2)
+        q = np.array([(x * x - 3.0) / (2.0 * x), height])
+        return q, np.linalg.solve([[q[0], q[1]], [q[0] - x, q[1]]], [0.0, (q[0] - x) * speed])
+
+
+@pytest.mark.parametrize("begin", [0.5, -2.0])
+@pytest.mark.parametrize(
+    "request_", [*({"rtol": 10.0**-k} for k in (3, 6)), *({"steps": k} for k in (50, 500, 5_000))], ids=str
+)
+def test_a_drive_beyond_reach_is_named(begin, request_):
+    """With ``take a smaller step``, or ``roundoff is reached``, before."""
+    solution = hb.HHT(Driven()).solve((begin, begin + 2.5), *Driven().start(begin), **request_)
+    ends = (np.pi if begin > 0.0 else 0.0) - np.arccos(1.0 / 1.05)  # on the way out, to the other side and to this
+    assert solution.status is Status.singular_iteration_matrix, solution.message
+    told = float(solution.message.split("lose rank at t = ")[1].split(":")[0])
+    assert abs(told - ends) < 3 * 2.5 / request_.get("steps", 5_000)

@@ -33,6 +33,7 @@ from solvers.hht.run.singular import (
 BESIDE = 3  # steps from a pole of mu, on one side at least: above what it is there it stands out
 SHARP = 1.5  # times that, at least
 AHEAD = 2.0  # steps within which rank is lost
+FURTHER = 4.0  # than the last look beyond a run that has failed: its steps may be far shorter than what is left of it
 FALLS = 0.95  # of a singular value, at most, after a tenth of them, if it is on its way to zero
 GONE = 1e-3  # of it, at most, where it is zero
 LEFT = 0.5  # of it, at most, where t and q alone lose rank
@@ -47,7 +48,7 @@ OPEN = "k_v loses rank with v, and v' may take another direction there"
 
 def lost_by_velocity(engine: Engine, history: History, made: int) -> Failure | None:
     """That rank was lost in the last ``made`` steps or just before, which ``history`` then ends before; else None."""
-    if not _may_be_lost(engine):
+    if not (engine.structure.p and _may_be_lost(engine)):
         return None
     t, q, v, mu = history.last(made + 2 * BESIDE, (0, 2, 3, 7))
     for i in poles(mu).tolist():
@@ -70,17 +71,21 @@ def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularP
     found = singular.cause_of(engine, failure, places)
     if found is not failure or failure.status not in MAY_BE_SINGULAR or not (places and _may_be_lost(engine)):
         return found
-    h = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
-    return _lost(engine, places[-1], 2 * AHEAD * h) or failure
+    last, ahead = places[-1], 2 * AHEAD * float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
+    while True:
+        lost = _lost(engine, last, ahead)
+        if lost or not abs(ahead) < singular.BESIDE * last.scale < np.inf:
+            return lost or failure
+        ahead *= FURTHER
 
 
 def _may_be_lost(engine: Engine) -> bool:
     """Whether constraints may lose rank with v, or ask for a velocity: told once, at the start, at two times."""
     s = engine.structure
-    if not s.p or seconds_of_look(engine.dynamics) > LONGEST:
+    if seconds_of_look(engine.dynamics) > LONGEST or not s.constrained:
         return False
-    if s.velocity_jacobian_uses_v or s.rheonomic:
-        return True
+    if s.rheonomic or not s.p or s.velocity_jacobian_uses_v:
+        return s.rheonomic or s.p > 0
     if engine.asks is None:
         levels, at = of_dynamics(engine.dynamics).levels, engine.place
         with uncounted():
