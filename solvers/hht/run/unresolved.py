@@ -124,6 +124,8 @@ def coarse_roundoff(engine: Engine, share: float, where: str, *, prescribed: boo
         remedy = "take a smaller step" if prescribed else "leave out what only strains the mechanism"
         text = f"{told}: forces and reactions that cancel one another are too large, {where}; {remedy}"
         return Failure(Status.newton_failed, f"Newton's iteration did not converge: {text}")
-    midpoint = "" if engine.method.reaction == "midpoint" else ', or reaction="midpoint"'
+    method, midpoint = engine.method, ', or reaction="midpoint"'
+    if method.reaction == "midpoint" or method.coefficients.b != 0.0:  # it is defined for b = 0
+        midpoint = ""
     text = f"{told} by the multipliers of so short a step, which the reaction is not linear in"
     return Failure(Status.time_resolution, f"{text}, {where}; take a larger step{midpoint}")
