@@ -253,7 +253,9 @@ def step_error(setting: Setting, s: Solution, i: int, fastest: float) -> float |
     if exact is None:
         return None
     error, sizes = np.abs(np.concatenate([s.q[i + 1], s.v[i + 1]]) - exact[-1]), np.repeat(judge.sizes, n)
-    clock = EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n)  # times are rounded
+    clock = (
+        EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n) + left(s) * sizes
+    )  # times are rounded, and what is told
     if way.steps:
         in_q, in_v = missed(setting, times, exact, h)
         allowed = np.repeat([in_q, in_v + fastest * in_q], n)

@@ -109,8 +109,8 @@ def left_by_roundoff(engine: Engine, rtol: float) -> str:
     if not share > max(TOLD, rtol):
         return ""
     return (
-        f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large, or "
-        "rows of the constraints nearly depend on others."
+        f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large, "
+        "rows of the constraints nearly depend on others, or steps are too short for positions to see them."
     )
 
 
