@@ -113,7 +113,8 @@ class Judge:
             lam = (inverse.T @ across) / length
             if rough:
                 brakes = formulas.brakes(np, self.shape, self.p, t, q, v, lam[:m]) / root
-        settled = not rough or bool(np.abs(lam - before).max(initial=0.0) <= 1e-12 * np.abs(lam).max(initial=1e-300))
+        moved = [(np.abs(lam[x] - before[x]), np.abs(lam[x])) for x in (slice(m), slice(m, None))]  # in units of their own
+        settled = not rough or all(change.max(initial=0.0) <= 1e-12 * size.max(initial=1e-300) for change, size in moved)
         return Accelerations((pulled - across) / root, applied / root, lam, settled)
 
     def rate(self, t, q, v) -> float:

@@ -121,19 +121,16 @@ def number(words: str, s: Solution) -> float:
     return float(told[1]) if told else 0.0
 
 
-def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
-    """What q and v may be off the levels by.
+def rounding(setting: Setting, s: Solution) -> tuple[float, float]:
+    """What the steps' own sums round q and v to.
 
     Of a step of h over which forces and reactions push with accelerations up to A, before they cancel one another, the sums
     for q and v round to eps h^2 A and eps h A, and the reaction of a place that is off turns: v is off by A h / l times
     that, l the shortest length.  A is large where rows are nearly dependent, or hold light bodies between heavy ones.
-    Besides, Newton's increments are small, or as large as the run says, and rows left out as redundant are held as well as
-    a start is consistent.
     """
-    case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, setting.judge.sizes
-    lengths, looks = np.abs(np.diff(s.t)), some(s.t.size)
+    judge, (size_q, size_v), looks = setting.judge, sizes(setting, s), some(s.t.size)
+    lengths = np.abs(np.diff(s.t))
     longest, shortest = lengths.max(), lengths.min(initial=np.inf, where=lengths > 0.0)
-    size_q, size_v = max(size_q, np.abs(s.q).max()), max(size_v, np.abs(s.v).max())
     multipliers = np.nan_to_num(np.concatenate([s.lam, s.mu], axis=1))
     pushed = max(judge.strained(float(s.t[i]), s.q[i], s.v[i], multipliers[i]) for i in looks)
     nearest = min(judge.shortest(float(s.t[i]), s.q[i]) for i in looks)
@@ -144,14 +141,31 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
         + in_q * longest * pushed / nearest
         + clock * setting.rate * size_v
     )
+    return ROUNDED * in_q, ROUNDED * in_v
+
+
+def sizes(setting: Setting, s: Solution) -> tuple[float, float]:
+    """Of q and of v, at the start or on the way."""
+    size_q, size_v = setting.judge.sizes
+    return max(size_q, float(np.abs(s.q).max())), max(size_v, float(np.abs(s.v).max()))
+
+
+def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
+    """What q and v may be off the levels by.
+
+    Beside what they are rounded to, Newton's increments are small, or as large as the run says, and rows left out as
+    redundant are held as well as a start is consistent.
+    """
+    case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, sizes(setting, s)
+    in_q, in_v = rounding(setting, s)
     relative = NewtonOptions().stagnation + left(s)
-    if len(judge.distinct) < multipliers.shape[1] or not judge.sound:
+    if len(judge.distinct) < s.lam.shape[1] + s.mu.shape[1] or not judge.sound:
         relative += CONSISTENT
     if not case.way.declares:
         relative += BY_DIFFERENCES
     if spoil is not None and (spoil.kind == "off" or (spoil.kind == "noise" and spoil.where == "reaction")):
         relative += spoil.since  # a start that is off by less than can be told; reactions that put no state anywhere else
-    return ROUNDED * in_q + relative * size_q, ROUNDED * in_v + relative * size_v
+    return in_q + relative * size_q, in_v + relative * size_v
 
 
 def ended(setting: Setting, s: Solution) -> None:

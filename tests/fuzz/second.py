@@ -20,7 +20,7 @@ import numpy as np
 from hhtbench import Solution
 from hhtbench.testing.subject import expect
 from tests.fuzz.mechanism import Unit
-from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, left, number, own_equations
+from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, left, number, own_equations, rounding, sizes
 from tests.fuzz.runs import HOSTILE, Setting
 from tests.fuzz.twins import CLOSE
 
@@ -149,5 +149,6 @@ def errors(setting: Setting, s: Solution) -> float:
     found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed)  # of times
     sigma = setting.judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
     found += ROUNDED * EPS / sigma**2 + left(s)  # of rows nearly alike
+    found += max(x / size for x, size in zip(rounding(setting, s), sizes(setting, s), strict=True))
     found += number(r"forces change by what moves v by (\S+),", s) / setting.judge.sizes[1]  # in a step that does not see it
     return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)
