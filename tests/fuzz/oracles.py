@@ -131,8 +131,7 @@ def rounding(setting: Setting, s: Solution) -> tuple[float, float]:
     judge, (size_q, size_v), looks = setting.judge, sizes(setting, s), some(s.t.size)
     lengths = np.abs(np.diff(s.t))
     longest, shortest = lengths.max(), lengths.min(initial=np.inf, where=lengths > 0.0)
-    multipliers = np.nan_to_num(np.concatenate([s.lam, s.mu], axis=1))
-    pushed = max(judge.strained(float(s.t[i]), s.q[i], s.v[i], multipliers[i]) for i in looks)
+    pushed = strained(setting, s)
     nearest = min(judge.shortest(float(s.t[i]), s.q[i]) for i in looks)
     clock = EPS * np.abs(s.t).max()  # constraints that move are seen at rounded times
     in_q = EPS * (size_q + longest * (size_v + longest * pushed)) + clock * size_v
@@ -144,6 +143,12 @@ def rounding(setting: Setting, s: Solution) -> tuple[float, float]:
     return ROUNDED * in_q, ROUNDED * in_v
 
 
+def strained(setting: Setting, s: Solution) -> float:
+    """The largest of accelerations before they cancel one another."""
+    multipliers = np.nan_to_num(np.concatenate([s.lam, s.mu], axis=1))
+    return max(setting.judge.strained(float(s.t[i]), s.q[i], s.v[i], multipliers[i]) for i in some(s.t.size))
+
+
 def sizes(setting: Setting, s: Solution) -> tuple[float, float]:
     """Of q and of v, at the start or on the way."""
     size_q, size_v = setting.judge.sizes
@@ -153,11 +158,12 @@ def sizes(setting: Setting, s: Solution) -> tuple[float, float]:
 def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
     """What q and v may be off the levels by.
 
-    Beside what they are rounded to, Newton's increments are small, or as large as the run says, and rows left out as
-    redundant are held as well as a start is consistent.
+    Beside what they are rounded to, Newton's increments are small, of v beside what forces could make of it in a step, by
+    (H15), or as large as the run says, and rows left out as redundant are held as well as a start is consistent.
     """
     case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, sizes(setting, s)
     in_q, in_v = rounding(setting, s)
+    in_v += NewtonOptions().stagnation * np.abs(np.diff(s.t)).max() * strained(setting, s)
     relative = NewtonOptions().stagnation + left(s)
     if len(judge.distinct) < s.lam.shape[1] + s.mu.shape[1] or not judge.sound:
         relative += CONSISTENT
