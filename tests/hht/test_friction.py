@@ -238,3 +238,33 @@ def test_steps_too_short_for_positions_to_see_accelerations_are_told_where_frict
         else:
             assert solution.success, solution.message
             assert np.abs(solution.v[-1] - end["v"]).max() < 1e-13
+
+
+class Incline(hb.System):
+    """A box that slides down an incline of 0.1 rad and settles where friction holds it."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -WEIGHT])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1] * jnp.cos(0.1) - q[0] * jnp.sin(0.1)])
+
+    def reaction(self, t, q, v, lam):
+        friction = 0.3 * jnp.abs(lam[0]) * jnp.tanh(v / 1e-2)
+        return lam[0] * jnp.array([jnp.sin(0.1), -jnp.cos(0.1)]) - friction
+
+
+@pytest.mark.parametrize("step", [1e-2, 1e-3])
+@pytest.mark.parametrize("offset", [0.0, 1.0, 10.0])
+def test_what_has_settled_is_not_said_to_be_moved_by_roundoff(offset, step):
+    """It no longer accelerates: any roundoff is more than what it changes v by."""
+    along = np.array([np.cos(0.1), np.sin(0.1)])
+    solution = HHT(Incline()).solve((0.0, 2.0), offset * along, along, step=step)
+    assert solution.success, solution.message
+
+
+def test_no_reaction_is_advised_that_other_options_forbid():
+    start = bead_at(0.3)
+    solution = HHT(Held(), b=1.0).solve((0.3, 0.3 + 2e-9), start["q"], start["v"], steps=20)
+    assert solution.status is Status.time_resolution
+    assert "take steps longer than" in solution.message and "midpoint" not in solution.message

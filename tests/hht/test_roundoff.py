@@ -135,3 +135,55 @@ def test_steps_so_short_that_multipliers_are_roundoff_are_not_taken_where_fricti
     assert (
         "roundoff moves q or v by" in solution.message and 'take a larger step, or reaction="midpoint"' in solution.message
     )
+
+
+@pytest.mark.parametrize("options", [{}, {"b": 1.0}], ids=str)
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5])
+@pytest.mark.parametrize("exponent", [6, 10, 14, 15, 16])
+def test_nor_do_they_under_error_control(exponent, rtol, options):
+    """At 1e14 the bead stayed in its place, or went round at 6430 m/s: both were said to be a success."""
+    solver = hb.HHT(Pushed(k=10.0**exponent), **options)
+    solution = solver.solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], rtol=rtol, max_num_steps=20_000)
+    if solution.success:
+        error = np.abs(solution.q[-1] - [np.cos(1.0), np.sin(1.0)]).max()
+        assert error < 200 * rtol or UNRESOLVED in solution.message
+
+
+class Truss(hb.System):
+    """Two rods that hold a load, at rest."""
+
+    load: object = hb.parameter(1.0)
+
+    def force(self, t, q, v):
+        return jnp.stack([self.load, -self.load])
+
+    def constraint(self, t, q):
+        rod = q - jnp.array([2.0, 0.0])
+        return jnp.stack([(q @ q - 1.01) / 2.0, (rod @ rod - 1.01) / 2.0])
+
+
+@pytest.mark.parametrize("load", [1e3, 1e5, 1e7])
+@pytest.mark.parametrize("steps", [10, 20, 100])
+def test_a_structure_that_rests_under_a_load_is_no_motion_that_roundoff_moves(load, steps):
+    solution = hb.HHT(Truss(load=load)).solve((0.0, 1.0), [1.0, 0.1], [0.0, 0.0], steps=steps)
+    assert solution.success, solution.message
+    assert np.abs(solution.q - [1.0, 0.1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(("g", "end"), [(1e160, 1.0), (1e200, 1.0), (1e300, 1.0), (1.0, 1e105)])
+def test_numbers_that_overflow_when_they_are_squared_end_in_no_exception(g, end):
+    weight = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -g]), constraint=lambda t, q: np.array([q @ q - 1.0]))
+    assert hb.HHT(weight).solve((0.0, end), [0.0, -1.0], [0.0, 0.0], steps=10).success
+
+
+class Rough(Pushed):
+    """With a friction that is next to nothing: the reaction is not linear in the multiplier."""
+
+    def reaction(self, t, q, v, lam):
+        return -q * lam[0] - 1e-31 * jnp.abs(lam[0]) * v
+
+
+def test_steps_that_are_long_are_not_said_to_be_too_short():
+    solution = hb.HHT(Rough(k=1e17)).solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], steps=STEPS)
+    assert not solution.success
+    assert "larger step" not in solution.message and "so short" not in solution.message

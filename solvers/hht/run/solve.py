@@ -123,15 +123,14 @@ class Integration:
     def _unseen(self, stepper: Stepper, at_start: float, far: list[Matrix]) -> str:
         """What steps may not have seen, in words; or none.
 
-        Prescribed ones forces that are steep, where accelerations go ``far``, as in :meth:`_checked`; those by error
-        whatever their tolerances allow, as every error of q, which was ``at_start`` large at the start.
+        Forces that are steep, where accelerations go ``far``, as in :meth:`_checked`; and those by error whatever their
+        tolerances allow, as every error of q, which was ``at_start`` large at the start.
         """
-        by_error = stepper.plan.by_error
-        if by_error is None:
-            return steep_forces(stepper.engine, *far) if far and not stepper.engine.method.extrapolated else ""
-        if by_error.tolerances.least <= at_start:
-            return ""
-        return by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))
+        by_error, looks = stepper.plan.by_error, bool(far) and not stepper.engine.method.extrapolated
+        steep = steep_forces(stepper.engine, *far, prescribed=by_error is None) if looks else ""
+        if by_error is None or by_error.tolerances.least <= at_start:
+            return steep
+        return f"{steep} {by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))}"
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""

@@ -272,7 +272,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text
     elif numbers[mem.ROUNDOFF]:
-        return coarse_roundoff(engine, float(numbers[mem.ROUNDOFF]), where, prescribed=by_error is None)
+        share = float(numbers[mem.ROUNDOFF])
+        return coarse_roundoff(engine, state, h, share, where, prescribed=by_error is None)
     failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)
 

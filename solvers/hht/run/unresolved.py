@@ -15,9 +15,11 @@ from solvers._start import Failure, of_dynamics
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine, not_extrapolated
+from solvers.hht.step.state import State
 
 LOOKS = 12  # how often along a run
 UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
+HELD = 0.5  # of what forces change v by in a step, at most, that v changes by where constraints hold against them
 TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
@@ -28,7 +30,7 @@ def is_resolved(h: Matrix, v: Matrix, a: Matrix) -> bool:
     return bool(max(a.max(), -a.min()) * max(h.max(), -h.min()) <= max(v[-1].max(), -v[-1].min()))
 
 
-def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix, *, prescribed: bool) -> str:
     """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
     In words.  Forces that constraints hold against are followed with extrapolated multipliers, (H55).  What begins and ends
@@ -38,12 +40,17 @@ def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: 
     most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
     if not (most > size and most * np.abs(h).max() > UNSEEN * np.abs(q).max()):
         return ""
-    end, others = t[1 + int(changes.argmax()), 0], ["error control"]
-    if engine.structure.m and engine.structure.mass != "sparse" and not not_extrapolated(engine.dynamics.system):
-        others.append("extrapolate_reaction=True, which follows those that constraints hold against")
+    end, others = t[1 + int(changes.argmax()), 0], ["with shorter ones", "with error control"]
+    if not prescribed:
+        others = ["with a tighter tolerance"]
+    kept = np.abs(np.diff(v, n=2, axis=0)).max(initial=0.0) < HELD * most  # v does not follow
+    if not (kept or prescribed):  # a jump that error control has found
+        return ""
+    if kept and engine.structure.m and engine.structure.mass != "sparse" and not not_extrapolated(engine.dynamics.system):
+        others.append("with extrapolate_reaction=True, which follows those that constraints hold against")
     return (
         f"In the step to t = {end:.10g} forces change by what moves v by {most:.2g}, and v is {size:.2g} at most: steps do "
-        f"not resolve such forces; compare with shorter ones, or with {' or '.join(others)}."
+        f"not resolve such forces; compare {' or '.join(others)}."
     )
 
 
@@ -55,6 +62,9 @@ def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix
     where steps are too short for positions to see an acceleration: there v1 - v0 = h (v0' + v1')/2 up to roundoff.
     """
     if engine.structure.linear_reaction or not engine.structure.m:
+        return ""
+    fastest, elapsed = float(np.abs(v).max()), abs(float(t[-1, 0] - t[0, 0]))
+    if not fastest * elapsed > FEW * EPS * float(np.abs(q).max()):  # nothing moves
         return ""
     led = np.flatnonzero(h[1:, 0]) + 1
     errors, changes, shortest = [0.0], [0.0], 0.0
@@ -69,13 +79,13 @@ def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix
                 changes.append(float(np.abs(change).max()))
                 shortest = max(shortest, seen)
     error, moved = float(np.mean(errors)), float(np.mean(changes))
-    if not error > SHARE * moved:
+    if not error > max(SHARE * moved, UNSEEN * fastest / led.size):
         return ""
     longest = float(np.abs(h[led, 0]).max())
     return (
         f"roundoff: steps of {longest:.2g} s are so short that roundoff of positions makes their multipliers, and the "
         f"reaction, not linear in these, moves v by {error:.2g} in a step besides the {moved:.2g} of accelerations; take "
-        f'steps longer than {shortest:.2g} s, or reaction="midpoint", which does not feel it'
+        f"steps longer than {shortest:.2g} s{_or_midpoint(engine)}"
     )
 
 
@@ -83,19 +93,23 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     """That roundoff of accelerations that cancel one another has moved rows off the constraints, in words; or none.
 
     Of steps ``h`` (k, 1) to t, q, v and a (k, n).  Accelerations A round q1 to eps h^2 A, and what holds the place beside it
-    turns by that over |q|: v1 is off by h A as much.  The iteration sees its own q1 and v1, which round otherwise.
+    turns by that over |q|: v1 is off by h A as much.  The iteration sees its own q1 and v1, which round otherwise.  Such v
+    are no measure of themselves: that is the speed of the start, and that by which something moves in the time of the run.
     """
     largest, longest, size = float(np.abs(a).max()), float(np.abs(h).max()), float(np.abs(q).max())
-    speed = max(float(np.abs(v).max()), size / (abs(float(t[-1, 0] - t[0, 0])) or math.inf))  # slower, nothing moves
-    most = engine.functions.newton.coarse
-    if not (engine.structure.constrained and EPS * longest**3 * largest**2 > most * speed * size):
+    speed = max(float(np.abs(v[0]).max()), size / (abs(float(t[-1, 0] - t[0, 0])) or math.inf))
+    most, moved = engine.functions.newton.coarse, longest * largest
+    if not (engine.structure.constrained and EPS * longest * moved * moved > most * speed * size):
         return ""
+    least = max(most * speed, TOLD * float(np.abs(v).max())) / speed
+    jumps = np.argsort(np.abs(np.diff(v, axis=0)).max(axis=1))[-LOOKS:] + 1  # it throws v about
+    spread = np.linspace(0, len(t) - 1, min(LOOKS, len(t))).astype(int)
     with uncounted(), suppress(BudgetSpent, NonFiniteValue):
         levels = of_dynamics(engine.dynamics).levels
-        for i in np.unique(np.linspace(0, len(t) - 1, min(LOOKS, len(t))).astype(int)).tolist():
+        for i in np.unique(np.concatenate([spread, jumps])).tolist():
             at = levels.at(float(t[i, 0]), q[i], v[i])
             in_q, in_v = at.scaled_position(size).max(initial=0.0), at.scaled_velocity(speed).max(initial=0.0)
-            if max(in_q, in_v) > most:
+            if in_q > most or in_v > least:
                 return (
                     f"roundoff: at t = {t[i, 0]:.10g} q is off the constraints by {in_q:.2g} of its size, v by {in_v:.2g}, "
                     f"since accelerations of {largest:.2g} cancel one another; take smaller steps"
@@ -114,18 +128,24 @@ def left_by_roundoff(engine: Engine, rtol: float) -> str:
     )
 
 
-def coarse_roundoff(engine: Engine, share: float, where: str, *, prescribed: bool) -> Failure:
-    """Of a step in which roundoff left increments of a ``share`` of q or v.
+def coarse_roundoff(engine: Engine, state: State, h: float, share: float, where: str, *, prescribed: bool) -> Failure:
+    """Of a step of ``h`` [s] from ``state`` in which roundoff left increments of a ``share`` of q or v.
 
     Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them.
     """
     told = f"roundoff moves q or v by {share:.2g} of their sizes"
-    if engine.structure.linear_reaction:
+    is_short = h * h * float(np.abs(state.f).max()) < state.size_q
+    if engine.structure.linear_reaction or not is_short:
         remedy = "take a smaller step" if prescribed else "leave out what only strains the mechanism"
         text = f"{told}: forces and reactions that cancel one another are too large, {where}; {remedy}"
         return Failure(Status.newton_failed, f"Newton's iteration did not converge: {text}")
-    method, midpoint = engine.method, ', or reaction="midpoint"'
-    if method.reaction == "midpoint" or method.coefficients.b != 0.0:  # it is defined for b = 0
-        midpoint = ""
     text = f"{told} by the multipliers of so short a step, which the reaction is not linear in"
-    return Failure(Status.time_resolution, f"{text}, {where}; take a larger step{midpoint}")
+    return Failure(Status.time_resolution, f"{text}, {where}; take a larger step{_or_midpoint(engine)}")
+
+
+def _or_midpoint(engine: Engine) -> str:
+    """The reactions that do not feel the roundoff of positions, as another remedy; none where other options forbid it."""
+    method = engine.method
+    if method.reaction == "midpoint" or method.coefficients.b != 0.0:
+        return ""
+    return ', or reaction="midpoint", which does not feel it'

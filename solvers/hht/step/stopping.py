@@ -153,8 +153,10 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= o[mem.STAGNATION]:
         return False
     _, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
-    share = max(moved, in_v / max(number[mem.SIZE_V], abs(tried[mem.H_TRIED]) * largest(part(z, mem.VDOT)), TINY))
-    if not share > o[mem.COARSE]:
+    h = abs(tried[mem.H_TRIED])
+    share = max(moved, in_v / max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY))
+    moves = moved > o[mem.COARSE] or in_v * h > o[mem.COARSE] * number[mem.SIZE_Q]  # else it may rest
+    if not (moves and share > o[mem.COARSE]):
         tried[mem.LEFT] = max(tried[mem.LEFT], share)
         return False
     tried[mem.ROUNDOFF] = share
