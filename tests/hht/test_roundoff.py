@@ -170,6 +170,15 @@ def test_a_structure_that_rests_under_a_load_is_no_motion_that_roundoff_moves(lo
     assert np.abs(solution.q - [1.0, 0.1]).max() < 1e-9
 
 
+@pytest.mark.parametrize("request_", [{"rtol": 1e-4}, {"steps": 10}], ids=str)
+def test_what_is_held_in_the_origin_has_no_size_to_be_off_by(request_):
+    held = hb.NumpySystem(
+        force=lambda t, q, v: np.array([3.0, -9.81]), constraint=lambda t, q: np.array([q[0], q[1], q[0] + q[1]])
+    )
+    solution = hb.HHT(held).solve((0.0, 1.0), [0.0, 0.0], [0.0, 0.0], **request_)
+    assert solution.success, solution.message
+
+
 @pytest.mark.parametrize(("g", "end"), [(1e160, 1.0), (1e200, 1.0), (1e300, 1.0), (1.0, 1e105)])
 def test_numbers_that_overflow_when_they_are_squared_end_in_no_exception(g, end):
     weight = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -g]), constraint=lambda t, q: np.array([q @ q - 1.0]))

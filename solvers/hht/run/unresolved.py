@@ -101,6 +101,8 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     most, moved = engine.functions.newton.coarse, longest * largest
     if not (engine.structure.constrained and EPS * longest * moved * moved > most * speed * size):
         return ""
+    if not size > FEW * EPS * longest * moved:  # held in the origin: q is roundoff itself
+        return ""
     least = max(most * speed, TOLD * float(np.abs(v).max())) / speed
     jumps = np.argsort(np.abs(np.diff(v, axis=0)).max(axis=1))[-LOOKS:] + 1  # it throws v about
     spread = np.linspace(0, len(t) - 1, min(LOOKS, len(t))).astype(int)
