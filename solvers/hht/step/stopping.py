@@ -16,6 +16,7 @@ from solvers.hht.loops.sections import largest, part, put, view
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 WIDER = 1024.0  # roundoffs: what is smooth makes as many times as much of an increment as of one, noise does not
+ORIGIN = 16.0  # roundoffs of what forces make of q in a step
 UNLIKE = 8.0  # times what roundoff makes of increments, by the wider change: larger ones are noise
 
 
@@ -154,6 +155,8 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
         return False
     _, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
     h = abs(tried[mem.H_TRIED])
+    if max(number[mem.SIZE_Q], h * number[mem.SIZE_V]) <= ORIGIN * EPS * h * part(z, mem.TYPICAL)[1]:
+        return False  # at rest in the origin: q and v are what forces round to
     share = max(moved, in_v / max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY))
     moves = moved > o[mem.COARSE] or in_v * h > o[mem.COARSE] * number[mem.SIZE_Q]  # else it may rest
     if not (moves and share > o[mem.COARSE]):
