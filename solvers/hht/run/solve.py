@@ -84,7 +84,8 @@ class Integration:
         engine.raise_left_over()
         _, lengths, _, v, a = states = self.history.states()
         far = [] if is_resolved(lengths, v, a) else states
-        note = f"{started.note} {self._unseen(self.stepper, state.size_q, far)} {left_by_roundoff(engine, self.rtol)}"
+        unseen = self._unseen(self.stepper, state.size_q, far if steps is None else states)
+        note = f"{started.note} {unseen} {left_by_roundoff(engine, self.rtol)}"
         solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution
@@ -120,14 +121,14 @@ class Integration:
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
-    def _unseen(self, stepper: Stepper, at_start: float, far: list[Matrix]) -> str:
+    def _unseen(self, stepper: Stepper, at_start: float, states: list[Matrix]) -> str:
         """What steps may not have seen, in words; or none.
 
-        Forces that are steep, where accelerations go ``far``, as in :meth:`_checked`; and those by error whatever their
-        tolerances allow, as every error of q, which was ``at_start`` large at the start.
+        Forces that are steep in ``states``, if these are given; and those by error whatever their tolerances allow, as
+        every error of q, which was ``at_start`` large at the start.
         """
-        by_error, looks = stepper.plan.by_error, bool(far) and not stepper.engine.method.extrapolated
-        steep = steep_forces(stepper.engine, *far, prescribed=by_error is None) if looks else ""
+        by_error = stepper.plan.by_error
+        steep = steep_forces(stepper.engine, *states, prescribed=by_error is None) if states else ""
         if by_error is None or by_error.tolerances.least <= at_start:
             return steep
         return f"{steep} {by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))}"

@@ -19,6 +19,7 @@ from solvers.hht.step.state import State
 
 LOOKS = 12  # how often along a run
 UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
+FOLLOWED = 0.25  # of what a force changes a coordinate's velocity by in a step, at least, where it moves this
 HELD = 0.5  # of what forces change v by in a step, at most, that v changes by where constraints hold against them
 TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
@@ -34,23 +35,31 @@ def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: 
     """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
     In words.  Forces that constraints hold against are followed with extrapolated multipliers, (H55).  What begins and ends
-    between two looks at the forces, as contact does, throws the motion anywhere.
+    between two looks at the forces, as contact does, throws the motion anywhere; of one coordinate, where prescribed steps
+    let others hide it.
     """
-    changes = np.abs(np.diff(a, axis=0)).max(axis=1, initial=0.0) * np.abs(h[1:, 0])
-    most, size = float(changes.max(initial=0.0)), float(np.abs(v).max())
-    if not (most > size and most * np.abs(h).max() > UNSEEN * np.abs(q).max()):
-        return ""
-    end, others = t[1 + int(changes.argmax()), 0], ["with shorter ones", "with error control"]
+    changes, sizes = np.abs(np.diff(a, axis=0)) * np.abs(h[1:]), np.abs(v).max(axis=0)
+    moved, turns = changes.max(axis=0, initial=0.0), np.abs(np.diff(v, n=2, axis=0)).max(axis=0, initial=0.0)
+    where, name, longest, far = int(moved.argmax()), "v", np.abs(h).max(), np.abs(q).max()
+    most, size = float(moved[where]), float(sizes.max())
+    if not (most > size and most * longest > UNSEEN * far):
+        alone = (moved > sizes) & (turns > FOLLOWED * moved) & (moved * longest > TOLD * far)
+        if not (prescribed and alone.any()):
+            return ""
+        where = int(np.where(alone, moved, 0.0).argmax())
+        name, most, size = f"v[{where}]", float(moved[where]), float(sizes[where])
+    end, others = t[1 + int(changes[:, where].argmax()), 0], ["with shorter ones", "with error control"]
     if not prescribed:
         others = ["with a tighter tolerance"]
-    kept = np.abs(np.diff(v, n=2, axis=0)).max(initial=0.0) < HELD * most  # v does not follow
+    kept = turns.max() < HELD * most  # v does not follow
     if not (kept or prescribed):  # a jump that error control has found
         return ""
-    if kept and engine.structure.m and engine.structure.mass != "sparse" and not not_extrapolated(engine.dynamics.system):
+    extrapolates = engine.method.extrapolated or not_extrapolated(engine.dynamics.system)
+    if kept and engine.structure.m and engine.structure.mass != "sparse" and not extrapolates:
         others.append("with extrapolate_reaction=True, which follows those that constraints hold against")
     return (
-        f"In the step to t = {end:.10g} forces change by what moves v by {most:.2g}, and v is {size:.2g} at most: steps do "
-        f"not resolve such forces; compare {' or '.join(others)}."
+        f"In the step to t = {end:.10g} forces change by what moves {name} by {most:.2g}, and {name} is {size:.2g} at most: "
+        f"steps do not resolve such forces; compare {' or '.join(others)}."
     )
 
 
