@@ -151,6 +151,10 @@ def wall(t: float, q: Any, v: Any) -> Any:
     return -1e8 * np.sign(q - 0.5)
 
 
+def floor(t: float, q: Any, v: Any) -> Any:
+    return -9.81 + 1e6 * np.maximum(0.5 - q, 0.0)
+
+
 def noisy(t: float, q: Any, v: Any) -> Any:
     return np.full(1, -9.81 * (1.0 + 1e-5 * RANDOM.standard_normal()))
 
@@ -241,7 +245,11 @@ DUPLICATED = {
 }
 NEARLY_TWICE = {"constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0 + 1e-8 * q[1]])}
 PROVOKED: dict[str, list[Case]] = {
-    "success": [Case("", "", lambda _: fall())],
+    "success": [
+        Case("", "", lambda _: fall()),
+        Case("do not resolve", "steps do not resolve", lambda _: fall(weight(force=floor), step=0.01)),
+        Case("unknown", "Roundoff leaves", lambda _: rods(1e10, alpha=-0.2, step=0.01)),
+    ],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
     "max_steps": [
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
