@@ -173,9 +173,11 @@ class Truss(hb.System):
     """Two rods that hold a load, at rest."""
 
     load: object = hb.parameter(1.0)
+    frequency: object = hb.parameter(0.0)
 
     def force(self, t, q, v):
-        return jnp.stack([self.load, -self.load])
+        load = self.load * jnp.cos(self.frequency * (t - 0.5))
+        return jnp.stack([load, -load])
 
     def constraint(self, t, q):
         rod = q - jnp.array([2.0, 0.0])
@@ -188,6 +190,21 @@ def test_a_structure_that_rests_under_a_load_is_no_motion_that_roundoff_moves(lo
     solution = hb.HHT(Truss(load=load)).solve((0.0, 1.0), [1.0, 0.1], [0.0, 0.0], steps=steps)
     assert solution.success, solution.message
     assert np.abs(solution.q - [1.0, 0.1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("options", [{}, {"extrapolate_reaction": True}], ids=str)
+@pytest.mark.parametrize("steps", [100, 1000])
+@pytest.mark.parametrize("load", [1e-6, 1.0, 1e4])
+def test_nor_is_one_under_a_load_that_changes(load, steps, options):
+    """Extrapolated multipliers leave nothing of the load in f: there was no size that increments are small beside."""
+    plain = hb.NumpySystem(
+        force=lambda t, q, v: load * np.cos(np.pi * (t - 0.5)) * np.array([1.0, -1.0]),
+        constraint=lambda t, q: np.array([q @ q - 1.01, (q - [2.0, 0.0]) @ (q - [2.0, 0.0]) - 1.01]) / 2.0,
+    )
+    for made in (Truss(load=load, frequency=np.pi), plain):
+        solution = hb.HHT(made, alpha=-0.3, **options).solve((0.0, 1.0), [1.0, 0.1], [0.0, 0.0], steps=steps)
+        assert solution.success, solution.message
+        assert np.abs(solution.q - [1.0, 0.1]).max() < 1e-12 and "Roundoff" not in solution.message
 
 
 @pytest.mark.parametrize("request_", [{"rtol": 1e-4}, {"steps": 10}], ids=str)

@@ -87,6 +87,7 @@ NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS,
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
     "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff", "forgotten", "coarse",
+    "leap",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -119,7 +120,7 @@ RECORD = slots(lambda s: 7)
 MADE_AT = slots(lambda s: s.size + s.given)
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 12)
+ATTEMPT = floats(lambda s: 13)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -139,8 +140,10 @@ NOISE = floats(lambda s: 2)  # what roundoff changes in an increment's q1 and v1
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-# In ATTEMPT; ROUNDOFF: the share that it made of q or v where that was too much, else 0; LEFT: the largest that was not.
-H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR, ROOT_TOLERANCE, COST, ROUNDOFF, LEFT = range(12)
+# In ATTEMPT; ROUNDOFF: the share that it made of q or v where that was too much, else 0; LEFT: the largest that was not;
+# LEAPS: 1 + the coordinate that leapt, or 0.
+H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
+ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS = range(8, 13)
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -187,7 +190,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN, COARSE = range(11, 20)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN, COARSE, LEAP = range(11, 21)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(

@@ -82,10 +82,10 @@ class Integration:
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
-        _, lengths, _, v, a = states = self.history.states()
+        _, lengths, q, v, a = states = self.history.states()
         far = [] if is_resolved(lengths, v, a) else states
         unseen = self._unseen(self.stepper, state.size_q, far if steps is None else states)
-        note = f"{started.note} {unseen} {left_by_roundoff(engine, self.rtol)}"
+        note = f"{started.note} {unseen} {left_by_roundoff(engine, q, self.rtol)}"
         solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution

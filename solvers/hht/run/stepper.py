@@ -271,6 +271,8 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         remedy = text
     elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
         remedy = found.text
+    elif leaping := int(numbers[mem.LEAPS]):
+        remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
     elif numbers[mem.ROUNDOFF]:
         share = float(numbers[mem.ROUNDOFF])
         return coarse_roundoff(engine, state, h, share, where, prescribed=by_error is None)

@@ -128,10 +128,13 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     return ""
 
 
-def left_by_roundoff(engine: Engine, rtol: float) -> str:
-    """What share of q or v roundoff has left unknown in a step, in words; or none where it is little, or below ``rtol``."""
+def left_by_roundoff(engine: Engine, q: Matrix, rtol: float) -> str:
+    """What share of q or v roundoff has left unknown in a step, in words; or none where it is little, or below ``rtol``.
+
+    None where q (k, n) rests: a share of v is nothing then.
+    """
     share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
-    if not share > max(TOLD, rtol):
+    if not share > max(TOLD, rtol) or float(np.ptp(q, axis=0).max()) <= UNSEEN * float(np.abs(q).max()):
         return ""
     return (
         f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large, "

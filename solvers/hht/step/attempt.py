@@ -13,6 +13,8 @@ from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import spend
 
+LEAST_LEAP = 1e-4  # of a coordinate: starts may be off by less, and are put right in a step
+LEAST_OF_ALL = 1e-9  # of the largest, and of what forces make of q in a step: less is roundoff of what cancels
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
@@ -123,7 +125,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
     typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    tried[mem.ROOT_TOLERANCE] = tried[mem.ROUNDOFF] = 0.0
+    tried[mem.ROOT_TOLERANCE] = tried[mem.ROUNDOFF] = tried[mem.LEAPS] = 0.0
     level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
     ended, slot, rate = newton(z, lagged, h, counts)
@@ -221,9 +223,32 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
         ended = mem.NONFINITE
     if ended == mem.CONVERGED and z.i[mem.CALLS_PYTHON] and not finite(part(z, mem.END)):
         ended = mem.NONFINITE
+    if ended == mem.CONVERGED and z.i[mem.M] > 0 and leaps(z):
+        ended = mem.DIVERGED
     if ended == mem.NONFINITE:
         counts[mem.NONFINITES] += 1
     return ended
+
+
+@compiled
+def leaps(z: Any) -> Any:
+    """Whether a coordinate of END is where neither velocities nor forces take it, (H58): constraints have other solutions.
+
+    Which one goes into LEAPS.
+    """
+    n, o, tried = z.i[mem.N], part(z, mem.CONSTANTS), part(z, mem.ATTEMPT)
+    q, v, end = part(z, mem.Q), part(z, mem.V), part(z, mem.END)
+    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
+    h, bent, typical = tried[mem.H_TRIED], abs(o[mem.BETA] - 0.5 * o[mem.GAMMA]), part(z, mem.TYPICAL)
+    least = LEAST_OF_ALL * max(typical[0], abs(h) * typical[1])
+    for i in range(n):
+        off = abs(end[i] - q[i] - 0.5 * h * (v[i] + end[n + i]))
+        moved = abs(h) * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * abs(h) * abs(vdot1[i] - vdot[i]))
+        if off > max(moved, least) and off > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
+            tried[mem.LEAPS] = 1.0 + i
+            return True
+    tried[mem.LEAPS] = 0.0
+    return False
 
 
 @compiled

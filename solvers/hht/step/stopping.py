@@ -140,7 +140,19 @@ def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
 
     Of the rows that ``code`` computes.
     """
-    return moved <= part(z, mem.CONSTANTS)[mem.STAGNATION] or moved <= measured(z, slot, code, EPS, counts)
+    return (
+        is_unseen(z, slot)
+        or moved <= part(z, mem.CONSTANTS)[mem.STAGNATION]
+        or moved <= measured(z, slot, code, EPS, counts)
+    )
+
+
+@compiled
+def is_unseen(z: Any, slot: Any) -> Any:
+    """Whether an increment moves q by less than its roundoff in the step: where constraints hold all, v is no more."""
+    in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
+    h = abs(part(z, mem.ATTEMPT)[mem.H_TRIED])
+    return z.i[mem.M] > 0 and max(in_q, in_v * h) <= EPS * part(z, mem.NUMBER)[mem.SIZE_Q]
 
 
 @compiled
@@ -153,14 +165,16 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
     number, tried, o = part(z, mem.NUMBER), part(z, mem.ATTEMPT), part(z, mem.CONSTANTS)
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= o[mem.STAGNATION]:
         return False
-    _, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
-    h = abs(tried[mem.H_TRIED])
-    if max(number[mem.SIZE_Q], h * number[mem.SIZE_V]) <= ORIGIN * EPS * h * part(z, mem.TYPICAL)[1]:
+    in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
+    h, size_q = abs(tried[mem.H_TRIED]), number[mem.SIZE_Q]
+    if max(size_q, h * number[mem.SIZE_V]) <= ORIGIN * EPS * h * part(z, mem.TYPICAL)[1]:
         return False  # at rest in the origin: q and v are what forces round to
     share = max(moved, in_v / max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY))
-    moves = moved > o[mem.COARSE] or in_v * h > o[mem.COARSE] * number[mem.SIZE_Q]  # else it may rest
+    moves = moved > o[mem.COARSE] and max(in_q, in_v * h) > ORIGIN * EPS * size_q  # else it may rest
+    moves = moves or in_v * h > o[mem.COARSE] * size_q
     if not (moves and share > o[mem.COARSE]):
-        tried[mem.LEFT] = max(tried[mem.LEFT], share)
+        if not is_unseen(z, slot):
+            tried[mem.LEFT] = max(tried[mem.LEFT], share)
         return False
     tried[mem.ROUNDOFF] = share
     return True
@@ -173,6 +187,8 @@ def is_noise(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
         return False
     if is_coarse(z, slot, moved):
         return True
+    if is_unseen(z, slot):
+        return False
     most = UNLIKE * measured(z, slot, code, WIDER * EPS, counts)
     noisy = moved > most or measured(z, slot, code, EPS, counts) > most  # it may be small by chance
     if not noisy or code == mem.C_CONSTRAINTS:

@@ -1,0 +1,58 @@
+"""Constraints have more than one solution, and Newton's iteration may find another: such steps are not taken, (H58)."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+
+HEIGHT = 0.1
+
+
+class Loaded(hb.System):
+    """Two rods that hold a load that changes; they may point up or down.  Something falls beside them."""
+
+    load: object = hb.parameter(1.0)
+
+    def force(self, t, q, v):
+        load = self.load * jnp.sin(3.0 * t)
+        return jnp.stack([load, -load, -9.81])
+
+    def constraint(self, t, q):
+        rod = q[:2] - jnp.array([2.0, 0.0])
+        length = 1.0 + HEIGHT**2
+        return jnp.stack([(q[:2] @ q[:2] - length) / 2.0, (rod @ rod - length) / 2.0])
+
+
+@pytest.mark.parametrize("options", [{}, {"alpha": -0.3}, {"b": 1.0}, {"extrapolate_reaction": True}], ids=str)
+@pytest.mark.parametrize("load", [1e4, 1e5, 1e6])
+@pytest.mark.parametrize("steps", [50, 200, 1000])
+def test_a_structure_does_not_leap_to_its_mirror_image(load, steps, options):
+    """200 steps of 0.05 s put the joint below instead of above from the second on, which was said to be a success."""
+    solution = hb.HHT(Loaded(load=load), **options).solve((0.0, 10.0), [1.0, HEIGHT, 0.0], [0.0] * 3, steps=steps)
+    assert np.abs(solution.q[:, 1] - HEIGHT).max() < 1e-6
+    assert solution.success or solution.status is hb.Status.newton_failed
+
+
+def test_a_leap_is_named_and_shorter_steps_avoid_it():
+    long, short = (
+        hb.HHT(Loaded(load=1e4)).solve((0.0, 10.0), [1.0, HEIGHT, 0.0], [0.0] * 3, steps=steps) for steps in (200, 1000)
+    )
+    assert "q[1] leaps to another position that the constraints allow; take a smaller step" in long.message
+    assert short.success
+
+
+def test_motions_that_steps_hardly_resolve_do_not_leap():
+    """A pendulum that goes round once in ten steps, and something that it takes along."""
+
+    class Pendulum(hb.System):
+        def force(self, t, q, v):
+            return jnp.zeros(3)
+
+        def constraint(self, t, q):
+            return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2.0, q[2] - q[0]])
+
+    turn = 2.0 * np.pi
+    for alpha in (0.0, -0.3):
+        solution = hb.HHT(Pendulum(), alpha=alpha).solve((0.0, 10.0), [1.0, 0.0, 1.0], [0.0, turn, 0.0], step=0.1)
+        assert solution.success, solution.message
