@@ -179,7 +179,7 @@ def uneven() -> Any:
 
 def swing() -> Any:
     """A pendulum that swings 210 times in 2 pi seconds."""
-    return hb.solve(hb.load_problem("simple_pendulum(g=44100.0, amplitude=1e-6, t_end=0.2)"), "hht", step=0.01)
+    return hb.solve(hb.load_problem("simple_pendulum(g=44100.0, amplitude=1e-6, t_end=0.1)"), "hht", step=0.01)
 
 
 def flat_bars() -> Any:

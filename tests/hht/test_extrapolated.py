@@ -164,7 +164,7 @@ def test_a_vibration_that_grows_by_what_extrapolation_errs_by_is_no_success(opti
     light = DoublePendulum(ratio=1e6)
     q0 = np.array([np.sin(angles[0]), -np.cos(angles[0]), np.sin(angles).sum(), -np.cos(angles).sum()])
     solution = HHT(light, **ON, **options).solve((0.0, until), q0, np.zeros(4), step=step, **rows)
-    assert solution.status is Status.unreliable, solution.message
+    assert solution.status in (Status.unreliable, Status.newton_failed), solution.message
     assert "extrapolation" in solution.message
 
 

@@ -61,26 +61,6 @@ def test_what_rests_between_such_forces_rests(system):
     assert np.abs(solution.q - at).max() < 1e-8
 
 
-class Wall(hb.System):
-    """A bead on a rod between a stiff wall and a flywheel, which feels nothing of it."""
-
-    def force(self, t, q, v):
-        return jnp.stack([-1e6 * jnp.maximum(q[0] - 1.0, 0.0), 0.0, -1.0])
-
-    def constraint(self, t, q):
-        return q[2:]
-
-
-@pytest.mark.parametrize("options", [{}, {"alpha": -0.3}, {"extrapolate_reaction": True}], ids=str)
-@pytest.mark.parametrize(("wheel", "name"), [(0.0, "v"), (1e3, "v[0]")])
-def test_a_contact_that_steps_jump_into_is_told_whatever_else_moves(options, wheel, name):
-    solver, start = hb.HHT(Wall(), **options), ([0.0, 0.0, 0.0], [1.0, wheel, 0.0])
-    long, short = solver.solve((0.0, 2.0), *start, step=0.0103), solver.solve((0.0, 2.0), *start, step=1e-4)
-    assert long.success and abs(long.q[-1, 0] - np.pi * 1e-3) > 0.1
-    assert f" and {name} is 1 at most: {UNRESOLVED}" in long.message
-    assert short.success and UNRESOLVED not in short.message
-
-
 @pytest.fixture(scope="module")
 def strained():
     """Runs of a bead whose ring is strained; which of them end in which way differs from machine to machine."""

@@ -137,6 +137,21 @@ class AccelerationLevel:
             converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
+    def left_free(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any] | None:
+        """What g = 0 at (t, q, v) leaves of accelerations x (n,) by applied forces, (n,), and the metric of that, M (n, n).
+
+        None where the matrix is singular.
+        """
+        n, m = x.size, self.structure.m
+        _, matrix = self.terms(t, q, v, np.zeros(n + m + self.structure.p))
+        mass, right = matrix[:n, :n], np.zeros(n + m)
+        right[:n] = mass @ x
+        if self._sparse is None:
+            found = _solve_scaled(matrix[: n + m, : n + m], right, n)
+        else:
+            found, _ = solve_scaled_sparse(matrix[: n + m, : n + m], right)
+        return None if found is None else (found[:n], mass)
+
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
         """Whether roundoff is left of the equations at ``x``.
 

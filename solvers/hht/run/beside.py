@@ -165,8 +165,8 @@ def differences(multipliers: Matrix, steps: Matrix) -> Vector:
     the largest one.
     """
     sizes = np.abs(steps)
-    mean = np.sort(sizes, axis=0)[: max(1, 9 * len(sizes) // 10)].mean(axis=0)  # nan ones are last
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # infinite ones, and zeros all along
+        mean = np.sort(sizes, axis=0)[: max(1, 9 * len(sizes) // 10)].mean(axis=0)  # nan ones are last
         found = (np.abs(multipliers - steps) / np.maximum(sizes, np.maximum(mean, BESIDE * mean.max()))).max(axis=1)
     return np.where(np.isnan(found), np.inf, found)
 

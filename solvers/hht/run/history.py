@@ -53,6 +53,7 @@ class History:
         self._rows = np.empty((ROOM, self._layout.columns))
         self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
         self.looked: set[float] = set()  #: times [s] of rows after which rank has been looked for, (H52)
+        self.before_dropping: Callable[[], None] = lambda: None
         self._elapsed, self._begin = 0.0, float(start[0])
         self._every = every
         self._ahead = t_eval  # those that are not in ``_output`` yet
@@ -135,6 +136,7 @@ class History:
         t0, t1 = self._rows[[0, self._count - 1], 0].tolist()
         if t0 == t1:
             return
+        self.before_dropping()
         direction = math.copysign(1.0, t1 - t0)
         passed = int(np.searchsorted(direction * ahead, direction * t1, "left"))
         self._output.append(self._interpolated(ahead[:passed], lambda: False))

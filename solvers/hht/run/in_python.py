@@ -16,6 +16,7 @@ from solvers.hht.equations.formulas import EPS
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
+FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve
 Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
 
 
@@ -28,13 +29,26 @@ def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
     shapes = (6 + 5 * n + m + p,), (2,)
     shortest = callbacks.entry(partial(shortest_step, engine), 1 + 5 * n + m + p + inverse, shapes)
     force = callbacks.entry(engine.bare_force, n + inverse, ((), (n,), (n,)))
-    return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0)}
+    held = callbacks.entry(partial(held_part, engine), n, ((6 + 2 * n,), (n,)))
+    return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0), "held": (held, 0)}
 
 
 def acceleration_level(engine: Engine, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
     """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
     found = engine.acceleration.solve(t, q, v, lam, mu)
     return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
+
+
+def held_part(engine: Engine, state: Vector, x: Vector) -> Vector:
+    """What constraints at ``state`` hold of displacements x (n,); nothing where most is free, or rank is lost."""
+    n = x.size
+    free = engine.acceleration.left_free(float(state[0]), state[6 : 6 + n], state[6 + n : 6 + 2 * n], x)
+    if free is None:
+        return 0.0 * x
+    along, mass = free
+    held = x - along
+    some = held @ (mass @ held) > along @ (mass @ along)
+    return np.where(np.abs(along) < FREE * np.abs(x), held, 0.0) if some else 0.0 * x
 
 
 def shortest_step(engine: Engine, state: Vector, step: Vector) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.arguments import Matrix, check_interval, real_number, real_vector
+from hhtbench.arguments import check_interval, real_number, real_vector
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
@@ -54,6 +54,7 @@ class Integration:
 
     stepper: Stepper | None = None  #: None before the first state
     history: History
+    steep = off = ""  #: what :meth:`_look` has found
 
     def __init__(
         self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
@@ -80,13 +81,13 @@ class Integration:
         else:
             plan = Prescribed(steps)
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
+        self.history.before_dropping = self._look
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
         engine.raise_left_over()
-        _, lengths, q, v, a = states = self.history.states()
-        far = [] if is_resolved(lengths, v, a) else states
-        unseen = self._unseen(self.stepper, state.size_q, far if steps is None else states)
-        note = f"{started.note} {unseen} {left_by_roundoff(engine, q, self.rtol)}"
-        solution = self._assembled(self.stepper, self._checked(engine, end, far), " ".join(note.split()))
+        self._look()
+        left = left_by_roundoff(engine, self.history.states()[2], self.rtol)
+        note = f"{started.note} {self.steep} {self._coarse(plan, state.size_q)} {left}"
+        solution = self._assembled(self.stepper, self._checked(engine, end), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution
 
@@ -121,17 +122,22 @@ class Integration:
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
-    def _unseen(self, stepper: Stepper, at_start: float, states: list[Matrix]) -> str:
-        """What steps may not have seen, in words; or none.
+    def _look(self) -> None:
+        """Put what the rows that are kept tell of unresolved forces into ``steep``, of roundoff into ``off``; in words."""
+        if self.stepper is None:
+            return
+        _, h, _, v, a = states = self.history.states()
+        engine, resolved, prescribed = self.stepper.engine, is_resolved(h, v, a), self.steps is not None
+        if not self.steep and (prescribed or not resolved):
+            self.steep = steep_forces(engine, *states, prescribed=prescribed)
+        if not self.off and not resolved:
+            self.off = off_constraints(engine, *states)
 
-        Forces that are steep in ``states``, if these are given; and those by error whatever their tolerances allow, as
-        every error of q, which was ``at_start`` large at the start.
-        """
-        by_error = stepper.plan.by_error
-        steep = steep_forces(stepper.engine, *states, prescribed=by_error is None) if states else ""
-        if by_error is None or by_error.tolerances.least <= at_start:
-            return steep
-        return f"{steep} {by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max()))}"
+    def _coarse(self, plan: Plan, at_start: float) -> str:
+        """That tolerances allow whatever steps have not seen, as every error of q, which was ``at_start`` large; or none."""
+        if plan.by_error is None or plan.by_error.tolerances.least <= at_start:
+            return ""
+        return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -143,18 +149,15 @@ class Integration:
         rows.q[which], rows.v[which] = q, v
         return str(unmet)
 
-    def _checked(self, engine: Engine, end: Failure, far: list[Matrix]) -> Failure:
-        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow.
-
-        ``far``: the rows' states where accelerations of a step would move v by more than its size, else none.
-        """
+    def _checked(self, engine: Engine, end: Failure) -> Failure:
+        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow."""
         if end.status not in (Status.success, Status.event):
             return end
         made, elapsed = self.history.steps
         coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        found = (off_constraints(engine, *far) if far else "") or self._grown(engine)
+        found = self.off or self._grown(engine)
         if found:
             return Failure(Status.unreliable, found)
         short = moved_by_roundoff(engine, *self.history.ends()[:4])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from solvers.hht.step.state import State
 
 LOOKS = 12  # how often along a run
 UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
-FOLLOWED = 0.25  # of what a force changes a coordinate's velocity by in a step, at least, where it moves this
-HELD = 0.5  # of what forces change v by in a step, at most, that v changes by where constraints hold against them
+SUSPECT = 0.25  # of what a coordinate's velocity is, changes of forces are worth a look
+STEEP = 0.5  # of what v is along them: (h w)^2 of what throws it about, by which a step errs
+BEFORE, AFTER = 2, 2  # rows beside a step in which v has a size
+HELD = 0.5  # of what forces change v by in a step, at most, that it turns by where constraints hold against them
 TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
@@ -28,39 +31,76 @@ SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs
 
 def is_resolved(h: Matrix, v: Matrix, a: Matrix) -> bool:
     """Whether accelerations a (k, n) change v by less than its size at the end in steps ``h`` (k, 1): most motions."""
-    return bool(max(a.max(), -a.min()) * max(h.max(), -h.min()) <= max(v[-1].max(), -v[-1].min()))
+    most, longest = float(max(a.max(), -a.min())), float(max(h.max(), -h.min()))
+    return most * longest <= max(v[-1].max(), -v[-1].min())
 
 
 def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix, *, prescribed: bool) -> str:
-    """That forces change v by more than its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
+    """That forces change v by about its size within one of the steps ``h`` (k, 1) to t, q, v and a (k, n), or none.
 
-    In words.  Forces that constraints hold against are followed with extrapolated multipliers, (H55).  What begins and ends
-    between two looks at the forces, as contact does, throws the motion anywhere; of one coordinate, where prescribed steps
-    let others hide it.
+    In words.  What counts is the part that constraints leave free, beside what v is along it near that step.  Forces that
+    constraints hold against have such a part where these turn: extrapolated multipliers follow it, (H55).  What begins and
+    ends between two looks at the forces, as contact does, throws the motion anywhere.
     """
-    changes, sizes = np.abs(np.diff(a, axis=0)) * np.abs(h[1:]), np.abs(v).max(axis=0)
-    moved, turns = changes.max(axis=0, initial=0.0), np.abs(np.diff(v, n=2, axis=0)).max(axis=0, initial=0.0)
-    where, name, longest, far = int(moved.argmax()), "v", np.abs(h).max(), np.abs(q).max()
-    most, size = float(moved[where]), float(sizes.max())
-    if not (most > size and most * longest > UNSEEN * far):
-        alone = (moved > sizes) & (turns > FOLLOWED * moved) & (moved * longest > TOLD * far)
-        if not (prescribed and alone.any()):
+    with np.errstate(all="ignore"):
+        changes, speeds = np.abs(np.diff(a, axis=0)) * np.abs(h[1:]), np.abs(v)
+        near = np.maximum(speeds[:-1], speeds[1:])
+        steep = changes > SUSPECT * near
+        if not steep.any():
             return ""
-        where = int(np.where(alone, moved, 0.0).argmax())
-        name, most, size = f"v[{where}]", float(moved[where]), float(sizes[where])
-    end, others = t[1 + int(changes[:, where].argmax()), 0], ["with shorter ones", "with error control"]
-    if not prescribed:
-        others = ["with a tighter tolerance"]
-    kept = turns.max() < HELD * most  # v does not follow
-    if not (kept or prescribed):  # a jump that error control has found
+        ratios = np.where(steep, changes / np.fmax(near, TOLD * changes), 0.0).max(axis=1)
+        order = np.argsort(-ratios)[: np.count_nonzero(ratios)]
+        looked = np.unique([*order[:LOOKS], *order[:: -(-order.size // LOOKS)]])
+        found = [x for i in looked.tolist() if (x := _steep(engine, i, t, h, q, v, a))]
+    found = [x for x in found if prescribed or x.held]  # error control finds what throws the motion
+    if not found:
         return ""
+    worst, others = max(found, key=lambda x: x.moved / max(x.speed, TOLD * x.moved)), ["with a tighter tolerance"]
+    if prescribed:
+        others = ["with shorter ones", "with error control"]
     extrapolates = engine.method.extrapolated or not_extrapolated(engine.dynamics.system)
-    if kept and engine.structure.m and engine.structure.mass != "sparse" and not extrapolates:
+    if worst.held and engine.structure.m and engine.structure.mass != "sparse" and not extrapolates:
         others.append("with extrapolate_reaction=True, which follows those that constraints hold against")
+    name = f"v[{worst.at}]"
     return (
-        f"In the step to t = {end:.10g} forces change by what moves {name} by {most:.2g}, and {name} is {size:.2g} at most: "
-        f"steps do not resolve such forces; compare {' or '.join(others)}."
+        f"In the step to t = {worst.t:.10g} forces change by what moves {name} by {worst.moved:.2g}, and {name} is "
+        f"{worst.speed:.2g} at most near it: steps do not resolve such forces; compare {' or '.join(others)}."
     )
+
+
+class Steep(NamedTuple):
+    """A step in which forces change v by about its size."""
+
+    t: float  #: its end [s]
+    at: int  #: the coordinate that they move most
+    moved: float  #: what they change its velocity by
+    speed: float  #: the largest along the same way in the steps near it
+    held: bool  #: whether v does not follow
+
+
+def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> Steep | None:
+    """Of the step from row ``i``; None where forces change v by less, or move q by next to nothing."""
+    change, length = (a[i + 1] - a[i]) * h[i + 1], abs(float(h[i + 1, 0]))
+    if not np.isfinite(change).all():
+        return None
+    with uncounted(), suppress(BudgetSpent, NonFiniteValue):
+        free = engine.acceleration.left_free(float(t[i, 0]), q[i].copy(), v[i].copy(), change)
+        if free is None:
+            return None
+        along, mass = free
+        index, moved = int(np.abs(along).argmax()), float(np.abs(along).max())
+        seen = moved > TOLD * np.abs(change).max() and moved * length > UNSEEN * np.abs(q).max()
+        if not (seen and math.isfinite(moved)):
+            return None
+        weighted = mass @ along / moved  # squares of what is large are no numbers
+        size = float(along @ weighted) / moved
+        near = slice(max(i - BEFORE, 0), i + 2 + AFTER)
+        speeds = (v[near] @ weighted) / size
+        turns = np.diff(speeds[max(i - near.start - 1, 0) :][:4], n=2)
+        speed = float(np.abs(speeds).max())
+        if moved > STEEP * speed:
+            return Steep(float(t[i + 1, 0]), index, moved, speed, float(np.abs(turns).max(initial=0.0)) < HELD * moved)
+    return None
 
 
 def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix) -> str:

@@ -14,7 +14,8 @@ from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import spend
 
 LEAST_LEAP = 1e-4  # of a coordinate: starts may be off by less, and are put right in a step
-LEAST_OF_ALL = 1e-9  # of the largest, and of what forces make of q in a step: less is roundoff of what cancels
+LEAST_OF_ALL = 1e-6  # of the largest
+OF_FORCES = 1e-9  # of what forces make of q in a step: less is roundoff of what cancels
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
@@ -232,19 +233,29 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def leaps(z: Any) -> Any:
-    """Whether a coordinate of END is where neither velocities nor forces take it, (H58): constraints have other solutions.
-
-    Which one goes into LEAPS.
-    """
-    n, o, tried = z.i[mem.N], part(z, mem.CONSTANTS), part(z, mem.ATTEMPT)
-    q, v, end = part(z, mem.Q), part(z, mem.V), part(z, mem.END)
-    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
-    h, bent, typical = tried[mem.H_TRIED], abs(o[mem.BETA] - 0.5 * o[mem.GAMMA]), part(z, mem.TYPICAL)
-    least = LEAST_OF_ALL * max(typical[0], abs(h) * typical[1])
+    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
+    n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP_HELD)
+    h = part(z, mem.ATTEMPT)[mem.H_TRIED]
     for i in range(n):
-        off = abs(end[i] - q[i] - 0.5 * h * (v[i] + end[n + i]))
-        moved = abs(h) * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * abs(h) * abs(vdot1[i] - vdot[i]))
-        if off > max(moved, least) and off > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
+        off[i] = end[i] - q[i] - 0.5 * h * (v[i] + end[n + i])
+    if not leapt(z):
+        return False
+    put(part(z, mem.ERROR), 0, off)
+    call_python(z, mem.C_HELD, mem.LEAP_HELD, (address(z, mem.NUMBER), address(z, mem.ERROR)))
+    return leapt(z)
+
+
+@compiled
+def leapt(z: Any) -> Any:
+    """Whether a coordinate of LEAP_HELD is as large as in (H58); which one goes into LEAPS."""
+    n, o, tried = z.i[mem.N], part(z, mem.CONSTANTS), part(z, mem.ATTEMPT)
+    q, v, end, off = part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP_HELD)
+    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
+    h, bent, typical = abs(tried[mem.H_TRIED]), abs(o[mem.BETA] - 0.5 * o[mem.GAMMA]), part(z, mem.TYPICAL)
+    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * h * typical[1])
+    for i in range(n):
+        moved = h * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * h * abs(vdot1[i] - vdot[i]))
+        if abs(off[i]) > max(moved, least) and abs(off[i]) > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
             tried[mem.LEAPS] = 1.0 + i
             return True
     tried[mem.LEAPS] = 0.0
@@ -258,6 +269,7 @@ def accept(z: Any, row: Any) -> None:
     tried = part(z, mem.ATTEMPT)
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     row[0], row[1] = t1, h
+    tried[mem.ELAPSED] += abs(h)
     same = number[mem.KNOWN] > 0.0 and number[mem.H] == h and slot >= 0
     earlier, last, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), x.size
     known = min(number[mem.KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0

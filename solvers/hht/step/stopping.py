@@ -17,6 +17,7 @@ from solvers.hht.loops.sections import largest, part, put, view
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 WIDER = 1024.0  # roundoffs: what is smooth makes as many times as much of an increment as of one, noise does not
 ORIGIN = 16.0  # roundoffs of what forces make of q in a step
+AT_REST = 1e-9  # of q, that v would move it by in the run
 UNLIKE = 8.0  # times what roundoff makes of increments, by the wider change: larger ones are noise
 
 
@@ -149,10 +150,13 @@ def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
 
 @compiled
 def is_unseen(z: Any, slot: Any) -> Any:
-    """Whether an increment moves q by less than its roundoff in the step: where constraints hold all, v is no more."""
+    """Whether an increment moves q by less than its roundoff in the step, while nothing has moved: v rests, up to such."""
+    number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
+    h, size_q = abs(tried[mem.H_TRIED]), number[mem.SIZE_Q]
+    if z.i[mem.M] == 0 or number[mem.SIZE_V] * (tried[mem.ELAPSED] + h) > AT_REST * size_q:
+        return False
     in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
-    h = abs(part(z, mem.ATTEMPT)[mem.H_TRIED])
-    return z.i[mem.M] > 0 and max(in_q, in_v * h) <= EPS * part(z, mem.NUMBER)[mem.SIZE_Q]
+    return max(in_q, in_v * h) <= ORIGIN * EPS * size_q
 
 
 @compiled
@@ -165,16 +169,16 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
     number, tried, o = part(z, mem.NUMBER), part(z, mem.ATTEMPT), part(z, mem.CONSTANTS)
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= o[mem.STAGNATION]:
         return False
-    in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
-    h, size_q = abs(tried[mem.H_TRIED]), number[mem.SIZE_Q]
-    if max(size_q, h * number[mem.SIZE_V]) <= ORIGIN * EPS * h * part(z, mem.TYPICAL)[1]:
+    _, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
+    h = abs(tried[mem.H_TRIED])
+    if max(number[mem.SIZE_Q], h * number[mem.SIZE_V]) <= ORIGIN * EPS * h * part(z, mem.TYPICAL)[1]:
         return False  # at rest in the origin: q and v are what forces round to
+    if is_unseen(z, slot):
+        return False
     share = max(moved, in_v / max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY))
-    moves = moved > o[mem.COARSE] and max(in_q, in_v * h) > ORIGIN * EPS * size_q  # else it may rest
-    moves = moves or in_v * h > o[mem.COARSE] * size_q
+    moves = moved > o[mem.COARSE] or in_v * h > o[mem.COARSE] * number[mem.SIZE_Q]  # else it may rest
     if not (moves and share > o[mem.COARSE]):
-        if not is_unseen(z, slot):
-            tried[mem.LEFT] = max(tried[mem.LEFT], share)
+        tried[mem.LEFT] = max(tried[mem.LEFT], share)
         return False
     tried[mem.ROUNDOFF] = share
     return True
