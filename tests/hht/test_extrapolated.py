@@ -175,6 +175,14 @@ def test_coarse_steps_without_such_a_vibration_are_not_doubted(spec):
     assert HHT(p.system, alpha=-0.3, **ON).solve(p.t_span, p.q0, p.v0, steps=100).success
 
 
+def test_an_alpha_nearer_one_third_is_advised_only_where_there_is_one():
+    ring = hb.NumpySystem(force=lambda t, q, v: 1e8 * q, constraint=lambda t, q: np.array([q @ q - 1.0]))
+    for alpha in (-0.05, -0.1, -1.0 / 3.0):
+        found = HHT(ring, **{**ON, "alpha": alpha}).solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], steps=100)
+        assert "what extrapolation errs by" in found.message
+        assert ("alpha nearer" in found.message) == (alpha > -0.3)
+
+
 def test_what_it_does_not_take_is_refused_by_name():
     with pytest.raises(ProblemError, match=r"needs an alpha of -0\.02"):
         rods(1.0, alpha=-0.01)

@@ -9,7 +9,7 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
 
 STEPS, UNRESOLVED = 10, "steps do not resolve such forces"
-FAILURES = Status.newton_failed, Status.unreliable, Status.singular_iteration_matrix
+FAILURES = Status.newton_failed, Status.unreliable  # the ring has no singular position
 
 
 class Pushed(hb.System):
@@ -92,7 +92,8 @@ def test_rows_that_roundoff_has_moved_end_it_too(strained):
     """Here the iteration converges, to a place and a velocity that round otherwise when they are put together."""
     told = [x.message for x in strained if x.status is Status.unreliable]
     assert told
-    assert all(text.startswith("roundoff: at t = ") and "take smaller steps" in text for text in told)
+    assert all(text.startswith("roundoff: ") and "take smaller steps" in text for text in told)
+    assert any("off the constraints" in text for text in told) and any("lost rank" in text for text in told)
 
 
 def test_what_roundoff_leaves_is_told_where_it_is_more_than_a_tolerance():

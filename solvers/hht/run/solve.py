@@ -35,7 +35,14 @@ from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import departed, grown
-from solvers.hht.run.unresolved import is_resolved, left_by_roundoff, moved_by_roundoff, off_constraints, steep_forces
+from solvers.hht.run.unresolved import (
+    is_resolved,
+    left_by_roundoff,
+    lost_by_roundoff,
+    moved_by_roundoff,
+    off_constraints,
+    steep_forces,
+)
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -151,6 +158,10 @@ class Integration:
 
     def _checked(self, engine: Engine, end: Failure) -> Failure:
         """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow."""
+        if end.status is Status.singular_iteration_matrix:
+            t, _, *state = self.history.states()
+            found = self.off or lost_by_roundoff(engine, t, *state)
+            return Failure(Status.unreliable, found) if found else end
         if end.status not in (Status.success, Status.event):
             return end
         made, elapsed = self.history.steps

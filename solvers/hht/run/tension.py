@@ -35,7 +35,7 @@ DEPARTED = 0.1  # of the multipliers: vibrations that are damped leave 0.01, tho
 APART, LOOKS = 5, 12  # steps one after the other, half of which tell: multipliers may be zero in one; how often along a run
 PLAIN = 3.0  # times rtol^(1/2) of what a motion takes to cross what it covers: the step that it asks for, without vibration
 HALF, TENTH = 0.5, 0.1  # of that step, below which something faster is followed; by steps that pass over what is not seen
-ERRS = "has grown by what extrapolation errs by, (H55); take alpha nearer -1/3, shorter steps, or error control"
+MOST_DAMPED = -0.3  # alpha, from which one nearer -1/3 damps hardly more
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
 
@@ -57,7 +57,7 @@ def unstable(engine: Engine, places: Sequence[State | Place], h: float) -> str:
     if not abs(h) * omega > limit:
         return ""
     if damped:
-        return f"constraint forces carry a vibration of {omega:.3g} rad/s, which {ERRS}"
+        return f"constraint forces carry a vibration of {omega:.3g} rad/s, which {_errs(engine)}"
     return (
         f"constraint forces carry a vibration of {omega:.3g} rad/s, for which steps are stable below {limit / omega:.2g} s"
         f"{with_b}, h omega = {limit:.3g}; take {' or '.join(['shorter ones', *remedies(engine)])}"
@@ -134,9 +134,15 @@ def departed(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, lam: Ma
             if omega * float(np.abs(h[looked]).max()) > LIMIT:
                 return (
                     f"growth: at t = {t[looked[-1], 0]:.6g} the multipliers of the steps are not those of the motion: a "
-                    f"vibration that constraint forces carry {ERRS}"
+                    f"vibration that constraint forces carry {_errs(engine)}"
                 )
     return ""
+
+
+def _errs(engine: Engine) -> str:
+    """That a vibration grows with extrapolated multipliers, in words with a remedy."""
+    nearer = "alpha nearer -1/3, " if engine.method.coefficients.alpha > MOST_DAMPED else ""
+    return f"has grown by what extrapolation errs by, (H55); take {nearer}shorter steps, or error control"
 
 
 def followed(engine: Engine, state: State, h: float, covered: float, tolerances: Tolerances) -> str:

@@ -148,7 +148,7 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     largest, longest, size = float(np.abs(a).max()), float(np.abs(h).max()), float(np.abs(q).max())
     speed = max(float(np.abs(v[0]).max()), size / (abs(float(t[-1, 0] - t[0, 0])) or math.inf))
     most, moved = engine.functions.newton.coarse, longest * largest
-    if not (engine.structure.constrained and EPS * longest * moved * moved > most * speed * size):
+    if not _turns_with_roundoff(engine, longest, largest, speed * size):
         return ""
     if not size > FEW * EPS * longest * moved:  # held in the origin: q is roundoff itself
         return ""
@@ -166,6 +166,25 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
                     f"since accelerations of {largest:.2g} cancel one another; take smaller steps"
                 )
     return ""
+
+
+def _turns_with_roundoff(engine: Engine, h: float, largest: float, action: float) -> bool:
+    """Whether roundoff of accelerations up to ``largest`` turns them visibly in a step of h; ``action`` is |q| |v|."""
+    moved = h * largest
+    return engine.structure.constrained and EPS * h * moved * moved > engine.functions.newton.coarse * action
+
+
+def lost_by_roundoff(engine: Engine, t: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+    """That the step after t, q, v, a (k, n) could be anywhere for the roundoff of accelerations that cancel; or none."""
+    h, largest = abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])), float(np.abs(a[-1]).max())
+    size = float(np.abs(q[-1]).max())
+    speed = max(float(np.abs(v[0]).max()), size / (h + abs(float(t[-1, 0] - t[0, 0])) or math.inf))
+    if not _turns_with_roundoff(engine, h, largest, size * speed):
+        return ""
+    return (
+        f"roundoff: accelerations of {largest:.2g} that cancel one another leave the place open in a step of {h:.2g} s, "
+        "and the constraints have lost rank there; take smaller steps"
+    )
 
 
 def left_by_roundoff(engine: Engine, q: Matrix, rtol: float) -> str:
