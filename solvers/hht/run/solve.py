@@ -131,7 +131,7 @@ class Integration:
 
     def _look(self) -> None:
         """Put what the rows that are kept tell of unresolved forces into ``steep``, of roundoff into ``off``; in words."""
-        if self.stepper is None:
+        if self.stepper is None or self.work.clock.left() < 0.0:
             return
         _, h, _, v, a = states = self.history.states()
         engine, resolved, prescribed = self.stepper.engine, is_resolved(h, v, a), self.steps is not None

@@ -18,7 +18,7 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.step.state import State
 
-LOOKS = 12  # how often along a run
+LOOKS, QUICK = 12, 64  # how often along a run, at most; coordinates up to which a look takes little
 UNSEEN = 1e-9  # of q: forces that move it by less in a step are those of rest
 SUSPECT = 0.25  # of what a coordinate's velocity is, changes of forces are worth a look
 STEEP = 0.5  # of what v is along them: (h w)^2 of what throws it about, by which a step errs
@@ -50,7 +50,8 @@ def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: 
             return ""
         ratios = np.where(steep, changes / np.fmax(near, TOLD * changes), 0.0).max(axis=1)
         order = np.argsort(-ratios)[: np.count_nonzero(ratios)]
-        looked = np.unique([*order[:LOOKS], *order[:: -(-order.size // LOOKS)]])
+        count = max(LOOKS * QUICK // max(v.shape[1], QUICK), 1)
+        looked = np.unique([*order[:count], *order[:: -(-order.size // count)]])
         found = [x for i in looked.tolist() if (x := _steep(engine, i, t, h, q, v, a))]
     found = [x for x in found if prescribed or x.held]  # error control finds what throws the motion
     if not found:
