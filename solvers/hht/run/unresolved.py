@@ -143,8 +143,8 @@ def off_constraints(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, 
     """That roundoff of accelerations that cancel one another has moved rows off the constraints, in words; or none.
 
     Of steps ``h`` (k, 1) to t, q, v and a (k, n).  Accelerations A round q1 to eps h^2 A, and what holds the place beside it
-    turns by that over |q|: v1 is off by h A as much.  The iteration sees its own q1 and v1, which round otherwise.  Such v
-    are no measure of themselves: that is the speed of the start, and that by which something moves in the time of the run.
+    turns by that over |q|: v1 is off by h A as much.  The iteration sees its own q1 and v1, which round otherwise.  A v
+    that roundoff has made is no size to measure by: that is the speed of the first row, or |q| over the time, if more.
     """
     largest, longest, size = float(np.abs(a).max()), float(np.abs(h).max()), float(np.abs(q).max())
     speed = max(float(np.abs(v[0]).max()), size / (abs(float(t[-1, 0] - t[0, 0])) or math.inf))

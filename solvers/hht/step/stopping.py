@@ -164,7 +164,8 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
     """Whether an increment of constrained motion is too much of q or of v to be left, be it roundoff.
 
     Of typical sizes, and of v itself: what forces would make of that may be far more where they cancel one another.  What
-    share of them it is goes into ROUNDOFF if it is too much, and else into LEFT if none has been more.
+    share of them it is goes into ROUNDOFF if it is too much, and else into LEFT if none has been more.  What rests has no
+    sizes to be measured by, in the origin or where nothing has moved.
     """
     number, tried, o = part(z, mem.NUMBER), part(z, mem.ATTEMPT), part(z, mem.CONSTANTS)
     if z.i[mem.M] + z.i[mem.P] == 0 or moved <= o[mem.STAGNATION]:
