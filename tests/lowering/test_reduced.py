@@ -170,6 +170,16 @@ def test_the_smallest_multipliers_do_not_jump_where_a_state_is_off_the_constrain
     np.testing.assert_allclose(minimum_norm(rows, x, (1,)), [1.0, 1.0], atol=1e-7)
 
 
+def test_rows_of_other_sizes_leave_multipliers_of_others_alone():
+    """Those of a row of 1e5 were off by 1e-5 of themselves, for the roundoff of those of a row of 1e-5 that has a double."""
+    rows = np.array([[1e5, 0.0, 0.0, 0.0], [0.0, 0.0, 3e-6, 5e-6], [0.0, 0.0, 0.3, 0.5], [0.0, 0.0, 0.3, 0.5]])
+    given = np.array([2.3e-4, 3.5e7, 0.0, 0.0])
+    found = minimum_norm(rows, given, (2, 3))
+    assert abs(found[0] - given[0]) < 1e-15 * given[0]
+    np.testing.assert_allclose(rows.T @ found, rows.T @ given, rtol=1e-13)
+    np.testing.assert_allclose(found[1:], 175.0 * np.array([1e-5, 1.0, 1.0]), rtol=1e-4)
+
+
 class Tangent(System):
     """A bead on a rail that a second rail touches at the start: rows that are dependent there and nowhere else."""
 

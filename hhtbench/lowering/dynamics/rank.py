@@ -71,13 +71,19 @@ def minimum_norm(rows: Any, multipliers: Vector, redundant: tuple[int, ...]) -> 
     null[dependent] = np.eye(len(dependent))
     null[kept] = -_combinations(rows[kept], rows[dependent])
     basis = np.linalg.qr(null)[0]
-    return np.asarray(multipliers - basis @ (basis.T @ multipliers), dtype=np.float64)
+    shares = basis[dependent] @ (basis.T @ multipliers)  # not by the basis: its roundoff would reach rows beside those
+    return np.asarray(multipliers - null @ shares, dtype=np.float64)
 
 
 def _combinations(independent: Any, dependent: Any) -> Matrix:
-    """X (rows, k) of least |independent^T X - dependent^T|; of sparse rows by the augmented system of least squares."""
+    """X (rows, k) of least |independent^T X - dependent^T|; of sparse rows by the augmented system of least squares.
+
+    By rows of one size: where sizes differ, roundoff of the large would put a share of a dependent row onto a row that it
+    has nothing of, and large multipliers of small rows would change that of such a row visibly.
+    """
     if isinstance(independent, np.ndarray):
-        return np.linalg.lstsq(independent.T, dependent.T)[0]
+        size = np.abs(independent).max(axis=1)
+        return np.asarray(np.linalg.lstsq((independent / size[:, None]).T, dependent.T)[0] / size[:, None])
     kept, n = independent.shape
     size = abs(independent).max(axis=1).toarray().ravel()
     unit = sp.diags_array(1.0 / size) @ independent
