@@ -172,6 +172,9 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
         relative += BY_DIFFERENCES
     if spoil is not None and (spoil.kind == "off" or (spoil.kind == "noise" and spoil.where == "reaction")):
         relative += spoil.since  # a start that is off by less than can be told; reactions that put no state anywhere else
+        if spoil.kind == "noise":  # except by what they feel of q over h^2
+            lengths = np.abs(np.diff(s.t))
+            in_v += spoil.since * size_q / lengths.min(initial=np.inf, where=lengths > 0.0)
     return in_q + relative * size_q, in_v + relative * size_v
 
 
@@ -274,9 +277,8 @@ def step_error(setting: Setting, s: Solution, i: int, fastest: float) -> float |
     if exact is None:
         return None
     error, sizes = np.abs(np.concatenate([s.q[i + 1], s.v[i + 1]]) - exact[-1]), np.repeat(judge.sizes, n)
-    clock = (
-        EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n) + left(s) * sizes
-    )  # times are rounded, and what is told
+    clock = EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n)  # times are rounded
+    clock += left(s) * sizes + np.repeat(rounding(setting, s), n)
     if way.steps:
         in_q, in_v = missed(setting, times, exact, h)
         allowed = np.repeat([in_q, in_v + fastest * in_q], n)

@@ -150,13 +150,13 @@ def is_roundoff(z: Any, slot: Any, code: Any, moved: Any, counts: Any) -> Any:
 
 @compiled
 def is_unseen(z: Any, slot: Any) -> Any:
-    """Whether an increment moves q by less than its roundoff in the step, while nothing has moved: v rests, up to such."""
+    """Whether v and an increment move q by less than its roundoff in the step, and v did in the run: it rests up to such."""
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     h, size_q = abs(tried[mem.H_TRIED]), number[mem.SIZE_Q]
     if z.i[mem.M] == 0 or number[mem.SIZE_V] * (tried[mem.ELAPSED] + h) > AT_REST * size_q:
         return False
     in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
-    return max(in_q, in_v * h) <= ORIGIN * EPS * size_q
+    return max(in_q, max(in_v, number[mem.SIZE_V]) * h) <= ORIGIN * EPS * size_q
 
 
 @compiled
