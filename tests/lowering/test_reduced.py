@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from hhtbench import counting
 from hhtbench.api import solve
@@ -178,6 +179,16 @@ def test_rows_of_other_sizes_leave_multipliers_of_others_alone():
     assert abs(found[0] - given[0]) < 1e-15 * given[0]
     np.testing.assert_allclose(rows.T @ found, rows.T @ given, rtol=1e-13)
     np.testing.assert_allclose(found[1:], 175.0 * np.array([1e-5, 1.0, 1.0]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("given", [[3e24, 0.0, 7e74], [3e8, 0.0, 7e74], [0.0, 0.0, 7e74]], ids=str)
+@pytest.mark.parametrize("sparse", [False, True])
+def test_nor_do_rows_in_tiny_units_take_a_share_by_roundoff(given, sparse):
+    """A double of a rod beside a blade whose rows are 1e66 times smaller."""
+    rows = np.array([[0.3e66, 0.7e66], [0.9e66, 2.1e66], [0.6, -0.1]])
+    found = minimum_norm(sp.csr_array(rows) if sparse else rows, np.array(given), (1,))
+    assert found[2] == given[2]
+    np.testing.assert_allclose(found[:2], given[0] * np.array([0.1, 0.3]), rtol=1e-12)
 
 
 class Tangent(System):

@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 from hhtbench.arguments import Matrix, Vector
 
 RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
+NO_SHARE = 1e-12  # of unit rows: what a dependent row has of another by roundoff
 SHIFT = 1e-14  # of C C^T, whose dependent rows have no inverse: far below the square of any other singular value
 TRUSTED = 1e-4  # singular values from which iteration with the shifted matrix has told apart what is smaller
 SWEEPS = 3  # of that iteration: each makes parts of the null space 1e6 times larger than any other below TRUSTED
@@ -78,18 +79,21 @@ def minimum_norm(rows: Any, multipliers: Vector, redundant: tuple[int, ...]) -> 
 def _combinations(independent: Any, dependent: Any) -> Matrix:
     """X (rows, k) of least |independent^T X - dependent^T|; of sparse rows by the augmented system of least squares.
 
-    By rows of one size: where sizes differ, roundoff of the large would put a share of a dependent row onto a row that it
-    has nothing of, and large multipliers of small rows would change that of such a row visibly.
+    By rows of one size, of which no more than roundoff counts for nothing: where sizes differ, it would put a share of a
+    dependent row onto a row that it has nothing of, and large multipliers would change those of others visibly.
     """
     if isinstance(independent, np.ndarray):
-        size = np.abs(independent).max(axis=1)
-        return np.asarray(np.linalg.lstsq((independent / size[:, None]).T, dependent.T)[0] / size[:, None])
-    kept, n = independent.shape
-    size = abs(independent).max(axis=1).toarray().ravel()
-    unit = sp.diags_array(1.0 / size) @ independent
-    augmented: Any = sp.block_array([[sp.eye_array(n), unit.T], [unit, None]], format="csc")
-    right = np.concatenate([dependent.toarray().T, np.zeros((kept, dependent.shape[0]))])
-    return np.asarray(splu(augmented).solve(right)[n:] / size[:, None])
+        size, of_dependent = (np.abs(x).max(axis=1) for x in (independent, dependent))
+        shares = np.linalg.lstsq((independent / size[:, None]).T, (dependent / of_dependent[:, None]).T)[0]
+    else:
+        size, of_dependent = (abs(x).max(axis=1).toarray().ravel() for x in (independent, dependent))
+        kept, n = independent.shape
+        unit = sp.diags_array(1.0 / size) @ independent
+        augmented: Any = sp.block_array([[sp.eye_array(n), unit.T], [unit, None]], format="csc")
+        right = (sp.diags_array(1.0 / of_dependent) @ dependent).toarray().T
+        shares = splu(augmented).solve(np.concatenate([right, np.zeros((kept, of_dependent.size))]))[n:]
+    shares[np.abs(shares) < NO_SHARE] = 0.0
+    return np.asarray(shares * (of_dependent / size[:, None]), dtype=np.float64)
 
 
 def _unit_rows(rows: Any) -> Any:
