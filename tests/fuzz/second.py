@@ -30,6 +30,7 @@ PATIENT = 10 * HOSTILE  # evaluations of the second run
 SHAKEN = 1e-6, 1e-2  # relative changes of every number: the tolerance, but no less and no more than these
 LITTLE = 0.3  # of the sizes: a larger bound does not say much
 KEPT = ("places", "anchor", "length")  # numbers that have to agree with one another
+UNRESOLVED = r"forces change by what moves v\[\d+\] by (\S+),"  # in messages: by how much
 UNMET = ("nan", "raise")  # spoils that a run which says success has not met
 OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
 
@@ -150,5 +151,5 @@ def errors(setting: Setting, s: Solution) -> float:
     sigma = setting.judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
     found += ROUNDED * EPS / sigma**2 + left(s)  # of rows nearly alike
     found += max(x / size for x, size in zip(rounding(setting, s), sizes(setting, s), strict=True))
-    found += number(r"forces change by what moves v by (\S+),", s) / setting.judge.sizes[1]  # in a step that does not see it
+    found += number(UNRESOLVED, s) / setting.judge.sizes[1]  # in a step that does not see it
     return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)

@@ -6,6 +6,8 @@ import pytest
 
 import hhtbench as hb
 from solvers.hht.run import history
+from tests.fuzz import second
+from tests.fuzz.oracles import number
 
 UNRESOLVED = "steps do not resolve such forces"
 ACROSS, ALONG = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
@@ -30,6 +32,7 @@ class Wall(hb.System):
 def test_a_contact_that_steps_jump_into_is_told_whatever_else_moves(options, wheel):
     solver, start = hb.HHT(Wall(), **options), ([0.0, 0.0, 0.0], [1.0, wheel, 0.0])
     long, short = solver.solve((0.0, 2.0), *start, step=0.0103), solver.solve((0.0, 2.0), *start, step=1e-4)
+    assert number(second.UNRESOLVED, long) > 1.0  # as the fuzzing reads it
     assert long.success and abs(long.q[-1, 0] - np.pi * 1e-3) > 0.1
     assert f" and v[0] is 1 at most near it: {UNRESOLVED}" in long.message
     assert short.success and UNRESOLVED not in short.message
