@@ -137,8 +137,8 @@ class AccelerationLevel:
             converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
-    def left_free(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any] | None:
-        """What g = 0 at (t, q, v) leaves of accelerations x (n,) by applied forces, (n,), and the metric of that, M (n, n).
+    def left_free(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any, Any] | None:
+        """What g = 0 at (t, q, v) leaves of accelerations x (n,) by applied forces, (n,); M (n, n), its metric; g_q (m, n).
 
         None where the matrix is singular.
         """
@@ -150,7 +150,7 @@ class AccelerationLevel:
             found = _solve_scaled(matrix[: n + m, : n + m], right, n)
         else:
             found, _ = solve_scaled_sparse(matrix[: n + m, : n + m], right)
-        return None if found is None else (found[:n], mass)
+        return None if found is None else (found[:n], mass, matrix[n : n + m, :n])
 
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
         """Whether roundoff is left of the equations at ``x``.

@@ -88,7 +88,7 @@ def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a
         free = engine.acceleration.left_free(float(t[i, 0]), q[i].copy(), v[i].copy(), change)
         if free is None:
             return None
-        along, mass = free
+        along, mass, _ = free
         index, moved = int(np.abs(along).argmax()), float(np.abs(along).max())
         seen = moved > TOLD * np.abs(change).max() and moved * length > UNSEEN * np.abs(q).max()
         if not (seen and math.isfinite(moved)):

@@ -235,12 +235,15 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 def leaps(z: Any) -> Any:
     """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
     n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP_HELD)
-    h = part(z, mem.ATTEMPT)[mem.H_TRIED]
+    o, tried, both = part(z, mem.CONSTANTS), part(z, mem.ATTEMPT), part(z, mem.ERROR)
+    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
+    h, bent = tried[mem.H_TRIED], abs(o[mem.BETA] - 0.5 * o[mem.GAMMA])
     for i in range(n):
         off[i] = end[i] - q[i] - 0.5 * h * (v[i] + end[n + i])
+        both[n + i] = abs(h) * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * abs(h * (vdot1[i] - vdot[i])))
     if not leapt(z):
         return False
-    put(part(z, mem.ERROR), 0, off)
+    put(both, 0, off)
     call_python(z, mem.C_HELD, mem.LEAP_HELD, (address(z, mem.NUMBER), address(z, mem.ERROR)))
     return leapt(z)
 
@@ -248,14 +251,11 @@ def leaps(z: Any) -> Any:
 @compiled
 def leapt(z: Any) -> Any:
     """Whether a coordinate of LEAP_HELD is as large as in (H58); which one goes into LEAPS."""
-    n, o, tried = z.i[mem.N], part(z, mem.CONSTANTS), part(z, mem.ATTEMPT)
-    q, v, end, off = part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP_HELD)
-    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
-    h, bent, typical = abs(tried[mem.H_TRIED]), abs(o[mem.BETA] - 0.5 * o[mem.GAMMA]), part(z, mem.TYPICAL)
-    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * h * typical[1])
+    n, tried, typical = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL)
+    q, end, off, moved = part(z, mem.Q), part(z, mem.END), part(z, mem.LEAP_HELD), part(z, mem.ERROR)[n:]
+    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(tried[mem.H_TRIED]) * typical[1])
     for i in range(n):
-        moved = h * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * h * abs(vdot1[i] - vdot[i]))
-        if abs(off[i]) > max(moved, least) and abs(off[i]) > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
+        if abs(off[i]) > max(moved[i], least) and abs(off[i]) > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
             tried[mem.LEAPS] = 1.0 + i
             return True
     tried[mem.LEAPS] = 0.0
