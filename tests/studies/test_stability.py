@@ -71,6 +71,7 @@ def test_generalised_alpha_leaves_what_it_says_of_the_fastest_vibration(rho):
 CLOSED = {
     "stiff": lambda: scenes.stiff(100.0, 2.0),
     "damped": lambda: scenes.damped(50.0, 2.0),
+    "led": lambda: scenes.led(100.0, 10.0, 2.0),
     "spinning": lambda: scenes.spinning(20.0, 2.0),
     "pushed": lambda: scenes.pushed(3.0, 0.7, 2.0),
     "bouncing": lambda: scenes.bouncing(100.0, 2.0),
@@ -143,6 +144,7 @@ def test_a_motion_straight_on_is_nowhere_right_where_the_motion_turns(axis):
 HELD = (
     "stiffness",
     "dampers",
+    "servo",
     "spin",
     "quaternions",
     "steps",

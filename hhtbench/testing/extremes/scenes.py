@@ -59,6 +59,7 @@ class Crossed(System):
     slow: Any = parameter(1.0, doc="spring along SLOW [1/s^2]")
     fast: Any = parameter(1.0, doc="spring along FAST [1/s^2]")
     damper: Any = parameter(0.0, doc="along SLOW [1/s]")
+    lead: Any = parameter(0.0, doc="times sin t: where the spring along SLOW is at rest, and its damper [m]")
     spin: Any = parameter(0.0, doc="gyroscopic [1/s]")
     push: Any = parameter(0.0, doc="of a force along SLOW and one against its circle, after `begin` [m/s^2]")
     begin: Any = parameter(0.0, doc="[s]")
@@ -70,7 +71,8 @@ class Crossed(System):
         y = arc(q, v, SLOW, FIRST, self.radius)
         z = arc(q, v, FAST, SECOND, self.radius)
         pushed = jnp.where(t > self.begin, self.push, 0.0)
-        along = pushed - self.slow * y.length - self.damper * y.rate - self.spin * z.rate
+        led, led_rate = self.lead * jnp.sin(t), self.lead * jnp.cos(t)
+        along = pushed - led - self.slow * (y.length - led) - self.damper * (y.rate - led_rate) - self.spin * z.rate
         across = -self.fast * z.length + self.spin * y.rate
         return along * y.tangent + across * z.tangent + (PRESS + pushed) * y.normal + PRESS * z.normal
 
@@ -134,6 +136,15 @@ def damped(damper: float, span: float) -> Problem:
         return Lengths(y, 0.0, -rate * y, 0.0)
 
     return _crossed("damped", known, span, slow=damper, damper=damper)
+
+
+def led(stiffness: float, damper: float, span: float) -> Problem:
+    """y = sin t along SLOW, led there by a spring and a damper whose place of rest moves so."""
+
+    def known(t: float) -> Lengths:
+        return Lengths(math.sin(t), 0.0, math.cos(t), 0.0)
+
+    return _crossed("led", known, span, slow=stiffness, damper=damper, lead=1.0)
 
 
 def spinning(spin: float, span: float) -> Problem:

@@ -13,7 +13,7 @@ from hhtbench.testing.extremes.quaternions import quaternions
 from hhtbench.testing.extremes.ranks import dead_points, rank, redundant
 from hhtbench.testing.extremes.recurrence import amplification
 from hhtbench.testing.extremes.rods import masses, origin, perturbations, ratios, span, tension, units
-from hhtbench.testing.extremes.springs import dampers, order, spin, steps, stiffness
+from hhtbench.testing.extremes.springs import dampers, order, servo, spin, steps, stiffness
 
 AXES = (
     amplification,
@@ -23,6 +23,7 @@ AXES = (
     stiffness,
     order,
     dampers,
+    servo,
     spin,
     quaternions,
     masses,

@@ -97,7 +97,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = NO_ESTIMATE, asked
             return mem.CONVERGED
         else:
-            size = estimate(z)
+            size = estimate(z, counts)
             tried[mem.ERROR_SIZE] = size
             if size <= 1.0:
                 h_next = length * growth(o, size, control[mem.LAST_ERROR], rejected > 0)
@@ -136,14 +136,26 @@ def hopeless(z: Any, o: Any, h: Any, size: Any) -> Any:
 @compiled
 def conclude(z: Any, row: Any, counts: Any) -> None:
     """Accept the attempt, with what the next step's control and events need of it."""
+    remainder = z.i[mem.CONTROLLED] and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE
+    if z.i[mem.CONTROLLED] and not remainder:
+        remember_place(z)
     accept(z, row)
     counts[mem.ACCEPTED] += 1
-    if z.i[mem.CONTROLLED] and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE:
+    if remainder:
         remember_remainder(z, counts)
     elif z.i[mem.CONTROLLED]:
         remember(z)
     if z.i[mem.WATCHING]:
         keep_values(z)
+
+
+@compiled
+def remember_place(z: Any) -> None:
+    """Where the step begins, for the next one's third difference of q, (H59)."""
+    control = part(z, mem.CONTROL)
+    put(part(z, mem.Q_FIRST), 0, part(z, mem.Q_BEFORE))
+    put(part(z, mem.Q_BEFORE), 0, part(z, mem.Q))
+    control[mem.LAST_BUT_ONE] = control[mem.LAST]
 
 
 @compiled

@@ -8,7 +8,7 @@ from typing import Any
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.formulas import TINY
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called, compiled
+from solvers.hht.loops.compiled import called, compiled, inlined
 from solvers.hht.loops.memory import Memory
 from solvers.hht.loops.sections import address, call_python, finite, indices, largest, part, put
 from solvers.hht.step.acceleration import acceleration_level
@@ -40,9 +40,19 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
     control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else min(longest, suggested)  # not min_step: nothing told it
     control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
     before = part(z, mem.BEFORE)
+    control[mem.LAST_BUT_ONE] = signed
     for i in range(n):
+        rate = before[i] if known else 0.0
+        part(z, mem.Q_BEFORE)[i] = place_before(z, i, -signed, rate)
+        part(z, mem.Q_FIRST)[i] = place_before(z, i, -2 * signed, rate)
         before[i] = vdot[i] - signed * before[i] if known else vdot[i]
     put(part(z, mem.ACCELERATION), 0, vdot)
+
+
+@inlined
+def place_before(z: Any, i: Any, s: Any, rate: Any) -> Any:
+    """The coordinate i at s [s] from now by its v, v' and v'' = ``rate``."""
+    return part(z, mem.Q)[i] + s * (part(z, mem.V)[i] + s * (part(z, mem.VDOT)[i] / 2 + s * rate / 6))
 
 
 @compiled

@@ -83,6 +83,14 @@ def crosses(before: float, now: float, direction: int) -> bool:
     return direction == 0 or (direction < 0) == (before > 0.0)
 
 
+def third_difference(steps: Any, x: Any) -> Any:
+    """The divided difference of four ``x`` over the three ``steps`` between, times the last of these cubed, (H59)."""
+    first, last, h = steps
+    before = ((x[2] - x[1]) / last - (x[1] - x[0]) / first) / (first + last)
+    after = ((x[3] - x[2]) / h - (x[2] - x[1]) / last) / (last + h)
+    return h * h * h * (after - before) / (first + last + h)
+
+
 def cubic(s: Any, h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     """q and v at the part ``s`` of a step of ``h`` [s], (H17)."""
     rise = q1 - q0

@@ -1,15 +1,16 @@
-"""What the local error of a step is made of, (H23) to (H25), before :mod:`~solvers.hht.control.estimate` filters it."""
+"""What the local error of a step is made of, (H23) to (H25), (H59); :mod:`~solvers.hht.control.estimate` filters it."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from hhtbench.lowering import Dynamics
+from solvers.hht.equations.applied import applied_force
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import scaled_rows
 from solvers.hht.equations.known import Layout, named, start_of, started
 
-CONTROL = ("h_next", "last", "error", "has_reaction_k")  # numbers that step control remembers
+CONTROL = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  # numbers that step control remembers
 REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
 
 
@@ -30,14 +31,38 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given
     s, xp = dynamics.structure, dynamics.xp
     before, after = started(dynamics, method, layout, given), layout.split(x)
     memory = dict(zip(CONTROL, remembered, strict=False))
-    names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
-    names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
     memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
-    after |= named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
+    after |= _ended(layout, end)
     force = after["f1"] + _reaction(dynamics, method, layout, before, after)
     h, last = before["h"], memory["last"]
     raw_v = after["v1"] - before["v"] - parabola(last, h, memory["earlier"], memory["acceleration"], force)  # (H25)
     return xp.concatenate([_position(dynamics, method, before, after, memory), raw_v, force])
+
+
+def _ended(layout: Layout, end: Any) -> dict[str, Any]:
+    """The end of the step by name."""
+    s = layout.structure
+    names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
+    names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
+    return named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
+
+
+def answers(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given: Any, end: Any) -> Any:
+    """What forces answer to an ``error`` of q1 (n,), (H59): through v, as it adds to (H23), and through q, (2n,).
+
+    ``given`` and ``end`` as :func:`raw_errors` takes them.
+    """
+    s, c, xp = dynamics.structure, method.coefficients, dynamics.xp
+    before, after = start_of(layout, given, xp), _ended(layout, end)
+    t1, q1, v1, by_v, by_q = before["t1"], after["q1"], after["v1"], xp.zeros(s.n), xp.zeros(s.n)
+    applied = {"applied": before["lam_ahead"]} if layout.extrapolated else {}
+    if s.force_uses_v:
+        moved = applied_force(dynamics, applied, t1, q1, v1 + c.gamma / (c.beta * before["h"]) * error)
+        by_v = -c.beta * (1 + c.alpha) * (_over_mass(dynamics, layout, after, t1, moved) - after["f1"])
+    if s.force_uses_q or applied:
+        moved = applied_force(dynamics, applied, t1, q1 + error, v1)
+        by_q = (1 + c.alpha) * (_over_mass(dynamics, layout, after, t1, moved) - after["f1"])
+    return xp.concatenate([by_v, by_q])
 
 
 def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:
@@ -66,11 +91,14 @@ def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, a
     if s.p:
         mu = after["mu"] + share * (after["mu"] - before["mu"])
         force = force + dynamics.velocity_reaction(t1, after["q1"], after["v1"], mu)
-    if not s.constrained:
-        return force
-    if s.mass == "variable":
-        return layout.sparse_inverse(after["inverse_mass"], xp) @ force
-    return dynamics.over_mass(t1, after["q1"], force)
+    return _over_mass(dynamics, layout, after, t1, force) if s.constrained else force
+
+
+def _over_mass(dynamics: Dynamics, layout: Layout, after: Any, t1: Any, x: Any) -> Any:
+    """M^-1 x (n,) at the end of the step."""
+    if dynamics.structure.mass == "variable":
+        return layout.sparse_inverse(after["inverse_mass"], dynamics.xp) @ x
+    return dynamics.over_mass(t1, after["q1"], x)
 
 
 def scaled_inertia(dynamics: Dynamics, layout: Layout, x: Any, given: Any) -> Any:

@@ -108,12 +108,15 @@ X_LAST = floats(lambda s: s.size)
 X_EARLIER = floats(lambda s: HIGHEST * s.size)
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: its slot, or -1
 
-# What error control remembers: h_next, last, error (-1: none), whether R_k is known; f + r before and after the step; R_k.
+# What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known; f + r before and after
+# the last step; R_k; q before the last two steps and before the last.
 CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
 ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
-H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K = range(4)  # in CONTROL
+Q_FIRST = floats(lambda s: s.n)
+Q_BEFORE = floats(lambda s: s.n)
+H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE = range(5)  # in CONTROL
 
 # Of the two factorisations that are kept: numbers of each, and where the matrix was made.  The state ends here.
 RECORD = slots(lambda s: 7)
@@ -148,6 +151,8 @@ ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS, ELAPSED = range(8, 14)
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
+MISSED = floats(lambda s: s.n)  # what the position row is off by, (H59), and what forces answer to it through v and q
+ANSWER = floats(lambda s: 2 * s.n)
 PLACE = floats(lambda s: 1 + 2 * s.n)
 LEVELS = floats(lambda s: 2 * s.m + s.p)
 ERROR = floats(lambda s: 2 * s.n)
@@ -216,15 +221,15 @@ FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 10, FIRST + 17)
 EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 17, FIRST + 25)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR = range(FIRST + 25, FIRST + 32)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, ANSWERS = range(FIRST + 25, FIRST + 33)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "held",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "held", "answers",
 )  # fmt: skip
-CODE = FIRST + 32
+CODE = FIRST + 33
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
-C_INERTIA, C_HELD = range(CODE + 32, CODE + 36, 2)
+C_INERTIA, C_HELD, C_ANSWERS = range(CODE + 32, CODE + 38, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

@@ -59,8 +59,8 @@ def held_part(engine: Engine, state: Vector, both: Vector) -> Vector:
 
 def _pushed(rows: Any, moved: Vector) -> Vector:
     """By how much rows of constraints (m, n) let coordinates be moved, (n,), that are ``moved`` (n,) without them."""
-    rows = abs(csr_array(rows)).tocoo()
-    pushed, reach = moved.copy(), rows @ moved
+    rows = abs(csr_array(rows))
+    pushed, reach, rows = moved.copy(), rows @ moved, rows.tocoo()
     entries = rows.data > 0.0
     np.maximum.at(pushed, rows.col[entries], reach[rows.row[entries]] / rows.data[entries])
     return pushed

@@ -40,7 +40,10 @@ OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections
     "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
     "lam_before": mem.LAM_BEFORE, "lam_applied": mem.LAM_APPLIED, "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,
 }  # fmt: skip
-OF_CONTROL = {"earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K}
+OF_CONTROL = {
+    "earlier": mem.BEFORE, "acceleration": mem.ACCELERATION, "velocity_reaction": mem.REACTION_K, "q_first": mem.Q_FIRST,
+    "q_before": mem.Q_BEFORE,
+}  # fmt: skip
 
 
 class Loops:
@@ -220,7 +223,8 @@ class Loops:
             record[mem.RATE], record[mem.USES], record[mem.KEPT_COST] = made.rate, made.uses, made.cost
         if memory is not None:
             error = -1.0 if memory.error is None else memory.error
-            self.section(mem.CONTROL)[:] = memory.h_next, memory.last, error, memory.velocity_reaction is not None
+            has_reaction = memory.velocity_reaction is not None
+            self.section(mem.CONTROL)[:] = memory.h_next, memory.last, error, has_reaction, memory.last_but_one
         for owner, sections in ((state, OF_STATE), (memory, OF_CONTROL)):
             for name, section in sections.items():
                 values = getattr(owner, name, None)
@@ -267,10 +271,13 @@ class KeptState(NamedTuple):
         return None if name == "unknowns" and not known else found
 
     def _memory(self) -> ControlMemory:
-        h_next, last, error, has_reaction = self.part(mem.CONTROL).tolist()
+        h_next, last, error, has_reaction, last_but_one = self.part(mem.CONTROL).tolist()
         return ControlMemory(
             h_next=h_next,
             last=last,
+            last_but_one=last_but_one,
+            q_first=self.part(mem.Q_FIRST),
+            q_before=self.part(mem.Q_BEFORE),
             earlier=self.part(mem.BEFORE),
             acceleration=self.part(mem.ACCELERATION),
             velocity_reaction=self.part(mem.REACTION_K) if has_reaction else None,

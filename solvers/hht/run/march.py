@@ -57,7 +57,7 @@ def take(z: Memory, row: FloatMatrix, located: bool) -> None:
         made = renew(z, spare, tried[mem.H_TRIED], counts) == mem.CONVERGED
         tried[mem.SLOT], tried[mem.CONTRACTION] = spare if made else part(z, mem.NUMBER)[mem.FACTOR], 0.0
     if located and z.i[mem.CONTROLLED]:
-        tried[mem.ERROR_SIZE] = estimate(z)
+        tried[mem.ERROR_SIZE] = estimate(z, counts)
     conclude(z, row[0], counts)
 
 

@@ -15,6 +15,9 @@ class ControlMemory:
 
     h_next: float  #: length to try next [s], of |h|
     last: float  #: signed time between the two accelerations [s]
+    last_but_one: float  #: the same of the step before, or of the look [s]
+    q_first: Vector  #: (n,) q before the last two steps, (H59)
+    q_before: Vector  #: (n,) q before the last one
     earlier: Vector  #: (n,) f + r before the last step, (H24)
     acceleration: Vector  #: (n,) f + r after it
     velocity_reaction: Vector | None = None  #: (n,) R_k
