@@ -14,7 +14,7 @@ from hhtbench.protocol import Problem
 from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import HALF, REACTION, along, at_the_end, exact, held, motion, reacting
+from hhtbench.testing.extremes.known import HALF, REACTION, along, at_the_end, exact, held, reacting
 from hhtbench.testing.extremes.scenes import FAST, FIRST, SLOW, crossed_levels, damped, led, spinning, stiff
 from hhtbench.testing.subject import ACCURACY
 
@@ -88,7 +88,7 @@ def servo(seed: int) -> Iterator[Cell]:
             for line, request, most in _ways():
                 make = partial(led, 10.0**power, damping * 10.0**power, SPAN)
                 small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
-                given: dict[str, Any] = {"make": make, "request": request, "expected": motion(most), "small": small}
+                given: dict[str, Any] = {"make": make, "request": request, "expected": reacting(most), "small": small}
                 yield Cell(x=10.0**power, line=f"{name}, {line}", **given)
 
 
