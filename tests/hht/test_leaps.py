@@ -42,6 +42,82 @@ def test_a_leap_is_named_and_shorter_steps_avoid_it():
     assert short.success
 
 
+def truss(y0=0.0, speed=0.0, body=None, mass=1.0):
+    """That of :class:`Loaded` at a height that is given or moves, and a third coordinate that rests, moves or carries it."""
+
+    def constraint(t, q):
+        y = q[1] - y0 - speed * t - (q[2] if body == "carries" else 0.0)
+        length = 1.0 + HEIGHT**2
+        return np.array([(q[0] ** 2 + y**2 - length) / 2.0, ((q[0] - 2.0) ** 2 + y**2 - length) / 2.0])
+
+    load = lambda t, q, v: np.array([1e4 * np.sin(3.0 * t), -1e4 * np.sin(3.0 * t), 0.0])  # noqa: E731
+    return hb.NumpySystem(force=load, constraint=constraint, mass_matrix=np.diag([1.0, 1.0, mass]))
+
+
+FRAMES = {
+    "far": (truss(y0=1e4), [1.0, 1e4 + HEIGHT, 0.0], [0.0] * 3),
+    "moving": (truss(speed=3.0), [1.0, HEIGHT, 0.0], [0.0, 3.0, 0.0]),
+    "fast": (truss(speed=100.0), [1.0, HEIGHT, 0.0], [0.0, 100.0, 0.0]),
+    "carried": (truss(body="carries", mass=1e9), [1.0, HEIGHT, 0.0], [0.0, 3.0, 3.0]),
+    "beside what rests far away": (truss(), [1.0, HEIGHT, 1e6], [0.0] * 3),
+    "beside what moves": (truss(), [1.0, HEIGHT, 0.0], [0.0, 0.0, 30.0]),
+}
+
+
+@pytest.mark.parametrize("options", [{}, {"alpha": -0.3}, {"alpha": -0.3, "extrapolate_reaction": True}], ids=str)
+@pytest.mark.parametrize("steps", [50, 200])
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_leap_is_one_in_every_frame_and_whatever_else_there_is(frame, steps, options):
+    """Measured by velocities as they are, all of these snapped to the mirror image, said a success."""
+    system, q0, v0 = FRAMES[frame]
+    solution = hb.HHT(system, **options).solve((0.0, 10.0), q0, v0, steps=steps)
+    carried = solution.q[:, 2] if frame == "carried" else v0[1] * solution.t
+    assert np.abs(solution.q[:, 1] - q0[1] - carried).max() < 1e-6
+    named = "q[1] leaps to another position" in solution.message
+    assert named or ("extrapolate_reaction" in options and "roundoff moves q or v" in solution.message)  # by the flat truss
+
+
+def test_where_steps_resolve_the_load_it_does_not_leap():
+    for steps, options in ((200, {"b": 1.0}), (1000, {})):
+        system, q0, v0 = FRAMES["moving"]
+        assert hb.HHT(system, **options).solve((0.0, 10.0), q0, v0, steps=steps).success
+
+
+def rise(t):
+    part = np.clip((t - 0.5) / 0.05, 0.0, 1.0)
+    return part - np.sin(2.0 * np.pi * part) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("drive", "span", "h"),
+    [(rise, 1.0, 0.05), (rise, 1.0, 0.1), (lambda t: np.cos(100.0 * t), 3.0, np.pi / 100.0)],
+    ids=["within a step", "within less", "half a turn a step"],
+)
+def test_what_a_drive_moves_within_a_step_is_no_leap_and_is_told(drive, span, h):
+    """There is no other position; that was said, and a right solution refused."""
+    driven = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -q[1]]), constraint=lambda t, q: q[:1] - drive(t))
+    solution = hb.HHT(driven).solve((0.0, span), [drive(0.0), 1.0], [0.0, 0.0], step=h)
+    assert solution.success, solution.message
+    assert np.abs(solution.q[:, 0] - [drive(t) for t in solution.t]).max() < 1e-12
+    assert "constraints move q[0] a way of which v at both ends tells nothing" in solution.message
+    finer = hb.HHT(driven).solve((0.0, span), [drive(0.0), 1.0], [0.0, 0.0], step=h / 10)
+    assert finer.success and "tells nothing" not in finer.message
+
+
+@pytest.mark.parametrize("turn", [0.1, 1.0, 2.0, 2.6, 2.9])
+def test_points_that_follow_a_wheel_do_not_leap(turn):
+    """By up to 166 degrees in a step."""
+    wheel = hb.NumpySystem(
+        force=lambda t, q, v: np.zeros(3),
+        constraint=lambda t, q: np.array([q[1] - np.cos(q[0]), q[2] - np.sin(q[0])]),
+        mass_matrix=np.diag([1.0, 1e-9, 1e-9]),
+    )
+    speed = turn / 0.01
+    solution = hb.HHT(wheel).solve((0.0, 1.0), [0.0, 1.0, 0.0], [speed, 0.0, speed], step=0.01)
+    assert solution.success, solution.message
+    assert abs(solution.q[-1, 0] - speed) < 1e-5
+
+
 def test_motions_that_steps_hardly_resolve_do_not_leap():
     """A pendulum that goes round once in ten steps, and something that it takes along."""
 

@@ -94,3 +94,39 @@ def test_forces_at_the_end_of_all_numbers_raise_no_warning(g, end, recwarn):
     weight = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -g]), constraint=lambda t, q: np.array([q @ q - 1.0]))
     hb.HHT(weight).solve((0.0, end), [0.0, -1.0], [0.0, 0.0], steps=10)
     assert not [x for x in recwarn if issubclass(x.category, RuntimeWarning)]
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 1e-3, 1.0])
+def test_a_load_that_constraints_hold_does_not_hide_a_contact(amplitude):
+    """It changes in every step beside a velocity of zero, the contact in one: that one was not looked at."""
+    held = lambda t, q, v: np.array([-1e6 * max(q[0] - 1.0, 0.0), 0.0, -1.0 - amplitude * np.sin(5.0 * t)])  # noqa: E731
+    wall = hb.NumpySystem(force=held, constraint=lambda t, q: q[2:])
+    solution = hb.HHT(wall).solve((0.0, 20.0), [0.0] * 3, [1.0, 0.0, 0.0], step=0.0103)
+    assert abs(solution.v[-1, 0] + 1.0) > 1.0 and "what moves v[0]" in solution.message and UNRESOLVED in solution.message
+
+
+@pytest.mark.parametrize("request_", [{"steps": 1000}, {"rtol": 1e-5}], ids=str)
+@pytest.mark.parametrize("load", [10.0, 100.0, 1000.0])
+def test_loads_that_velocity_constraints_hold_are_not_told(load, request_):
+    held = lambda t, q, v: np.array([-q[0], load * np.sin(5.0 * t)])  # noqa: E731
+    guided = hb.NumpySystem(force=held, velocity_constraint=lambda t, q, v: v[1:])
+    solution = hb.HHT(guided).solve((0.0, 10.0), [1.0, 0.0], [0.0, 0.0], **request_)
+    assert np.abs(solution.q[:, 1]).max() < 1e-4 and UNRESOLVED not in solution.message
+
+
+def test_extrapolated_multipliers_are_not_advised_for_springs():
+    spring = lambda t, q, v: np.array([0.0, -9.81, -1e8 * q[2]])  # noqa: E731
+    beside = hb.NumpySystem(force=spring, constraint=lambda t, q: np.array([(q[:2] @ q[:2] - 1.0) / 2.0]))
+    solution = hb.HHT(beside, alpha=-0.05).solve((0.0, 2.0), [1.0, 0.0, 1e-3], [0.0] * 3, step=0.01)
+    assert "what moves v[2]" in solution.message and "extrapolate_reaction" not in solution.message
+
+
+@pytest.mark.parametrize("place", [0.0, 1e3, 1e6])
+@pytest.mark.parametrize("h", [0.1, 0.01])
+def test_a_strained_ring_is_told_beside_a_coordinate_of_any_size(h, place):
+    ring = hb.NumpySystem(
+        force=lambda t, q, v: np.array([1e8 * q[0], 1e8 * q[1], 0.0]),
+        constraint=lambda t, q: np.array([(q[:2] @ q[:2] - 1.0) / 2.0, q[2] - place]),
+    )
+    solution = hb.HHT(ring).solve((0.0, 0.5), [1.0, 0.0, place], [0.0, 1e-3, 0.0], step=h)
+    assert abs(solution.q[-1, 1] - 5e-4) > 4e-4 and UNRESOLVED in solution.message

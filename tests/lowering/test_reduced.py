@@ -266,3 +266,18 @@ def test_rows_that_nobody_has_looked_at_are_no_success(monkeypatch):
     assert 0 < known <= 23
     assert solution.t.size == 51, "no row is lost"
     assert np.array_equal(solution.lam[:, 1] != 0.0, np.arange(51) < known)
+
+
+def test_multipliers_of_rows_that_vanish_on_the_way_are_none():
+    """A double whose factor ends: its row is zero from there on, and what is divided by its size was nan."""
+
+    class Ending(System):
+        def force(self, t, q, v):
+            return jnp.stack([0.0 * t, -9.81 + 0.0 * t])
+
+        def constraint(self, t, q):
+            return jnp.stack([(q @ q - 1.0) / 2.0, jnp.maximum(0.5 - t, 0.0) * (q @ q - 1.0)])
+
+    solution = HHT(Ending()).solve((0.0, 1.0), [1.0, 0.0], [0.0, 0.0], step=0.1)
+    assert solution.success and np.isfinite(solution.lam).all()
+    assert solution.lam[-1] == pytest.approx([np.sum(solution.v[-1] ** 2) - 9.81 * solution.q[-1, 1], 0.0])

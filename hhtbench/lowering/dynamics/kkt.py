@@ -137,20 +137,20 @@ class AccelerationLevel:
             converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
-    def left_free(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any, Any] | None:
-        """What g = 0 at (t, q, v) leaves of accelerations x (n,) by applied forces, (n,); M (n, n), its metric; g_q (m, n).
+    def left_free(self, t: float, q: Vector, v: Vector, x: Vector, rows: int) -> tuple[Vector, Any, Any] | None:
+        """What constraints at (t, q, v) leave of accelerations x (n,) by applied forces, (n,), M (n, n), and C (rows, n).
 
-        None where the matrix is singular.
+        M is the metric of that, C the first ``rows`` of [g_q; k_v].  None where the matrix is singular.
         """
-        n, m = x.size, self.structure.m
-        _, matrix = self.terms(t, q, v, np.zeros(n + m + self.structure.p))
-        mass, right = matrix[:n, :n], np.zeros(n + m)
+        n, m, p = x.size, self.structure.m, self.structure.p
+        _, matrix = self.terms(t, q, v, np.zeros(n + m + p))
+        mass, right, size = matrix[:n, :n], np.zeros(n + rows), n + rows
         right[:n] = mass @ x
         if self._sparse is None:
-            found = _solve_scaled(matrix[: n + m, : n + m], right, n)
+            found = _solve_scaled(matrix[:size, :size], right, n)
         else:
-            found, _ = solve_scaled_sparse(matrix[: n + m, : n + m], right)
-        return None if found is None else (found[:n], mass, matrix[n : n + m, :n])
+            found, _ = solve_scaled_sparse(matrix[:size, :size], right)
+        return None if found is None else (found[:n], mass, matrix[n:size, :n])
 
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
         """Whether roundoff is left of the equations at ``x``.

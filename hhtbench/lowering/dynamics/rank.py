@@ -49,10 +49,8 @@ def constraint_rank(rows: Any, tolerance: float = RANK_TOLERANCE) -> ConstraintR
     if not isinstance(rows, np.ndarray):
         redundant = _dependent(_unit_rows(rows), tolerance * count**0.5)
         return ConstraintRank(count, count - len(redundant), redundant)
-    largest = np.abs(rows).max(axis=1, keepdims=True)
-    unit = rows / np.where(largest > 0, largest, 1.0)  # first, so that no square overflows
-    length = np.sqrt((unit * unit).sum(axis=1, keepdims=True))
-    unit = unit / np.where(length > 0, length, 1.0)
+    unit = rows / _or_one(np.abs(rows).max(axis=1, keepdims=True))  # first, so that no square overflows
+    unit = unit / _or_one(np.sqrt((unit * unit).sum(axis=1, keepdims=True)))
     _expect_finite(unit)
     triangle, pivots, *_ = lapack.dgeqp3(unit.T)
     diagonal = np.abs(triangle.diagonal())
@@ -83,10 +81,10 @@ def _combinations(independent: Any, dependent: Any) -> Matrix:
     dependent row onto a row that it has nothing of, and large multipliers would change those of others visibly.
     """
     if isinstance(independent, np.ndarray):
-        size, of_dependent = (np.abs(x).max(axis=1) for x in (independent, dependent))
+        size, of_dependent = (_or_one(np.abs(x).max(axis=1)) for x in (independent, dependent))
         shares = np.linalg.lstsq((independent / size[:, None]).T, (dependent / of_dependent[:, None]).T)[0]
     else:
-        size, of_dependent = (abs(x).max(axis=1).toarray().ravel() for x in (independent, dependent))
+        size, of_dependent = (_or_one(abs(x).max(axis=1).toarray().ravel()) for x in (independent, dependent))
         kept, n = independent.shape
         unit = sp.diags_array(1.0 / size) @ independent
         augmented: Any = sp.block_array([[sp.eye_array(n), unit.T], [unit, None]], format="csc")
@@ -100,9 +98,13 @@ def _unit_rows(rows: Any) -> Any:
     """Sparse ``rows`` scaled to length one; those of zeros stay."""
     _expect_finite(rows.data)
     largest = abs(rows).max(axis=1).toarray().ravel()
-    unit = sp.diags_array(1.0 / np.where(largest > 0, largest, 1.0)) @ rows  # first, so that no square overflows
-    length = np.sqrt((unit * unit).sum(axis=1))
-    return sp.diags_array(1.0 / np.where(length > 0, length, 1.0)) @ unit
+    unit = sp.diags_array(1.0 / _or_one(largest)) @ rows  # first, so that no square overflows
+    return sp.diags_array(1.0 / _or_one(np.sqrt((unit * unit).sum(axis=1)))) @ unit
+
+
+def _or_one(sizes: Vector) -> Vector:
+    """``sizes`` to divide by: one for those of rows of zeros."""
+    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def _expect_finite(values: Any) -> None:

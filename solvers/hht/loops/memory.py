@@ -123,7 +123,7 @@ RECORD = slots(lambda s: 7)
 MADE_AT = slots(lambda s: s.size + s.given)
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 14)
+ATTEMPT = floats(lambda s: 16)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -132,7 +132,7 @@ SCALED = floats(lambda s: s.matrix)  # entries of the matrix whose rows are scal
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
 INCREMENT = floats(lambda s: 2 * s.size + 2)  # of small systems their sizes and the residual, too
-LEAP_HELD = floats(lambda s: s.n)  # what (H58) is asked of, as Python computes it
+LEAP = floats(lambda s: s.n + 1)  # what (H58) is asked of, then what Python finds leaping; 1 + what sweeps, or 0
 END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
 END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
@@ -145,9 +145,10 @@ BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the w
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
 # In ATTEMPT; ROUNDOFF: the share that it made of q or v where that was too much, else 0; LEFT: the largest that was not;
-# LEAPS: 1 + the coordinate that leapt, or 0; ELAPSED: of the run, in accepted steps.
+# LEAPS: 1 + the coordinate that leapt, or 0; ELAPSED: of the run, in accepted steps; SWEPT: 1 + the coordinate that went
+# first a way of which its velocities tell nothing, and when.
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
-ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS, ELAPSED = range(8, 14)
+ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS, ELAPSED, SWEPT, SWEPT_AT = range(8, 16)
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -196,7 +197,7 @@ SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN, COARSE, LEAP = range(11, 21)
+STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN, COARSE, LEAST_OFF = range(11, 21)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
@@ -224,12 +225,12 @@ EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = ra
 EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, ANSWERS = range(FIRST + 25, FIRST + 33)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "held", "answers",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "leap", "answers",
 )  # fmt: skip
 CODE = FIRST + 33
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
-C_INERTIA, C_HELD, C_ANSWERS = range(CODE + 32, CODE + 38, 2)
+C_INERTIA, C_LEAP, C_ANSWERS = range(CODE + 32, CODE + 38, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

@@ -6,18 +6,17 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from hhtbench.arguments import Vector
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers._start import of_dynamics
 from solvers.hht.equations.formulas import EPS
+from solvers.hht.run.leaps import leaping
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
-FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve
 Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
 
 
@@ -30,40 +29,14 @@ def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
     shapes = (6 + 5 * n + m + p,), (2,)
     shortest = callbacks.entry(partial(shortest_step, engine), 1 + 5 * n + m + p + inverse, shapes)
     force = callbacks.entry(engine.bare_force, n + inverse, ((), (n,), (n,)))
-    held = callbacks.entry(partial(held_part, engine), n, ((6 + 2 * n,), (2 * n,)))
-    return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0), "held": (held, 0)}
+    leap = callbacks.entry(partial(leaping, engine), n + 1, ((6 + 2 * n,), (2 * n,), (n,), (2,)))
+    return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0), "leap": (leap, 0)}
 
 
 def acceleration_level(engine: Engine, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
     """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
     found = engine.acceleration.solve(t, q, v, lam, mu)
     return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
-
-
-def held_part(engine: Engine, state: Vector, both: Vector) -> Vector:
-    """What constraints at ``state`` hold of displacements x (n,), beyond what its neighbours move a coordinate by.
-
-    Nothing where most is free, or rank is lost.  ``both``: x, and what velocities and forces move every coordinate by.
-    """
-    x, moved = np.split(both, 2)
-    n = x.size
-    free = engine.acceleration.left_free(float(state[0]), state[6 : 6 + n], state[6 + n : 6 + 2 * n], x)
-    if free is None:
-        return 0.0 * x
-    along, mass, rows = free
-    held = x - along
-    some = held @ (mass @ held) > along @ (mass @ along)
-    leaps = (np.abs(along) < FREE * np.abs(x)) & (np.abs(held) > _pushed(rows, moved))
-    return np.where(leaps, held, 0.0) if some else 0.0 * x
-
-
-def _pushed(rows: Any, moved: Vector) -> Vector:
-    """By how much rows of constraints (m, n) let coordinates be moved, (n,), that are ``moved`` (n,) without them."""
-    rows = abs(csr_array(rows))
-    pushed, reach, rows = moved.copy(), rows @ moved, rows.tocoo()
-    entries = rows.data > 0.0
-    np.maximum.at(pushed, rows.col[entries], reach[rows.row[entries]] / rows.data[entries])
-    return pushed
 
 
 def shortest_step(engine: Engine, state: Vector, step: Vector) -> Any:

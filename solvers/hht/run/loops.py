@@ -65,7 +65,7 @@ class Loops:
         view(z, mem.START_BOUNDS)[:] = GOOD_START
         view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
         if not c.both_levels:  # v is not that of q
-            view(z, mem.CONSTANTS)[mem.LEAP] = math.inf
+            view(z, mem.CONSTANTS)[mem.LEAST_OFF] = math.inf
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
         z.i[mem.WATCHING] = bool(self.events.events)

@@ -42,6 +42,7 @@ from solvers.hht.run.unresolved import (
     moved_by_roundoff,
     off_constraints,
     steep_forces,
+    swept,
 )
 from solvers.hht.step.state import State
 
@@ -93,7 +94,8 @@ class Integration:
         engine.raise_left_over()
         self._look()
         left = left_by_roundoff(engine, self.history.states()[2], self.rtol)
-        note = f"{started.note} {self.steep} {self._coarse(plan, state.size_q)} {left}"
+        sweeps = swept(engine) if steps is not None else ""
+        note = f"{started.note} {self.steep} {sweeps} {self._coarse(plan, state.size_q)} {left}"
         solution = self._assembled(self.stepper, self._checked(engine, end), " ".join(note.split()))
         idle.put_back(started.purpose, engine)
         return solution

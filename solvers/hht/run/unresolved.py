@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
@@ -24,15 +24,17 @@ SUSPECT = 0.25  # of what a coordinate's velocity is, changes of forces are wort
 STEEP = 0.5  # of what v is along them: (h w)^2 of what throws it about, by which a step errs
 BEFORE, AFTER = 2, 2  # rows beside a step in which v has a size
 HELD = 0.5  # of what forces change v by in a step, at most, that it turns by where constraints hold against them
+SLIPS = 0.05  # of the way of q: by more than velocities tell it is moved by what velocity constraints hold of forces
 TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
 
 
 def is_resolved(h: Matrix, v: Matrix, a: Matrix) -> bool:
-    """Whether accelerations a (k, n) change v by less than its size at the end in steps ``h`` (k, 1): most motions."""
-    most, longest = float(max(a.max(), -a.min())), float(max(h.max(), -h.min()))
-    return most * longest <= max(v[-1].max(), -v[-1].min())
+    """Whether accelerations a (k, n) change v, by coordinate, by less than its mean size in steps ``h`` (k, 1)."""
+    most, longest = np.maximum(a.max(axis=0), -a.min(axis=0)), float(max(h.max(), -h.min()))
+    with np.errstate(all="ignore"):
+        return bool((most * longest <= np.abs(v).mean(axis=0)).all())
 
 
 def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix, *, prescribed: bool) -> str:
@@ -49,9 +51,10 @@ def steep_forces(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: 
         if not steep.any():
             return ""
         ratios = np.where(steep, changes / np.fmax(near, TOLD * changes), 0.0).max(axis=1)
-        order = np.argsort(-ratios)[: np.count_nonzero(ratios)]
-        count = max(LOOKS * QUICK // max(v.shape[1], QUICK), 1)
-        looked = np.unique([*order[:count], *order[:: -(-order.size // count)]])
+        sudden = np.where(steep, changes / np.fmax(changes.mean(axis=0), TOLD * changes), 0.0).max(axis=1)
+        order, count = np.argsort(-ratios)[: np.count_nonzero(ratios)], max(LOOKS * QUICK // max(v.shape[1], QUICK), 1)
+        first = np.argsort(-sudden)[: min(count, order.size)]  # loads that constraints hold change all the time
+        looked = np.unique([*order[:count], *first, *order[:: -(-order.size // count)]])
         found = [x for i in looked.tolist() if (x := _steep(engine, i, t, h, q, v, a))]
     found = [x for x in found if prescribed or x.held]  # error control finds what throws the motion
     if not found:
@@ -76,7 +79,7 @@ class Steep(NamedTuple):
     at: int  #: the coordinate that they move most
     moved: float  #: what they change its velocity by
     speed: float  #: the largest along the same way in the steps near it
-    held: bool  #: whether v does not follow
+    held: bool  #: whether constraints hold most of it, and v does not follow
 
 
 def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> Steep | None:
@@ -85,14 +88,19 @@ def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a
     if not np.isfinite(change).all():
         return None
     with uncounted(), suppress(BudgetSpent, NonFiniteValue):
-        free = engine.acceleration.left_free(float(t[i, 0]), q[i].copy(), v[i].copy(), change)
+        m, p, place = engine.structure.m, engine.structure.p, (float(t[i, 0]), q[i].copy(), v[i].copy())
+        free = engine.acceleration.left_free(*place, change, m)
         if free is None:
             return None
         along, mass, _ = free
         index, moved = int(np.abs(along).argmax()), float(np.abs(along).max())
-        seen = moved > TOLD * np.abs(change).max() and moved * length > UNSEEN * np.abs(q).max()
+        way, size = float(np.ptp(q, axis=0).max()), float(np.abs(q[:, index]).max())
+        seen = moved > TOLD * np.abs(change).max() and moved * length > max(UNSEEN * way, FEW * EPS * size)
         if not (seen and math.isfinite(moved)):
             return None
+        both = engine.acceleration.left_free(*place, change, m + p) if p else free
+        if both is not None and np.abs(both[0]).max() < HELD * moved and not _slips(h, q, v, index):
+            return None  # velocity constraints hold it
         weighted = mass @ along / moved  # squares of what is large are no numbers
         size = float(along @ weighted) / moved
         near = slice(max(i - BEFORE, 0), i + 2 + AFTER)
@@ -100,8 +108,22 @@ def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a
         turns = np.diff(speeds[max(i - near.start - 1, 0) :][:4], n=2)
         speed = float(np.abs(speeds).max())
         if moved > STEEP * speed:
-            return Steep(float(t[i + 1, 0]), index, moved, speed, float(np.abs(turns).max(initial=0.0)) < HELD * moved)
+            ignored = float(np.abs(turns).max(initial=0.0)) < HELD * moved
+            held = ignored and _is_held(engine, place, a[i] / np.abs(a[i]).max())
+            return Steep(float(t[i + 1, 0]), index, moved, speed, held)
     return None
+
+
+def _slips(h: Matrix, q: Matrix, v: Matrix, index: int) -> bool:
+    """Whether q[index] goes visibly where its velocity does not lead, in steps ``h`` (k, 1) to q, v (k, n)."""
+    led = 0.5 * h[1:, 0] * (v[1:, index] + v[:-1, index])
+    return float(np.abs(q[1:, index] - q[0, index] - np.cumsum(led)).max()) > SLIPS * float(np.ptp(q, axis=0).max())
+
+
+def _is_held(engine: Engine, place: tuple[float, Vector, Vector], a: Vector) -> bool:
+    """Whether constraints hold most of what forces accelerate by at ``place``, t, q and v, along ``a`` (n,)."""
+    free = engine.acceleration.left_free(*place, a, engine.structure.m)
+    return free is not None and float(free[0] @ (free[1] @ free[0])) < HELD * float(a @ (free[1] @ a))
 
 
 def moved_by_roundoff(engine: Engine, t: Matrix, h: Matrix, q: Matrix, v: Matrix) -> str:
@@ -194,11 +216,23 @@ def left_by_roundoff(engine: Engine, q: Matrix, rtol: float) -> str:
     None where q (k, n) rests: a share of v is nothing then.
     """
     share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
-    if not share > max(TOLD, rtol) or float(np.ptp(q, axis=0).max()) <= UNSEEN * float(np.abs(q).max()):
+    if not share > max(TOLD, rtol) or (np.ptp(q, axis=0) <= UNSEEN * np.abs(q).max(axis=0)).all():
         return ""
     return (
         f"Roundoff leaves up to {share:.2g} of q or v unknown in a step: reactions that cancel one another are large, "
         "rows of the constraints nearly depend on others, or steps are too short for positions to see them."
+    )
+
+
+def swept(engine: Engine) -> str:
+    """That a coordinate went, in a step, a way of which its velocities tell nothing, in words; or none."""
+    numbers = engine.loops.section(mem.ATTEMPT)
+    if not numbers[mem.SWEPT]:
+        return ""
+    name = f"q[{int(numbers[mem.SWEPT]) - 1}]"
+    return (
+        f"In the step to t = {numbers[mem.SWEPT_AT]:.10g} constraints move {name} a way of which v at both ends tells nothing: "
+        "steps do not resolve what moves it; compare with shorter ones or with error control."
     )
 
 

@@ -13,8 +13,8 @@ from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import spend
 
-LEAST_LEAP = 1e-4  # of a coordinate: starts may be off by less, and are put right in a step
-LEAST_OF_ALL = 1e-6  # of the largest
+LEAST_LEAP = 1e-8  # of a coordinate: less is roundoff
+LEAST_OF_ALL = 1e-10  # of the largest
 OF_FORCES = 1e-9  # of what forces make of q in a step: less is roundoff of what cancels
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -233,33 +233,37 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def leaps(z: Any) -> Any:
-    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
-    n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP_HELD)
-    o, tried, both = part(z, mem.CONSTANTS), part(z, mem.ATTEMPT), part(z, mem.ERROR)
-    vdot, vdot1 = part(z, mem.VDOT), end[4 * n + z.i[mem.M] + z.i[mem.P] :]
-    h, bent = tried[mem.H_TRIED], abs(o[mem.BETA] - 0.5 * o[mem.GAMMA])
+    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions.
+
+    What goes such a way, and arrives where constraints lead it, is told, the first of a run.
+    """
+    n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP)
+    o, tried, both, vdot = part(z, mem.CONSTANTS), part(z, mem.ATTEMPT), part(z, mem.ERROR), part(z, mem.VDOT)
+    h = tried[mem.H_TRIED]
     for i in range(n):
         off[i] = end[i] - q[i] - 0.5 * h * (v[i] + end[n + i])
-        both[n + i] = abs(h) * (o[mem.LEAP] * max(abs(v[i]), abs(end[n + i])) + bent * abs(h * (vdot1[i] - vdot[i])))
-    if not leapt(z):
+        both[n + i] = abs(h) * o[mem.LEAST_OFF] * (abs(end[n + i] - v[i]) + abs(h * vdot[i]))
+    if leaping(z) < 0:
         return False
-    put(both, 0, off)
-    call_python(z, mem.C_HELD, mem.LEAP_HELD, (address(z, mem.NUMBER), address(z, mem.ERROR)))
-    return leapt(z)
+    put(both, 0, off[:n])
+    given = address(z, mem.NUMBER), address(z, mem.ERROR), address(z, mem.END), address(z, mem.ATTEMPT)
+    call_python(z, mem.C_LEAP, mem.LEAP, given)
+    if off[n] > 0.0 and tried[mem.SWEPT] == 0.0:
+        tried[mem.SWEPT], tried[mem.SWEPT_AT] = off[n], tried[mem.T_END]
+    tried[mem.LEAPS] = 1.0 + leaping(z)
+    return tried[mem.LEAPS] > 0.0
 
 
 @compiled
-def leapt(z: Any) -> Any:
-    """Whether a coordinate of LEAP_HELD is as large as in (H58); which one goes into LEAPS."""
+def leaping(z: Any) -> Any:
+    """The first coordinate of LEAP that is as large as in (H58), or -1."""
     n, tried, typical = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL)
-    q, end, off, moved = part(z, mem.Q), part(z, mem.END), part(z, mem.LEAP_HELD), part(z, mem.ERROR)[n:]
+    q, end, off, moved = part(z, mem.Q), part(z, mem.END), part(z, mem.LEAP), part(z, mem.ERROR)[n:]
     least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(tried[mem.H_TRIED]) * typical[1])
     for i in range(n):
         if abs(off[i]) > max(moved[i], least) and abs(off[i]) > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
-            tried[mem.LEAPS] = 1.0 + i
-            return True
-    tried[mem.LEAPS] = 0.0
-    return False
+            return i
+    return -1
 
 
 @compiled

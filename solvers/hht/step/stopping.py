@@ -176,7 +176,10 @@ def is_coarse(z: Any, slot: Any, moved: Any) -> Any:
         return False  # at rest in the origin: q and v are what forces round to
     if is_unseen(z, slot):
         return False
-    share = max(moved, in_v / max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY))
+    size_v = max(number[mem.SIZE_V], h * largest(part(z, mem.VDOT)), TINY)
+    if h * size_v <= ORIGIN * EPS * number[mem.SIZE_Q]:  # it is no size: q does not see it in a step
+        size_v = number[mem.SIZE_Q] / h
+    share = max(moved, in_v / size_v)
     moves = moved > o[mem.COARSE] or in_v * h > o[mem.COARSE] * number[mem.SIZE_Q]  # else it may rest
     if not (moves and share > o[mem.COARSE]):
         tried[mem.LEFT] = max(tried[mem.LEFT], share)

@@ -1,0 +1,88 @@
+"""Whether a step has ended where constraints lead its start, or at another solution of theirs, (H58)."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from hhtbench.arguments import Vector
+from hhtbench.counting import uncounted
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from solvers._projection import Projection
+
+if TYPE_CHECKING:
+    from solvers.hht.run.engine import Engine
+
+FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve
+ALONG, TOWARDS = 6, 8  # places that constraints lead to with v from the start of a step, and from there towards its end
+PART = 0.25  # of the way left, from one of the latter to the next
+THERE = 0.5  # of the displacement, at most, that may be left of the way
+SEEN = 1e-4  # of a coordinate: starts may be off by less, and are put right in a step
+VISIBLE = 1e-3  # of the largest coordinate: less is not told
+
+
+def leaping(engine: Engine, state: Vector, both: Vector, q1: Vector, step: Vector) -> Vector:
+    """What leaps of the displacements of a step, else zero, (n,); then 1 + the coordinate that only sweeps, or 0.
+
+    Nothing where most of them is free, or the rank is lost, and no coordinate that its neighbours may push as far.
+
+    Parameters
+    ----------
+    state
+        Six numbers, of which t [s] is the first, then q and v (n,) at the start of the step.
+    both
+        q1 - q0 - h (v0 + v1)/2 (n,), and what velocities and forces change of it, (n,).
+    q1
+        (n,) at the end of the step.
+    step
+        Its signed length [s], the time of its end [s].
+    """
+    n, t1, (x, moved) = q1.size, float(step[1]), np.split(both, 2)
+    t, q, v, nothing = float(state[0]), state[6 : 6 + n], state[6 + n : 6 + 2 * n], np.zeros(n + 1)
+    free = engine.acceleration.left_free(t, q, v, x, engine.structure.m)
+    if free is None:
+        return nothing
+    along, mass, rows = free
+    held = x - along
+    if not held @ (mass @ held) > along @ (mass @ along):
+        return nothing
+    far = (np.abs(along) < FREE * np.abs(x)) & (np.abs(held) > _pushed(rows, moved))
+    if not far.any():
+        return nothing
+    if (np.abs(_missing(engine, t, q, v, t1, q1))[far] > THERE * np.abs(x)[far]).any():
+        nothing[:n][far] = held[far]
+    else:
+        far &= np.abs(x) > np.maximum(SEEN * np.maximum(np.abs(q), np.abs(q1)), VISIBLE * np.abs(q1).max())
+        nothing[n] = 1 + np.abs(np.where(far, x, 0.0)).argmax() if far.any() else 0.0
+    return nothing
+
+
+def _pushed(rows: Any, moved: Vector) -> Vector:
+    """By how much rows of constraints (m, n) let coordinates be moved, (n,), that are ``moved`` (n,) without them."""
+    rows = abs(csr_array(rows))
+    pushed, reach, rows = moved.copy(), rows @ moved, rows.tocoo()
+    entries = rows.data > 0.0
+    np.maximum.at(pushed, rows.col[entries], reach[rows.row[entries]] / rows.data[entries])
+    return pushed
+
+
+def _missing(engine: Engine, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:
+    """What is left of the way to q1 (n,) where constraints lead q with v from t to t1, and then towards q1, bit by bit.
+
+    Of that what they hold at its end: along what they leave free the way is not the motion's.
+    """
+    projection, place = Projection(engine.dynamics), q.copy()
+    ignoring = np.errstate(all="ignore")
+    with uncounted(), ignoring, suppress(BudgetSpent, NonFiniteValue, np.linalg.LinAlgError):
+        for k in range(1, ALONG + 1):
+            time = t + k / ALONG * (t1 - t)
+            place, v = projection.nearest(time, place + (t1 - t) / ALONG * v, v)
+        for _ in range(TOWARDS):
+            place = projection.position(t1, place + PART * (q1 - place), v)
+        free = engine.acceleration.left_free(t1, place, v, q1 - place, engine.structure.m)
+        if free is not None and np.isfinite(free[0]).all():
+            return q1 - place - free[0]
+    return np.full(q.size, np.inf)
