@@ -229,10 +229,10 @@ def swept(engine: Engine) -> str:
     numbers = engine.loops.section(mem.ATTEMPT)
     if not numbers[mem.SWEPT]:
         return ""
-    name = f"q[{int(numbers[mem.SWEPT]) - 1}]"
+    at, name = f"In the step to t = {numbers[mem.SWEPT_AT]:.10g}", f"q[{int(numbers[mem.SWEPT]) - 1}]"
     return (
-        f"In the step to t = {numbers[mem.SWEPT_AT]:.10g} constraints move {name} a way of which v at both ends tells nothing: "
-        "steps do not resolve what moves it; compare with shorter ones or with error control."
+        f"{at} constraints move {name} a way of which v at both ends tells nothing: steps do not resolve what moves it; "
+        "compare with shorter ones or with error control."
     )
 
 
