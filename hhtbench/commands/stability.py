@@ -40,8 +40,8 @@ def stability_command(
 ) -> None:
     """Measure solvers along every axis of the extremes: arrived rightly, ended early, out of budget, silently wrong.
 
-    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, W silently wrong, C crashed
-    or hung, - declined.
+    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, t wrong and told so by the
+    message, W silently wrong, C crashed or hung, - declined.
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():

@@ -225,6 +225,14 @@ def test_multipliers_find_back_as_the_closed_recurrence_of_the_method_says_and_o
     assert found.kind is Kind.wrong and found.errors["multipliers"] > 0.01
 
 
+def test_a_larger_error_is_told_only_where_the_message_names_its_cause():
+    (cell,) = [x for x in chosen_axes(["contact"])[0].cells() if x.line == "h = 0.001 s" and x.x == 1e10]
+    assert measure(cell, "hht").kind is Kind.told
+    assert measure(replace(cell, cause="of another kind"), "hht").kind is Kind.wrong
+    assert measure(replace(cell, cause=""), "hht").kind is Kind.wrong
+    assert not Kind.told.misleading
+
+
 def test_an_exception_is_a_crash():
     found = measure(small("stiffness")[0], Raising())
     assert found.kind is Kind.crashed and "ArithmeticError: lost" in found.message

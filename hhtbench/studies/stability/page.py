@@ -27,6 +27,7 @@ MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and 
     Kind.right: ("#009E73", "square"),
     Kind.named: ("#56B4E9", "diamond"),
     Kind.budget: ("#E69F00", "triangle-up"),
+    Kind.told: ("#CC79A7", "circle"),
     Kind.wrong: ("#B3261E", "x"),
     Kind.crashed: ("#000000", "star"),
 }

@@ -112,6 +112,7 @@ WORDS = {
     Kind.right: "right",
     Kind.named: "ended early and said so",
     Kind.budget: "out of budget",
+    Kind.told: "wrong and told so",
     Kind.wrong: "silently wrong",
     Kind.crashed: "crashed or hung",
 }

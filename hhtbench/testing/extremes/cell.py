@@ -34,6 +34,7 @@ class Kind(enum.Enum):
     right = ("right", "r", "arrived, the error as small as is expected")
     named = ("named", "n", "ended early and said so")
     budget = ("budget", "b", "out of its budget of time or steps")
+    told = ("told", "t", "arrived with a larger error, whose cause its message names")
     wrong = ("wrong", "W", "arrived with a larger error and did not say so")
     crashed = ("crashed", "C", "raised an exception, ended its process or ran on beyond its budget")
     declined = ("declined", "-", "cannot be asked this; it says why")
@@ -70,6 +71,7 @@ class Cell:
     families: tuple[str, ...] = ()  #: solvers that it is about; none: all
     seconds: float = SECONDS
     further: tuple[tuple[Callable[[], Problem], Mapping[str, Any]], ...] = ()  #: runs that it is compared with
+    cause: str = ""  #: words by which a message names what makes the error larger; none: no message does
     small: bool = False  #: one of the few that solvers from elsewhere are checked by
 
     def is_about(self, solver: Solver | str) -> bool:
@@ -172,7 +174,8 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
     errors = {name: float(known.error(problem, found, *further)) for name, known in cell.expected.items()}
     shares = [errors[name] / known.most for name, known in cell.expected.items()]
     share = max((x if math.isfinite(x) else math.inf for x in shares), default=math.inf)
-    return replace(ended, kind=Kind.right if share <= 1.0 else Kind.wrong, errors=errors, share=share)
+    larger = Kind.told if cell.cause and cell.cause in found.message else Kind.wrong
+    return replace(ended, kind=Kind.right if share <= 1.0 else larger, errors=errors, share=share)
 
 
 def _attempts(c: Counters) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -87,4 +88,5 @@ def contact(seed: int) -> Iterator[Cell]:
             ("h = 0.001 s", {"step": STEP}, 5e-2),
         ):
             asked = {**request, "t_eval": [SPAN]}
-            yield Cell(x=stiffness, line=line, make=make, request=asked, expected=motion(most), small=small)
+            given: dict[str, Any] = {"make": make, "request": asked, "expected": motion(most), "small": small}
+            yield Cell(x=stiffness, line=line, cause="steps do not resolve such forces", **given)
