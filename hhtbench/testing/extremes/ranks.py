@@ -36,8 +36,8 @@ def _leaning(rows: np.ndarray, x: float, small: bool, known: float) -> Iterator[
         expected = reacting_by(rows, most + known) | {
             "both levels": Expected(error=held(crossed_levels), most=level + known)
         }
-        given: dict[str, Any] = {"make": partial(leaning, rows, SPAN), "request": request, "expected": expected, "small": small}
-        yield Cell(x=x, line=line, cause="depend on the others and were left out", **given)
+        given: dict[str, Any] = {"make": partial(leaning, rows, SPAN), "request": request, "expected": expected}
+        yield Cell(x=x, line=line, small=small, cause="depend on the others and were left out", **given)
 
 
 @axis("rank", "angle between two rows of constraints [rad]")
