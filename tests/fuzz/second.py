@@ -22,6 +22,7 @@ from hhtbench.testing.subject import expect
 from tests.fuzz.mechanism import Unit
 from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, left, number, own_equations, rounding, sizes
 from tests.fuzz.runs import HOSTILE, Setting
+from tests.fuzz.systems import Spoil
 from tests.fuzz.twins import CLOSE
 
 EVERY = 10  # steps of a run that are integrated anew
@@ -31,6 +32,7 @@ SHAKEN = 1e-6, 1e-2  # relative changes of every number: the tolerance, but no l
 LITTLE = 0.3  # of the sizes: a larger bound does not say much
 KEPT = ("places", "anchor", "length")  # numbers that have to agree with one another
 UNRESOLVED = r"forces change by what moves v\[\d+\] by (\S+),"  # in messages: by how much
+UNTOLD = 1e-5  # a derivative that is wrong by less: differences hardly tell it
 UNMET = ("nan", "raise")  # spoils that a run which says success has not met
 OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
 
@@ -152,4 +154,10 @@ def errors(setting: Setting, s: Solution) -> float:
     found += ROUNDED * EPS / sigma**2 + left(s)  # of rows nearly alike
     found += max(x / size for x, size in zip(rounding(setting, s), sizes(setting, s), strict=True))
     found += number(UNRESOLVED, s) / setting.judge.sizes[1]  # in a step that does not see it
-    return found + (spoil.since if spoil is not None and spoil.kind in ("noise", "off") else 0.0)
+    return found + (0.0 if spoil is None or not is_felt(spoil) else spoil.since)
+
+
+def is_felt(spoil: Spoil) -> bool:
+    """Whether the motion errs by as much as it: noise, a start, and g_t + g_q v of a derivative that is wrong by little."""
+    told = "constraint" not in spoil.where or spoil.since > UNTOLD
+    return spoil.kind in ("noise", "off") or (spoil.kind == "wrong" and not told)

@@ -77,6 +77,26 @@ def test_a_leap_is_one_in_every_frame_and_whatever_else_there_is(frame, steps, o
     assert named or ("extrapolate_reaction" in options and "roundoff moves q or v" in solution.message)  # by the flat truss
 
 
+@pytest.mark.parametrize("h", [0.02, 0.05])
+@pytest.mark.parametrize("height", [0.01, 0.1])
+@pytest.mark.parametrize("turn", [1.0, 5.0, 10.0])
+def test_a_truss_on_a_bar_that_turns_stays_on_its_side(turn, height, h):
+    """By up to half a radian in a step, which moves it by more than the leap."""
+
+    def bar(t):
+        c, s = np.cos(turn * t), np.sin(turn * t)
+        return np.array([c, s]), np.array([-s, c])
+
+    def constraint(t, q):
+        along = bar(t)[0]
+        return np.array([(q - along) @ (q - along), (q + along) @ (q + along)]) - 1.0 - height**2
+
+    system = hb.NumpySystem(force=lambda t, q, v: 1e3 * np.sin(3.0 * t) * bar(t)[1], constraint=constraint)
+    solution = hb.HHT(system, alpha=-0.3).solve((0.0, 10.0), [0.0, height], [-turn * height, 0.0], step=h)
+    sides = [q @ bar(t)[1] for t, q in zip(solution.t, solution.q, strict=True)]
+    assert min(sides) > 0.9 * height
+
+
 def test_where_steps_resolve_the_load_it_does_not_leap():
     for steps, options in ((200, {"b": 1.0}), (1000, {})):
         system, q0, v0 = FRAMES["moving"]

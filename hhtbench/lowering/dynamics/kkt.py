@@ -137,10 +137,10 @@ class AccelerationLevel:
             converged = self._in_balance(t, q, v, x)
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
-    def left_free(self, t: float, q: Vector, v: Vector, x: Vector, rows: int) -> tuple[Vector, Any, Any] | None:
-        """What constraints at (t, q, v) leave of accelerations x (n,) by applied forces, (n,), M (n, n), and C (rows, n).
+    def left_free(self, t: float, q: Vector, v: Vector, x: Vector, rows: int) -> tuple[Vector, Any] | None:
+        """What constraints at (t, q, v) leave of accelerations x (n,) by applied forces, (n,), and its metric, M (n, n).
 
-        M is the metric of that, C the first ``rows`` of [g_q; k_v].  None where the matrix is singular.
+        Of constraints the first ``rows`` of [g_q; k_v].  None where the matrix is singular.
         """
         n, m, p = x.size, self.structure.m, self.structure.p
         _, matrix = self.terms(t, q, v, np.zeros(n + m + p))
@@ -150,7 +150,7 @@ class AccelerationLevel:
             found = _solve_scaled(matrix[:size, :size], right, n)
         else:
             found, _ = solve_scaled_sparse(matrix[:size, :size], right)
-        return None if found is None else (found[:n], mass, matrix[n:size, :n])
+        return None if found is None else (found[:n], mass)
 
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
         """Whether roundoff is left of the equations at ``x``.

@@ -52,8 +52,7 @@ def levels_at(z: Any, t: Any) -> None:
 def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     """The errors over WEIGHTS, filtered by the matrix in ``slot``: their root mean square.
 
-    And where ``inside`` how far dense output is off the constraints inside the step, with what forces answer through q,
-    over the tolerances, (H28); else 0.
+    And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
     n, raw, made, o = z.i[mem.N], z.i[2 * mem.RAW], part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
     error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
@@ -78,10 +77,9 @@ def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
     size = weighted_rms(error, weights)
     if not inside:
         return size, 0.0
-    begin(z, z.i[2 * mem.ANSWER] + n, 1.0)
-    if z.i[mem.M] + z.i[mem.P] > 0:
-        levels_inside(z, h)
-        put_levels(z, slot, 1.0, True)
+    begin(z, raw, math.inf)
+    levels_inside(z, h)
+    put_levels(z, slot, 1.0, True)
     respond(z, slot)
     return size, weighted_rms(change, weights)
 
@@ -106,8 +104,8 @@ def roundoff(z: Any, h: Any) -> Any:
 
 
 @compiled
-def missed(z: Any, h: Any, t1: Any) -> Any:
-    """Put what the position row is off by where a is right, (H59), into MISSED; its sizes in q, (H26), and over h in v."""
+def missed(z: Any, h: Any) -> Any:
+    """Put what the position row is off by where a is right, (H59), into MISSED; its size in q, (H26), and over h in v."""
     n, control, o, weights = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.CONSTANTS), part(z, mem.WEIGHTS)
     steps, off = (control[mem.LAST_BUT_ONE], control[mem.LAST], h), part(z, mem.MISSED)
     first, before, q, end = part(z, mem.Q_FIRST), part(z, mem.Q_BEFORE), part(z, mem.Q), part(z, mem.END)
@@ -117,38 +115,53 @@ def missed(z: Any, h: Any, t1: Any) -> Any:
 
 
 @compiled
-def measured(z: Any, slot: Any, t1: Any, h: Any, relative: Any, inside: Any) -> Any:
-    """The size of the filtered error, (H26), and the second that :func:`filtered` gives."""
-    lagged = int(part(z, mem.NUMBER)[mem.FACTOR])
-    size, off = filtered(z, slot, t1, h, inside)
-    if lagged >= 0 and lagged != slot:  # the matrix before it: stiffness met in this very step is no filter
-        found, _ = filtered(z, lagged, t1, h, False)
-        size = max(size, found)
-    return size / relative, off
+def answered(z: Any, slot: Any, t1: Any, counts: Any) -> Any:
+    """The size of the error with what the step leaves of MISSED in q, and that of what it makes of v, (H59)."""
+    n, off, error, change = z.i[mem.N], part(z, mem.MISSED), part(z, mem.ERROR), part(z, mem.CHANGE)
+    place, end, weights, answer = part(z, mem.PLACE), part(z, mem.END), part(z, mem.WEIGHTS), part(z, mem.ANSWER)
+    if z.i[mem.C_ANSWER]:
+        call(z, mem.C_ANSWER, mem.ANSWER, (address(z, mem.MISSED), address(z, mem.STEP), address(z, mem.END)))
+        counts[mem.RESIDUALS] += 1
+    else:
+        for i in range(n):
+            answer[i] = 0.0
+    begin(z, z.i[2 * mem.ANSWER], 1.0)
+    if z.i[mem.M] + z.i[mem.P] > 0:
+        for i in range(n):
+            place[1 + i], place[1 + n + i] = end[i] + off[i], end[n + i]
+        levels_at(z, t1)
+        put_levels(z, slot, 1.0, True)
+    respond(z, slot)
+    for i in range(n):
+        error[i] = off[i] - change[i]
+        change[i] = 0.0
+    return weighted_rms(error, weights), weighted_rms(change, weights)
 
 
 @compiled
 def estimate(z: Any, counts: Any) -> Any:
     """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
-    n, end, tried, answer = z.i[mem.N], part(z, mem.END), part(z, mem.ATTEMPT), part(z, mem.ANSWER)
+    n, end, number, tried = z.i[mem.N], part(z, mem.END), part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     given = address(z, mem.X), address(z, mem.STEP), address(z, mem.CONTROL), address(z, mem.END)
     call(z, mem.C_RAW, mem.RAW, given)
     if slot < 0:  # (H21): nothing moved
         return 0.0
     relative, size_q = weigh(z, end[:n], end[n : 2 * n])
-    weights, raw, least = part(z, mem.WEIGHTS), part(z, mem.RAW), math.inf
+    weights, least = part(z, mem.WEIGHTS), math.inf
     for i in range(n):
-        answer[i] = answer[n + i] = 0.0
         least = min(least, weights[n + i])
     seen = EPS * size_q <= ROUNDOFF * abs(h) * least  # else v inside the step is roundoff over h
-    size, off = measured(z, slot, t1, h, relative, seen and z.i[mem.M] + z.i[mem.P] > 0)
-    if z.i[mem.ANSWERS]:
-        in_q, in_v = missed(z, h, t1)
+    lagged = int(number[mem.FACTOR])
+    found = 0.0
+    if lagged >= 0 and lagged != slot:  # the matrix before it: stiffness met in this very step is no filter
+        found, _ = filtered(z, lagged, t1, h, False)
+    again, off = filtered(z, slot, t1, h, seen and z.i[mem.M] + z.i[mem.P] > 0)
+    size = (found if found > again else again) / relative
+    if z.i[mem.STIFF_FORCES] and math.isfinite(size):
+        in_q, in_v = missed(z, h)
         if in_q > FILTERED * size * relative and max(in_q / relative, in_v) > SLIGHT:
-            call(z, mem.C_ANSWERS, mem.ANSWER, (address(z, mem.MISSED), given[1], given[3]))
-            counts[mem.RESIDUALS] += z.i[mem.ANSWERS]
-            for i in range(n):
-                raw[i] += answer[i]
-            size, off = measured(z, slot, t1, h, relative, seen)
+            left, in_v = answered(z, slot, t1, counts)
+            size = left / relative if left > FILTERED * size * relative else size
+            off = max(off, in_v) if seen else off
     return max(size, off) if math.isfinite(size) else math.inf

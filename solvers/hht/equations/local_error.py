@@ -47,22 +47,16 @@ def _ended(layout: Layout, end: Any) -> dict[str, Any]:
     return named(names | ({"inverse_mass": s.n * s.n} if s.mass == "variable" else {}), end)
 
 
-def answers(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given: Any, end: Any) -> Any:
-    """What forces answer to an ``error`` of q1 (n,), (H59): through v, as it adds to (H23), and through q, (2n,).
+def answer(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given: Any, end: Any) -> Any:
+    """What an ``error`` of q1 (n,) makes of the force rows, (H59), (n,).
 
     ``given`` and ``end`` as :func:`raw_errors` takes them.
     """
-    s, c, xp = dynamics.structure, method.coefficients, dynamics.xp
-    before, after = start_of(layout, given, xp), _ended(layout, end)
-    t1, q1, v1, by_v, by_q = before["t1"], after["q1"], after["v1"], xp.zeros(s.n), xp.zeros(s.n)
+    before, after = start_of(layout, given, dynamics.xp), _ended(layout, end)
     applied = {"applied": before["lam_ahead"]} if layout.extrapolated else {}
-    if s.force_uses_v:
-        moved = applied_force(dynamics, applied, t1, q1, v1 + c.gamma / (c.beta * before["h"]) * error)
-        by_v = -c.beta * (1 + c.alpha) * (_over_mass(dynamics, layout, after, t1, moved) - after["f1"])
-    if s.force_uses_q or applied:
-        moved = applied_force(dynamics, applied, t1, q1 + error, v1)
-        by_q = (1 + c.alpha) * (_over_mass(dynamics, layout, after, t1, moved) - after["f1"])
-    return xp.concatenate([by_v, by_q])
+    moved = applied_force(dynamics, applied, before["t1"], after["q1"] + error, after["v1"])
+    change = _over_mass(dynamics, layout, after, before["t1"], moved) - after["f1"]
+    return -(1 + method.coefficients.alpha) * change
 
 
 def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:

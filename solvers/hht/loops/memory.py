@@ -152,8 +152,8 @@ ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS, ELAPSED, SWEPT, SWEPT_AT = range(8,
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
-MISSED = floats(lambda s: s.n)  # what the position row is off by, (H59), and what forces answer to it through v and q
-ANSWER = floats(lambda s: 2 * s.n)
+MISSED = floats(lambda s: s.n)  # what the position row is off by, (H59), and what that makes of the force rows
+ANSWER = floats(lambda s: s.n)
 PLACE = floats(lambda s: 1 + 2 * s.n)
 LEVELS = floats(lambda s: 2 * s.m + s.p)
 ERROR = floats(lambda s: 2 * s.n)
@@ -222,15 +222,15 @@ FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 10, FIRST + 17)
 EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 17, FIRST + 25)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, ANSWERS = range(FIRST + 25, FIRST + 33)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, STIFF_FORCES = range(FIRST + 25, FIRST + 33)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
-    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "leap", "answers",
+    "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "leap", "answer",
 )  # fmt: skip
 CODE = FIRST + 33
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
-C_INERTIA, C_LEAP, C_ANSWERS = range(CODE + 32, CODE + 38, 2)
+C_INERTIA, C_LEAP, C_ANSWER = range(CODE + 32, CODE + 38, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

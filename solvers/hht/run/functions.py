@@ -32,7 +32,7 @@ from solvers.hht.equations.corrections import (
     state_size,
 )
 from solvers.hht.equations.known import Layout
-from solvers.hht.equations.local_error import CONTROL, REMEMBERED, answers, levels, raw_errors, scaled_inertia
+from solvers.hht.equations.local_error import CONTROL, REMEMBERED, answer, levels, raw_errors, scaled_inertia
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.hht.loops import memory as mem
@@ -71,10 +71,9 @@ class Functions:
         self._blank: Memory | None = None  #: without events, to be copied
 
     @property
-    def _answers(self) -> int:
-        """Evaluations of F for (H59)."""
-        s = self.layout.structure
-        return int(s.force_uses_v) + int(s.force_uses_q or self.layout.extrapolated)
+    def _moved_force(self) -> bool:
+        """Whether applied forces depend on q, (H59)."""
+        return self.layout.structure.force_uses_q or self.layout.extrapolated
 
     @property
     def callbacks(self) -> Callbacks | None:
@@ -96,8 +95,8 @@ class Functions:
                 s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
                 raw = (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
                 codes = {"raw": self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)}
-                if self._answers:
-                    codes["answers"] = self.made(answers, 2 * s.n, ((s.n,), self.given, (end,)), self.method, self.layout)
+                if self._moved_force:
+                    codes["answer"] = self.made(answer, s.n, ((s.n,), self.given, (end,)), self.method, self.layout)
                 if s.constrained:
                     codes["levels"] = self.made(levels, 2 * s.m + s.p, ((), (s.n,), (s.n,)))
                 if s.mass == "sparse":
@@ -124,7 +123,7 @@ class Functions:
         z.i[mem.CALLS_PYTHON] = self.in_python or self.callbacks is not None
         z.i[mem.NOISY] = self.newton.matrix_cost > 0.0
         z.i[mem.LINEAR] = self.layout.structure.linear_reaction
-        z.i[mem.ANSWERS] = self._answers
+        z.i[mem.STIFF_FORCES] = self._moved_force or self.layout.structure.force_uses_v
         return z
 
 

@@ -29,7 +29,7 @@ def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
     shapes = (6 + 5 * n + m + p,), (2,)
     shortest = callbacks.entry(partial(shortest_step, engine), 1 + 5 * n + m + p + inverse, shapes)
     force = callbacks.entry(engine.bare_force, n + inverse, ((), (n,), (n,)))
-    leap = callbacks.entry(partial(leaping, engine), n + 1, ((6 + 2 * n,), (2 * n,), (n,), (2,)))
+    leap = callbacks.entry(partial(leaping, engine), n + 1, ((6 + 2 * n,), (n,), (n,), (2,)))
     return {"acceleration": (level, 0), "shortest": (shortest, 0), "force": (force, 0), "leap": (leap, 0)}
 
 

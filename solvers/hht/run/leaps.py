@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import uncounted
@@ -24,49 +23,40 @@ SEEN = 1e-4  # of a coordinate: starts may be off by less, and are put right in 
 VISIBLE = 1e-3  # of the largest coordinate: less is not told
 
 
-def leaping(engine: Engine, state: Vector, both: Vector, q1: Vector, step: Vector) -> Vector:
+def leaping(engine: Engine, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
     """What leaps of the displacements of a step, else zero, (n,); then 1 + the coordinate that only sweeps, or 0.
 
-    Nothing where most of them is free, or the rank is lost, and no coordinate that its neighbours may push as far.
+    Nothing where most of them is free, or the rank is lost.
 
     Parameters
     ----------
     state
         Six numbers, of which t [s] is the first, then q and v (n,) at the start of the step.
-    both
-        q1 - q0 - h (v0 + v1)/2 (n,), and what velocities and forces change of it, (n,).
+    x
+        q1 - q0 - h (v0 + v1)/2, (n,).
     q1
         (n,) at the end of the step.
     step
         Its signed length [s], the time of its end [s].
     """
-    n, t1, (x, moved) = q1.size, float(step[1]), np.split(both, 2)
-    t, q, v, nothing = float(state[0]), state[6 : 6 + n], state[6 + n : 6 + 2 * n], np.zeros(n + 1)
+    n, t1, t = q1.size, float(step[1]), float(state[0])
+    q, v, nothing = state[6 : 6 + n], state[6 + n : 6 + 2 * n], np.zeros(n + 1)
     free = engine.acceleration.left_free(t, q, v, x, engine.structure.m)
     if free is None:
         return nothing
-    along, mass, rows = free
+    along, mass = free
     held = x - along
     if not held @ (mass @ held) > along @ (mass @ along):
         return nothing
-    far = (np.abs(along) < FREE * np.abs(x)) & (np.abs(held) > _pushed(rows, moved))
+    far = np.abs(along) < FREE * np.abs(x)
     if not far.any():
         return nothing
-    if (np.abs(_missing(engine, t, q, v, t1, q1))[far] > THERE * np.abs(x)[far]).any():
-        nothing[:n][far] = held[far]
-    else:
+    leaps = far & (np.abs(_missing(engine, t, q, v, t1, q1)) > THERE * np.abs(x))
+    nothing[:n] = np.where(leaps, held, 0.0)
+    if not leaps.any():
         far &= np.abs(x) > np.maximum(SEEN * np.maximum(np.abs(q), np.abs(q1)), VISIBLE * np.abs(q1).max())
         nothing[n] = 1 + np.abs(np.where(far, x, 0.0)).argmax() if far.any() else 0.0
     return nothing
-
-
-def _pushed(rows: Any, moved: Vector) -> Vector:
-    """By how much rows of constraints (m, n) let coordinates be moved, (n,), that are ``moved`` (n,) without them."""
-    rows = abs(csr_array(rows))
-    pushed, reach, rows = moved.copy(), rows @ moved, rows.tocoo()
-    entries = rows.data > 0.0
-    np.maximum.at(pushed, rows.col[entries], reach[rows.row[entries]] / rows.data[entries])
-    return pushed
 
 
 def _missing(engine: Engine, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:

@@ -92,7 +92,7 @@ def _steep(engine: Engine, i: int, t: Matrix, h: Matrix, q: Matrix, v: Matrix, a
         free = engine.acceleration.left_free(*place, change, m)
         if free is None:
             return None
-        along, mass, _ = free
+        along, mass = free
         index, moved = int(np.abs(along).argmax()), float(np.abs(along).max())
         way, size = float(np.ptp(q, axis=0).max()), float(np.abs(q[:, index]).max())
         seen = moved > TOLD * np.abs(change).max() and moved * length > max(UNSEEN * way, FEW * EPS * size)

@@ -238,14 +238,12 @@ def leaps(z: Any) -> Any:
     What goes such a way, and arrives where constraints lead it, is told, the first of a run.
     """
     n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP)
-    o, tried, both, vdot = part(z, mem.CONSTANTS), part(z, mem.ATTEMPT), part(z, mem.ERROR), part(z, mem.VDOT)
-    h = tried[mem.H_TRIED]
+    tried = part(z, mem.ATTEMPT)
     for i in range(n):
-        off[i] = end[i] - q[i] - 0.5 * h * (v[i] + end[n + i])
-        both[n + i] = abs(h) * o[mem.LEAST_OFF] * (abs(end[n + i] - v[i]) + abs(h * vdot[i]))
+        off[i] = end[i] - q[i] - 0.5 * tried[mem.H_TRIED] * (v[i] + end[n + i])
     if leaping(z) < 0:
         return False
-    put(both, 0, off[:n])
+    put(part(z, mem.ERROR), 0, off[:n])
     given = address(z, mem.NUMBER), address(z, mem.ERROR), address(z, mem.END), address(z, mem.ATTEMPT)
     call_python(z, mem.C_LEAP, mem.LEAP, given)
     if off[n] > 0.0 and tried[mem.SWEPT] == 0.0:
@@ -257,11 +255,17 @@ def leaps(z: Any) -> Any:
 @compiled
 def leaping(z: Any) -> Any:
     """The first coordinate of LEAP that is as large as in (H58), or -1."""
-    n, tried, typical = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL)
-    q, end, off, moved = part(z, mem.Q), part(z, mem.END), part(z, mem.LEAP), part(z, mem.ERROR)[n:]
-    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(tried[mem.H_TRIED]) * typical[1])
+    n, tried, typical, q, v = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL), part(z, mem.Q), part(z, mem.V)
+    end, off, vdot, h = part(z, mem.END), part(z, mem.LEAP), part(z, mem.VDOT), tried[mem.H_TRIED]
+    most, share = 0.0, 0.0
     for i in range(n):
-        if abs(off[i]) > max(moved[i], least) and abs(off[i]) > LEAST_LEAP * max(abs(q[i]), abs(end[i])):
+        bent = abs(h * (end[n + i] - v[i] - h * vdot[i]))
+        most, share = max(most, bent), max(share, bent / max(abs(q[i]), abs(end[i]), TINY))
+    factor = part(z, mem.CONSTANTS)[mem.LEAST_OFF]
+    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(h) * typical[1])
+    for i in range(n):
+        bent, size = abs(h * (end[n + i] - v[i] - h * vdot[i])), max(abs(q[i]), abs(end[i]))
+        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), least, LEAST_LEAP * size):
             return i
     return -1
 
