@@ -20,7 +20,7 @@ from hhtbench.studies.stability.tables import allowed, markdown
 from hhtbench.studies.stability.workers import Batch, Measured, Worker
 from hhtbench.testing import Kind as CheckKind
 from hhtbench.testing import check_solver
-from hhtbench.testing.extremes import linkages, modes, recurrence, scenes
+from hhtbench.testing.extremes import linkages, modes, recurrence, scenes, servos
 from hhtbench.testing.extremes.cell import Kind, Outcome, measure
 from hhtbench.testing.extremes.quaternions import turning
 from hhtbench.testing.extremes.table import AXES, chosen_axes
@@ -72,6 +72,7 @@ CLOSED = {
     "stiff": lambda: scenes.stiff(100.0, 2.0),
     "damped": lambda: scenes.damped(50.0, 2.0),
     "led": lambda: scenes.led(100.0, 10.0, 2.0),
+    "hung": lambda: servos.hung(100.0, 10.0, 2.0),
     "spinning": lambda: scenes.spinning(20.0, 2.0),
     "pushed": lambda: scenes.pushed(3.0, 0.7, 2.0),
     "bouncing": lambda: scenes.bouncing(100.0, 2.0),

@@ -14,8 +14,9 @@ from hhtbench.protocol import Problem
 from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import HALF, REACTION, along, at_the_end, exact, held, reacting
+from hhtbench.testing.extremes.known import HALF, REACTION, along, at_the_end, exact, held, motion, reacting
 from hhtbench.testing.extremes.scenes import FAST, FIRST, SLOW, crossed_levels, damped, led, spinning, stiff
+from hhtbench.testing.extremes.servos import hung
 from hhtbench.testing.subject import ACCURACY
 
 SPAN = 5.0  # [s], most of a period of the slow motion
@@ -82,7 +83,7 @@ def dampers(seed: int) -> Iterator[Cell]:
 
 @axis("servo", "stiffness of the servo [1/s^2]")
 def servo(seed: int) -> Iterator[Cell]:
-    """A spring, with and without a damper as stiff, that leads the motion along sin t: closed solution."""
+    """A spring, with and without a damper as stiff, that leads the motion along sin t, or by what is driven so: closed."""
     for power in (2, 5, 8, 11, 14):
         for name, damping in (("spring", 0.0), ("spring and damper", 1.0)):
             for line, request, most in _ways():
@@ -90,6 +91,9 @@ def servo(seed: int) -> Iterator[Cell]:
                 small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
                 given: dict[str, Any] = {"make": make, "request": request, "expected": reacting(most), "small": small}
                 yield Cell(x=10.0**power, line=f"{name}, {line}", **given)
+                hanging = partial(hung, 10.0**power, damping * 10.0**power, SPAN)
+                given |= {"make": hanging, "expected": motion(most), "small": False}
+                yield Cell(x=10.0**power, line=f"{name} on a drive, {line}", **given)
 
 
 @axis("spin", "gyroscopic coupling [1/s]")
