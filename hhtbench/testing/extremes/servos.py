@@ -1,4 +1,4 @@
-"""What hangs by a stiff spring on something that a constraint drives; circles as in :mod:`~hhtbench.testing.extremes.scenes`."""
+"""What hangs by a stiff spring on something that a constraint drives; circles as in :mod:`.scenes`."""
 
 from __future__ import annotations
 
