@@ -158,7 +158,7 @@ class Judge:
         """The largest of accelerations by forces and multipliers lam (m + p,), before reactions cancel one another."""
         held = np.abs(formulas.force(np, self.shape, self.p, t, q, v)) + np.abs(self.rows(t, q).T) @ np.abs(lam)
         masses = formulas.masses(np, self.shape, self.p, q)
-        return float((held / np.where(masses > 0.0, masses, np.inf)).max())  # what has none is pushed by nothing
+        return float((held / np.where(masses > 0.0, masses, 1.0)).max())  # what has none moves with rows of size one, (H19)
 
     def carried(self, t, q, v, times):
         """q and v (2n,) at ``times`` of the motion through (t, q, v), to ten digits; None where friction does not settle.

@@ -10,6 +10,7 @@ from hhtbench import ProblemError, Solution, Status
 from hhtbench.lowering import CONSISTENT
 from hhtbench.testing.subject import expect
 from solvers.hht.step.newton import NewtonOptions
+from tests.fuzz import formulas
 from tests.fuzz.judge import CLEAR
 from tests.fuzz.runs import Found, Setting
 from tests.fuzz.systems import Planted
@@ -246,7 +247,10 @@ def multipliers(setting: Setting, s: Solution) -> None:
         if judge.sigma(t, s.q[i]) > CLEAR:
             vdot, _, lam, settled = judge.acceleration(t, s.q[i], s.v[i])
             rows, own = judge.rows(t, s.q[i]), np.concatenate([s.lam[i], s.mu[i]])
-            size = judge.p.mass.max() * np.abs(vdot).max() + (np.abs(rows.T) @ np.abs(lam)).max()
+            if BESIDE in s.message and "steps do not resolve" in s.message and np.isnan(own).any():
+                continue  # no step's multipliers are near those of a motion that is none
+            mass = formulas.masses(np, judge.shape, judge.p, s.q[i]).max()
+            size = mass * np.abs(vdot).max() + (np.abs(rows.T) @ np.abs(lam)).max()
             off = float(np.abs(rows.T @ (own - lam)).max()) / (size + 1e-300)
             expect(not settled or off <= CLOSE, f"the reaction at t = {t:.6g} is off by {off:.1e} of its size")
 

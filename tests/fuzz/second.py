@@ -109,6 +109,8 @@ def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], sh
     if "min_step" in options:
         options["min_step"] *= time
     ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
+    if case.spoil is None or case.spoil.kind != "off":
+        options.pop("calc_initcond", None)  # it measures v by times in which nothing moves
     interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
     kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
     believed = not (kept and case.spoil.kind == "wrong" and "constraint" in case.spoil.where)  # g_t may be too small to tell
@@ -149,7 +151,8 @@ def errors(setting: Setting, s: Solution) -> float:
     way, spoil = setting.case.way, setting.case.spoil
     found = CLOSE if way.steps else TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
     crossed = float(np.abs(s.v).max()) / (setting.judge.sizes[0] or 1.0)  # it may have become fast
-    found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed)  # of times
+    changes = np.count_nonzero(np.diff(s.t) == 0.0)
+    found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed) * (1 + changes)  # of times, of events too
     sigma = setting.judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
     found += ROUNDED * EPS / sigma**2 + left(s)  # of rows nearly alike
     found += max(x / size for x, size in zip(rounding(setting, s), sizes(setting, s), strict=True))
