@@ -13,8 +13,9 @@ from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import spend
 
-LEAST_LEAP = 1e-8  # of a coordinate: less is roundoff
-LEAST_OF_ALL = 1e-10  # of the largest
+LEAST_LEAP = 1e-6  # of a coordinate: less is no other solution
+LEAST_OF_ALL = 1e-8  # of the largest
+OF_THE_WAY = 1e-3  # of a coordinate in the step
 OF_FORCES = 1e-9  # of what forces make of q in a step: less is roundoff of what cancels
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -265,7 +266,8 @@ def leaping(z: Any) -> Any:
     least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(h) * typical[1])
     for i in range(n):
         bent, size = abs(h * (end[n + i] - v[i] - h * vdot[i])), max(abs(q[i]), abs(end[i]))
-        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), least, LEAST_LEAP * size):
+        small = max(least, LEAST_LEAP * size, OF_THE_WAY * abs(end[i] - q[i]))
+        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), small):
             return i
     return -1
 

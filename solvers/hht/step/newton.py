@@ -38,7 +38,7 @@ class NewtonOptions:
     margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
     stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it that is measured, (H30)
     coarse: float = 1e-3  #: larger increments of constrained motion are left to no roundoff: the step fails for it
-    leap: float = 1.0  #: times what the change of accelerations makes of coordinates in a step: more is looked at, (H58)
+    leap: float = 1.25  #: times what the change of accelerations makes of coordinates in a step: more is looked at, (H58)
     stalled: float = 0.5  #: contraction of a matrix at the very iterate from which it counts as none
     blinded: float = 1e-8  #: increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
     second: float = 0.5  #: what of an increment is left two later at most, (H29)
