@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.protocol import System, parameter
+from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import pace, solve
@@ -229,3 +229,13 @@ def test_a_slow_run_is_looked_at_by_the_clock(monkeypatch):
     assert solution.status is Status.step_too_small
     assert "will not arrive" in solution.message
     assert solution.counters.steps_accepted < 500
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize("w", [1e8, 1e9, 1e12, 1e15])
+def test_a_vibration_far_faster_than_the_interval_is_followed_from_its_start(w, rtol):
+    """Errors of steps far too long, which stay while they shrink, were taken for roundoff, and that for a time's spacing."""
+    spring = NumpySystem(force=lambda t, q, v: -w * w * q)
+    solution = HHT(spring, alpha=-0.05).solve((0.0, 1.0), [1.0], [0.0], rtol=rtol, atol=rtol, max_num_steps=50)
+    assert solution.status is Status.max_steps, solution.message
+    assert abs(solution.q[-1, 0] - np.cos(w * solution.t[-1])) < rtol

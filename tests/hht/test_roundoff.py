@@ -110,6 +110,34 @@ def test_what_roundoff_leaves_is_told_where_it_is_more_than_a_tolerance():
     assert "Roundoff" not in plain.solve((0.0, 1.0), *DoublePendulum.straight(0.5), step=0.01).message
 
 
+class Beside(DoublePendulum):
+    """The same beside a coordinate that a constraint holds far away."""
+
+    place: float = 0.0
+
+    def mass_matrix(self, t, q):
+        links = super().mass_matrix(t, q[:4])
+        return jnp.block([[links, jnp.zeros((4, 1))], [jnp.zeros((1, 4)), jnp.ones((1, 1))]])
+
+    def force(self, t, q, v):
+        return jnp.append(super().force(t, q[:4], v[:4]), 0.0)
+
+    def constraint(self, t, q):
+        return jnp.append(super().constraint(t, q[:4]), q[4] - self.place)
+
+
+@pytest.mark.parametrize("place", [1.0, 1e9])
+def test_so_it_is_beside_what_rests_far_away(place):
+    """That rests, and by its size the pendulum does."""
+    q, v = DoublePendulum.straight(0.5)
+    system = Beside(ratio=1e10, place=place)
+    solution = hb.HHT(system, extrapolate_reaction=True, alpha=-0.2).solve(
+        (0.0, 0.2), np.append(q, place), np.append(v, 0.0), step=0.01
+    )
+    assert solution.success and np.ptp(solution.q[:, :4], axis=0).max() > 0.05
+    assert "Roundoff leaves up to" in solution.message
+
+
 class Line(hb.System):
     """A light bead and a heavy one on rods in line; friction on the light one by the sizes of both tensions."""
 

@@ -130,3 +130,13 @@ def test_a_strained_ring_is_told_beside_a_coordinate_of_any_size(h, place):
     )
     solution = hb.HHT(ring).solve((0.0, 0.5), [1.0, 0.0, place], [0.0, 1e-3, 0.0], step=h)
     assert abs(solution.q[-1, 1] - 5e-4) > 4e-4 and UNRESOLVED in solution.message
+
+
+@pytest.mark.parametrize("wheel", [0.0, 1e3])
+def test_error_control_that_does_not_resolve_a_strained_ring_is_told_beside_a_fast_wheel(wheel):
+    """By coordinate: nothing changes beside the speed of the wheel."""
+    ring = hb.NumpySystem(
+        force=lambda t, q, v: 1e4 * np.array([q[0], q[1], 0.0]), constraint=lambda t, q: np.array([q[:2] @ q[:2] - 1.0])
+    )
+    solution = hb.HHT(ring).solve((0.0, 1.0), [1.0, 0.0, 0.0], [0.0, 1.0, wheel], rtol=1e-2)
+    assert abs(solution.q[-1, 0] - np.cos(1.0)) > 0.1 and UNRESOLVED in solution.message

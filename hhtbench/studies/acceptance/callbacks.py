@@ -122,6 +122,9 @@ def short_window(asked: Asked) -> Finding:
     for way, request in asked.ways().items():
         found = asked.solve(problem(spoiled("force", np.nan, lambda t, n: 1 <= t <= 1.001), Q0, V0, (0.0, 1.2)), **request)
         faults[way] = ends(found, STOPS, hb.Status.success)
+        landed = "step" in request or bool(np.any((found.t >= 1.0) & (found.t <= 1.001)))
+        if found.success and landed:
+            faults[way] = "a step landed in it, and nothing is said"
     return every(faults)
 
 

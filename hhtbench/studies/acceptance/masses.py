@@ -121,7 +121,7 @@ def singular_matrix(asked: Asked) -> Finding:
     return every(faults)
 
 
-@row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z right, or redundant_constraints naming the rows")
+@row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z, lam of least norm right, or redundant_constraints")
 def duplicated(asked: Asked) -> Finding:
     """Against the single row."""
     faults, worst = {}, 0.0
@@ -136,8 +136,10 @@ def duplicated(asked: Asked) -> Finding:
             found = asked.solve(problem(twice, Q0, V0, (0.0, 0.3)), **request)
             fault = ends(found, STATUS.success, STATUS.redundant_constraints)
             if found.success:
-                worst = max(worst, apart(found, right))
+                least, own = right.lam[-1, 0] * rows / (rows @ rows), found.lam[-1]
+                worst, apart_lam = max(worst, apart(found, right)), float(np.abs(own / least - 1.0).max())
                 fault = "" if apart(found, right) <= 1e-5 else f"off by {apart(found, right):.1e}"
+                fault = fault or ("" if apart_lam <= 1e-4 else f"multipliers {own}, those of least norm {least}")
             faults[f"x {factor:g} {way}"] = fault
     return every(faults, f"off by at most {worst:.1e}")
 

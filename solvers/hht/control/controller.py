@@ -74,7 +74,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     """
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
     proposed = min(control[mem.H_NEXT], o.max_step)
-    length, rejected, failed = max(proposed, o.min_step), 0, mem.NO_ADVANCE
+    length, rejected, failed, last = max(proposed, o.min_step), 0, mem.NO_ADVANCE, 0.0
     least = max(o.min_step, o.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, stop - t)))
     tried[mem.FIRST_H] = 0.0
@@ -104,9 +104,9 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
                 tried[mem.NEXT_H] = max(h_next, asked) if length < asked else h_next
                 return mem.CONVERGED
             counts[mem.REJECTED] += 1
-            if hopeless(z, o, h, size):
+            if hopeless(z, o, h, size, last):
                 return mem.ROUNDOFF_REACHED
-            failed, factor = mem.TOO_LARGE, o.shrink
+            failed, factor, last = mem.TOO_LARGE, o.shrink, size
             if rejected == 0:
                 factor = max(o.shrink, (o.target / size) ** (1 / 3))
         if abs(h) <= smallest:
@@ -121,16 +121,18 @@ def is_told(control: Any, o: Any) -> Any:
 
 
 @compiled
-def hopeless(z: Any, o: Any, h: Any, size: Any) -> Any:
+def hopeless(z: Any, o: Any, h: Any, size: Any, last: Any) -> Any:
     """Whether roundoff makes the error, so that no step shorter than h [s] helps, by the first step and error tried.
 
-    What a jump of the force leaves in v goes with h; roundoff stays or grows, and is no more than q and v make.
+    What a jump of the force leaves in v goes with h, and what steps far too long leave falls below the error ``last`` tried;
+    roundoff stays or grows, and is no more than q and v make.
     """
     tried = part(z, mem.ATTEMPT)
     if tried[mem.FIRST_H] == 0.0:
         tried[mem.FIRST_H], tried[mem.FIRST_ERROR] = h, size
     left = tried[mem.FIRST_ERROR] * h / tried[mem.FIRST_H]
-    return (o.grown * left < size and size < NOISE * roundoff(z, h)) or roundoff(z, math.inf) > CERTAIN
+    grown = size > max(o.grown * left, last) and size < NOISE * roundoff(z, h)
+    return grown or roundoff(z, math.inf) > CERTAIN
 
 
 @compiled

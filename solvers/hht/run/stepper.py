@@ -320,6 +320,7 @@ def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool
         text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""
         return Failure(Status.step_too_small, f"{text}: {remedy}")
     moved = h * max(before.size_v, h * float(np.abs(before.vdot).max()))
-    if by_times(plan, t) and moved > SHORT * before.size_q:  # at a jump steps become so short that nothing moves
+    nothing = moved <= SHORT * before.size_q  # steps become so short at a jump
+    if by_times(plan, t) and not (roundoff or nothing):
         return Failure(Status.time_resolution, f"{text}; {Status.time_resolution.text}")
     return Failure(Status.step_too_small, f"{text}; {Status.step_too_small.text}")
