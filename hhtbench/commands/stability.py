@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command("stability")
-@click.option("--only", multiple=True, help="An axis; may be repeated.  [default: all but longer_run]")
+@click.option("--only", multiple=True, help="An axis; may be repeated.  [default: all]")
 @click.option("--solver", "solvers", multiple=True, help="A spec, your own solver's too; may be repeated.  [default: all]")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of what is drawn.")
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Worker processes.")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hhtbench.errors import NotFoundError
 from hhtbench.testing.extremes.cell import Axis
 from hhtbench.testing.extremes.forces import contact, friction, jump, wrong_a0
-from hhtbench.testing.extremes.long import long_run, longer_run
+from hhtbench.testing.extremes.long import long_run
 from hhtbench.testing.extremes.modes import multiplier_modes
 from hhtbench.testing.extremes.quaternions import quaternions
 from hhtbench.testing.extremes.ranks import dead_points, rank, redundant
@@ -41,18 +41,17 @@ AXES = (
     units,
     long_run,
 )
-ASKED_FOR = (longer_run,)  # by name only
 
 
 def chosen_axes(names: Sequence[str]) -> tuple[Axis, ...]:
-    """Those of these names; none given: all but the longer run.
+    """Those of these names; none given: all.
 
     Raises
     ------
     NotFoundError
         A name is none of an axis.
     """
-    known = {axis.name: axis for axis in (*AXES, *ASKED_FOR)}
+    known = {axis.name: axis for axis in AXES}
     for name in names:
         if name not in known:
             raise NotFoundError(f"there is no axis {name}; known: {', '.join(known)}.")
