@@ -7,7 +7,7 @@
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
 # make fuzz     10,000 random mechanisms, solved in every way: none hangs, crashes or is silently wrong (SEED=N draws those of N
-#               again; half an hour at most on two cores)
+#               again; twenty minutes on two cores)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (a quarter of an hour on two cores)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
 # make picture  the README's picture: the report's page, seen by a headless browser

@@ -22,9 +22,9 @@ def atlas_command(store: Path, json_file: Path | None) -> None:
     For example: hhtbench study atlas --store runs.sqlite --json atlas.json
     """
     with ends_at_once():
+        from hhtbench.report.atlas import failure_atlas
         from hhtbench.report.markdown import markdown_table
         from hhtbench.store import sound_rows
-        from hhtbench.studies.stability.atlas import failure_atlas
 
     require_folder(json_file)
     rows, losses = sound_rows(store)

@@ -29,6 +29,7 @@ from hhtbench.report.wording import anchor, verdict
 from hhtbench.report.words import MEASURES, bounded, plural
 from hhtbench.store.rows import RunRow
 
+ATLAS = "Failure atlas"
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 WEIGHT = "b/convergence.html"  # by `verify b`, the same
@@ -112,6 +113,8 @@ def _page(
         legend=legend(styles),
         sections="\n".join(_problem_section(content.rows, part, styles, drawings) for part in content.parts),
         failures=html_table(content.failures),
+        causes=html_table(content.atlas.causes()),
+        atlas=html_table(content.atlas.table()),
         campaign=escape(campaign_told(content.rows)),
         speed=speed,
         machine=_machine(content.rows),
@@ -125,7 +128,14 @@ def _scope(content: Content, others: Mapping[str, str]) -> str:
     """What is compared, and the pages beside this one."""
     found = [plural(len(content.parts), "problem"), plural(len(analysis.entries(content.rows)), "solver")]
     found += [plural(len(content.rows), "run")]
-    links = {"#problems": "problems", "#words": "in words", "#rules": "rules", "#machine": "machine", **others}
+    links = {
+        "#problems": "problems",
+        "#words": "in words",
+        "#atlas": "failures",
+        "#rules": "rules",
+        "#machine": "machine",
+        **others,
+    }
     return f"{', '.join(found)}. " + " · ".join(f'<a href="{link}">{escape(name)}</a>' for link, name in links.items())
 
 
@@ -148,6 +158,7 @@ def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
         for caption, table in part.tables.items():
             parts += [f"### {caption}", *markdown_table(table)]
     parts += ["## Runs that failed or are not believed", *markdown_table(content.failures)]
+    parts += [f"## {ATLAS}", *markdown_table(content.atlas.causes()), *markdown_table(content.atlas.table())]
     parts += [
         "## How it was made",
         f"```\n{command}\n```",

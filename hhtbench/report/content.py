@@ -10,6 +10,7 @@ from typing import Any
 from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, Campaign, Kind
 from hhtbench.report import contest, runs
+from hhtbench.report.atlas import Atlas, failure_atlas
 from hhtbench.report.decisions import decisions, reading
 from hhtbench.report.rules import rules
 from hhtbench.report.summary import older, problem_summary, summary
@@ -54,6 +55,7 @@ class Content:
     against: Mapping[Kind, Table]
     drift: Table
     failures: Table
+    atlas: Atlas
     parts: tuple[Part, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -69,6 +71,7 @@ class Content:
             },
             "against": {kind.text: table.as_dict() for kind, table in self.against.items()},
             **{name: getattr(self, name).as_dict() for name in ("balance", "drift", "failures")},
+            "atlas": self.atlas.as_dict(),
             "problems": {
                 part.name: {
                     "summary": list(part.sentences),
@@ -96,6 +99,7 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
         against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
         drift=runs.equal_drift(found.rows),
         failures=runs.failure_table(found.rows),
+        atlas=failure_atlas(found.rows),
         parts=tuple(_part(found.rows, name, whole) for name in analysis.problems(found.rows)),
     )
 

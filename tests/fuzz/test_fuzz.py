@@ -13,7 +13,7 @@ from tests.fuzz.mechanism import Shape
 from tests.fuzz.oracles import energies
 from tests.fuzz.runs import Setting
 
-CASES = {"steps": 20, "control": 12, "machine": 4, "hostile": 20}
+CASES = {"steps": 40, "control": 24, "machine": 12, "hostile": 44}
 SEED = 20_260
 LIES = 60  # cases within which one is found
 WORLD = World(

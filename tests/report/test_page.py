@@ -12,7 +12,9 @@ from plotly.offline import get_plotlyjs_version
 
 from hhtbench.errors import ProblemError
 from hhtbench.report import contest, write_comparison
+from hhtbench.report.atlas import failure_atlas
 from hhtbench.report.elements import sketch
+from hhtbench.report.markdown import escape_text
 from tests.analysis.laws import failed, law
 from tests.report.conftest import COMMAND
 from tests.report.drawings import embedded, figures_of
@@ -195,6 +197,17 @@ def test_machine_and_versions_and_command_are_told(page, report):
     text = (report / "report.md").read_text(encoding="utf-8")
     assert "| cores" in text
     assert COMMAND in text
+
+
+def test_the_failure_atlas_is_on_the_page_and_in_markdown(page, report, rows):
+    found = failure_atlas(rows)
+    assert len(found.failures) > 3
+    text = (report / "report.md").read_text(encoding="utf-8")
+    shown, told = page[page.index('id="atlas"') : page.index('id="rules"')], text[text.index("## Failure atlas") :]
+    for one in found.failures:
+        assert f"<td>{escape(one.problem)}</td><td>{escape(one.accuracy)}</td>" in shown
+        assert escape(one.cause) in shown and escape_text(one.cause) in told
+    assert found.causes().note in shown and escape_text(found.causes().note) in told
 
 
 def test_markdown_has_the_comparison_first_and_the_claims_after(report):

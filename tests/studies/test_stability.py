@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hhtbench.report import STABILITY
+from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
 from hhtbench.studies.stability import workers
-from hhtbench.studies.stability.atlas import failure_atlas
 from hhtbench.studies.stability.newton import efforts
 from hhtbench.studies.stability.page import write_stability
 from hhtbench.studies.stability.study import Stability, letters, study_stability

@@ -23,6 +23,7 @@ from hhtbench.testing.extremes.cell import Axis, Kind
 
 LINE = 17  # pixels of one line of a map
 PALEST = 0.35
+COMPARISON = "index.html"
 MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and without colours
     Kind.right: ("#009E73", "square"),
     Kind.named: ("#56B4E9", "diamond"),
@@ -44,20 +45,21 @@ def write_stability(found: Stability, folder: Path) -> Path:
     file = folder / STABILITY
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file.write_text(stability_page(found), encoding="utf-8")
+        file.write_text(stability_page(found, compared=(folder / COMPARISON).is_file()), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"{file} cannot be written: {error.strerror}.") from error
     return file
 
 
-def stability_page(found: Stability) -> str:
-    """The text of the page."""
+def stability_page(found: Stability, compared: bool = False) -> str:
+    """The text of the page; ``compared``: the comparison lies beside it."""
     drawings, report = Drawings(), files("hhtbench.report")
     style = Template(report.joinpath("comparison.css").read_text(encoding="utf-8"))
     template = Template(files("hhtbench.studies.stability").joinpath("stability.html").read_text(encoding="utf-8"))
     return template.substitute(
         title=escape(TITLE),
         style=style.substitute(font=colours.FONT, text=colours.TEXT, height=LINE),
+        comparison=f'<a href="{COMPARISON}">the comparison</a>' if compared else "",
         contents="\n".join(f'<a href="#{anchor(axis.name)}">{escape(axis.name)}</a>' for axis in found.axes),
         about=escape(ABOUT),
         classes="\n".join(f"<li><b>{kind.label}</b>: {escape(kind.text)}</li>" for kind in MARKS),

@@ -1,4 +1,4 @@
-"""``hhtbench study atlas``: how the runs of a campaign failed, by solver, form, problem and accuracy, with typed causes."""
+"""The failure atlas: how the runs of a campaign failed, by solver, form, problem and accuracy, with typed causes."""
 
 from __future__ import annotations
 
