@@ -100,7 +100,7 @@ def checked(asked: Asked) -> Finding:
     systems["shape"] = plane(force_jacobians=lambda *x: (np.zeros((2, 3)), np.zeros((3, 2))))
     faults = {}
     for case, system in systems.items():
-        failed = {x.id: x.measured for x in hb.check(problem(system, Q0, V0)).rows if x.passed is False}
+        failed = {x.id: str(x.measured) for x in hb.check(problem(system, Q0, V0)).rows if x.passed is False}
         words = {"NaN": "[0, 0] = nan", "shape": "(2, 3)"}.get(case, "given ")
         told = failed.get("shape/force_jacobians" if case == "shape" else "derivative/force_q", "nothing")
         faults[case] = "" if words in told else f"{told}, without {words!r}"

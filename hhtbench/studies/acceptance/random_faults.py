@@ -17,7 +17,7 @@ from hhtbench.studies.acceptance.callbacks import PLACES, spoiled
 from hhtbench.studies.acceptance.linear_algebra_events import WRONG_JACOBIANS, claiming
 from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, ends, plane, problem
-from hhtbench.studies.acceptance.side_effects import raising
+from hhtbench.studies.acceptance.side_effects import raising, spoiling
 from hhtbench.testing.subject import Declined
 
 STATUS = hb.Status
@@ -140,6 +140,14 @@ def injected() -> dict[str, Fault]:
         "evaluations": ({"max_evaluations": 9}, (STATUS.evaluation_budget,), ("9 evaluations",)),
         "seconds": ({"max_seconds": 1e-9}, (STATUS.deadline,), ("seconds",)),
         "times": ({"t_span": (1e15, 1e15 + 1)}, (STATUS.time_resolution,), ("1000000000000000",)),
+        "text for a force": ({"system": plane(force=lambda t, q, v: "ab")}, (), ("force",)),
+        "a column for a force": ({"system": plane(force=lambda t, q, v: np.zeros((2, 1)))}, (), ("force", "(2, 1)")),
+        "q changed in place": ({"system": plane(force=spoiling(0))}, (), ("read-only",)),
+        "v changed in place": ({"system": plane(force=spoiling(1))}, (), ("read-only",)),
+        "a negative tolerance": ({"rtol": -1e-6}, (), ("rtol",)),
+        "an end of NaN": ({"t_span": (0.0, np.nan)}, (), ("t_span",)),
+        "an unknown option": ({"stepp": 0.1}, (), ("stepp",)),
+        "an overflowing weight": ({"system": Rod(gravity=1e308)}, nan, ("nan",)),
         "a huge jump": ({"system": JUMP()}, (STATUS.step_too_small, STATUS.success), ()),
         "exception": (
             {"system": raising(ZeroDivisionError("own"), "force", 1.0)},

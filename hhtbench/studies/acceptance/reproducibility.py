@@ -188,7 +188,10 @@ def _interrupted(asked: Asked) -> str:
 
 @row("R7", "1000 failing and 1000 good solves of some 800 unknowns", "resident memory grows by less than 20 MB", long=True)
 def memory(asked: Asked) -> Finding:
-    """After fifty of each; a chain of 160 links is 480 coordinates and 320 constraints.  A hundred of each in Python."""
+    """After fifty of each; a chain of 160 links is 480 coordinates and 320 constraints.  A hundred of each in Python.
+
+    That NaN in the work arrays before a run change no bit is held by tests/hht/test_work_arrays.py.
+    """
     rounds = 100 if asked.engine == "python" else 1000
     given = hb.load_problem("planar_chain(n_links=160)")
     chain = problem(given.system, given.q0, given.v0, (0.0, 0.01))

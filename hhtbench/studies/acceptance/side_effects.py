@@ -21,7 +21,9 @@ class Planned(Exception):
     """Raised by a function of a system on purpose."""
 
 
-def _spoil(which: int) -> Callable[..., Any]:
+def spoiling(which: int) -> Callable[..., Any]:
+    """A force that changes q, 0, or v, 1, in place."""
+
     def force(t: float, *state: Any) -> Any:
         state[which][0] = 7.0
         return np.array([0.0, -9.81])
@@ -41,7 +43,7 @@ def mutating(asked: Asked) -> Finding:
 
     right, found = (asked.solve(problem(plane(**x), Q0, V0), rtol=1e-4) for x in ({}, {"force": forced}))
     faults = {
-        f"{'qv'[k]}": refuses(partial(asked.solve, problem(plane(force=_spoil(k)), Q0, V0), rtol=1e-4), "read-only")
+        f"{'qv'[k]}": refuses(partial(asked.solve, problem(plane(force=spoiling(k)), Q0, V0), rtol=1e-4), "read-only")
         for k in (0, 1)
     }
     return every(faults | {"forced": "" if same(right, found) else "reaches the solver"})

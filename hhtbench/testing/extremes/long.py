@@ -16,7 +16,7 @@ from hhtbench.protocol import Problem
 from hhtbench.registry import load_problem
 from hhtbench.result import Solution
 from hhtbench.testing.extremes.cell import Cell, Expected, axis
-from hhtbench.testing.extremes.known import held, kept
+from hhtbench.testing.extremes.known import Error, held, kept
 from hhtbench.testing.extremes.linkages import parallelogram, parallelogram_levels
 from hhtbench.testing.scenes.pendulum import AMPLITUDE, GRAVITY, PERIOD, RADIUS
 
@@ -105,7 +105,7 @@ def _drifting(run: Run, swings: int) -> tuple[float, float, float]:
 def _cell(run: Run, swings: int, way: str, request: dict[str, Any], limits: tuple[float, float, float]) -> Cell:
     halves = half_swings(swings)
     rows = halves * run.period / 2
-    errors = held(run.levels), kept(run.energy, run.depth), partial(_phase, run, halves)
+    errors: tuple[Error, ...] = (held(run.levels), kept(run.energy, run.depth), partial(_phase, run, halves))
     names = "both levels", "energy", "phase"
     expected = {name: Expected(error=error, most=most) for name, error, most in zip(names, errors, limits, strict=True)}
     make, asked = partial(run.make, float(rows[-1])), {**request, "t_eval": rows}
