@@ -1,4 +1,7 @@
-"""Vibrations that constraint forces carry, as of a light body on a taut rod: what they ask of a step, (H33)."""
+"""Vibrations that constraint forces carry, as of a light body on a taut rod: what they ask of a step, (H33).
+
+And those of applied forces, where steps follow one.
+"""
 
 from __future__ import annotations
 
@@ -152,22 +155,35 @@ def followed(engine: Engine, state: State, h: float, covered: float, tolerances:
     motion alone asks for, or a tight tolerance has made them short; with extrapolated multipliers, which pass over what the
     tolerances do not see, far shorter.
     """
-    damped = engine.method.extrapolated
-    if not (damped or may_be_unstable(engine)):
-        return ""
-    omega = fastest(engine, state)
-    if not (abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v):
-        return ""
-    plain = PLAIN * math.sqrt(tolerances.finest) * covered  # times the speed
-    if abs(h) * state.size_v > (TENTH if damped else HALF) * plain:
-        return ""
-    told = (
-        f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s "
-        "follow it"
+    damped, share = (
+        engine.method.extrapolated,
+        abs(h) * state.size_v / (PLAIN * math.sqrt(tolerances.finest) * covered or 1.0),
     )
-    if damped:
-        if abs(h) * omega > LIMIT:
-            return ""
+
+    def seen(omega: float, most: float) -> bool:
+        return abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v and share <= most
+
+    if damped or may_be_unstable(engine):
+        omega = fastest(engine, state)
+        if seen(omega, TENTH if damped else HALF):
+            return _follows(engine, omega, abs(h))
+    omega = fastest_of_all(engine, state)
+    if not (seen(omega, HALF) and abs(h) * omega < LIMIT):
+        return ""
+    return (
+        f"Forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s follow it, "
+        "since it is larger than the tolerance; loosen the tolerance, or begin where these forces are as the motion "
+        "keeps them."
+    )
+
+
+def _follows(engine: Engine, omega: float, h: float) -> str:
+    """That steps of ``h`` [s] follow a vibration that constraint forces carry, in words with a remedy; or none."""
+    told = f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of"
+    told += f" {h:.2g} s follow it"
+    if engine.method.extrapolated and h * omega > LIMIT:
+        return ""
+    if engine.method.extrapolated:
         return f"{told}: it is part of the motion that the tolerance asks for; loosen the tolerance for longer ones."
     found = " or ".join(remedies(engine))
     if not found:
@@ -189,15 +205,52 @@ def fastest(engine: Engine, at: State | Place, lam: Vector | None = None) -> flo
     if not s.constrained or seconds_of_look(dynamics) > LONGEST or reactions:
         return 0.0
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
-        pulled, start = _stiffness(engine, at, lam)
-        value = _outermost(pulled, start)
-        if value < 0.0:  # what falls over hides what vibrates
-            value += _outermost(lambda y: pulled(y) - value * y, start)
-        return math.sqrt(max(value, 0.0))
+        return _frequency(*_by_reactions(engine, at, lam))
     return 0.0
 
 
-def _stiffness(engine: Engine, at: State | Place, lam: Vector | None) -> tuple[Callable[[Vector], Vector], Vector]:
+def fastest_of_all(engine: Engine, at: State) -> float:
+    """The same of forces and reactions together: omega^2 is the largest eigenvalue of ``-dv'/dq`` along the constraints."""
+    if seconds_of_look(engine.dynamics) > LONGEST:
+        return 0.0
+    with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
+        return _frequency(*_by_accelerations(engine, at))
+    return 0.0
+
+
+def _frequency(pulled: Callable[[Vector], Vector], start: Vector) -> float:
+    """The root of the largest eigenvalue; 0 where that is negative."""
+    value = _outermost(pulled, start)
+    if value < 0.0:  # what falls over hides what vibrates
+        value += _outermost(lambda y: pulled(y) - value * y, start)
+    return math.sqrt(max(value, 0.0))
+
+
+def _by_accelerations(engine: Engine, at: State) -> tuple[Callable[[Vector], Vector], Vector]:
+    """y -> -L^T dv'/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,)."""
+    t, q, v, projection = at.t, at.q, at.v, Projection(engine.dynamics)
+    root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
+    tangent = _tangent(root, dense(projection.levels.at(t, q, v).rows))
+    reach = BENT * (float(np.abs(q).max()) or 1.0)
+
+    def pulled(y: Vector) -> Vector:
+        along = linalg.solve_triangular(root, y, lower=True, trans="T")
+        step = reach / float(np.abs(along).max())
+        change = (
+            engine.acceleration.solve(t, q - step * along, v).vdot - engine.acceleration.solve(t, q + step * along, v).vdot
+        )
+        return tangent(root.T @ change / (2.0 * step))
+
+    return pulled, tangent(np.random.default_rng(0).standard_normal(q.size))
+
+
+def _tangent(root: Matrix, rows: Matrix) -> Callable[[Vector], Vector]:
+    """y without its part across the ``rows`` (m + p, n), for y = L^T dq."""
+    normal, _ = linalg.qr(linalg.solve_triangular(root, rows.T, lower=True), mode="economic")
+    return lambda y: np.asarray(y - normal @ (normal.T @ y))
+
+
+def _by_reactions(engine: Engine, at: State | Place, lam: Vector | None) -> tuple[Callable[[Vector], Vector], Vector]:
     """y -> L^-1 d(C^T lam)/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,).
 
     No coordinate's size tells how far a difference may reach, as places may be told from anywhere: the rows tell it.
@@ -215,11 +268,7 @@ def _stiffness(engine: Engine, at: State | Place, lam: Vector | None) -> tuple[C
         return dense(projection.levels.at(t, x, v).rows)
 
     here = rows_at(q)
-    normal, _ = linalg.qr(linalg.solve_triangular(root, here.T, lower=True), mode="economic")
-    size = float(np.abs(here).max()) or 1.0
-
-    def tangent(y: Vector) -> Vector:
-        return np.asarray(y - normal @ (normal.T @ y))
+    tangent, size = _tangent(root, here), float(np.abs(here).max()) or 1.0
 
     def pulled(y: Vector) -> Vector:
         nonlocal reach
