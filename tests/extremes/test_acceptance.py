@@ -1,6 +1,5 @@
 """Every fast row of the acceptance matrix: it holds, or the solver says why it cannot be asked."""
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -86,26 +85,35 @@ def test_no_row_of_the_matrix_is_missing():
 
 
 def test_rows_that_hold_in_part_are_counted_apart_and_tell_what_they_do_not_show():
-    whole, part = (matrix.tested(name, "in", "out", "tests/x.py", gap) for name, gap in (("K1", ""), ("K5", "the rest")))
+    whole, part = (matrix.tested(name, "in", "out", "tests/x.py", gap=gap) for name, gap in (("K1", ""), ("K5", "the rest")))
     measured = replace(whole, id="M1", measure=lambda asked: bounded(1.0, 2.0), gap="more", long=True)
     wrong = replace(measured, id="M2", measure=lambda asked: bounded(3.0, 2.0))
     rows = whole, part, measured, wrong
     found = Acceptance(rows=rows, outcomes=tuple(row.outcome(PLAIN) for row in rows))
-    assert [x.verdict.name for x in found.outcomes] == ["tested", "in_part", "in_part", "fails"]
+    assert [x.verdict.name for x in found.outcomes] == ["elsewhere", "in_part", "in_part", "fails"]
     assert [x.measured.partition("not shown: ")[2] for x in found.outcomes] == ["", "the rest", "more", ""]
     assert found.summary.splitlines() == [
-        "hht in Python: 1 rows hold (1 of them by tests of their own), "
+        "hht in Python: 0 rows hold, 1 have tests of their own, not run (K1), "
         "2 hold in part (K5, M1), 1 fail (M2), 0 cannot be asked",
         "measured by this study only, since tests may not take so long: M1, M2",
     ]
 
 
 def test_the_tests_that_rows_name_are_there():
-    named, root = 0, Path(__file__).parents[2]
-    for row in all_rows().values():
-        source = ""
-        for file, name in re.findall(r"(tests/[a-z_/]+[.]py)|::(test_[a-z0-9_]+)", row.tests):
-            source = (root / file).read_text() if file else source
-            assert not name or f"def {name}(" in source, f"{row.id}: {name}"
-            named += bool(name)
-    assert named > 20
+    root = Path(__file__).parents[2]
+    named = [test.partition("::") for row in all_rows().values() for test in row.tests]
+    for file, _, name in named:
+        assert f"def {name}(" in (root / file).read_text() if name else (root / file).is_file(), name
+    assert len(named) > 20
+
+
+@pytest.mark.parametrize(
+    ("body", "verdict", "told"),
+    [("pass", "holds", "1 passed"), ("assert 0", "fails", "1 failed"), ("pytest.skip()", "in_part", "1 skipped")],
+)
+def test_a_row_that_tests_hold_tells_how_they_end(body, verdict, told, tmp_path):
+    file = tmp_path / "test_it.py"
+    file.write_text(f"import pytest\ndef test_one(): {body}\n")
+    outcome = matrix.tested("K1", "in", "out", f"{file}::test_one").outcome(PLAIN, run_tests=True)
+    assert (outcome.verdict.name, outcome.measured.partition(" in ")[0]) == (verdict, told)
+    assert [name.endswith("test_it.py::test_one") for name in outcome.failing] == [True] * (verdict == "fails")

@@ -264,7 +264,7 @@ def told():
         "shy": (Kind.declined, Kind.declined),
     }
     measured = [
-        Measured(solver, "stiffness", x, "h = 1 s", outcome(kind, share=0.5))
+        Measured(solver, "stiffness", x, "h = 1 s", outcome(kind, share=0.5, seconds=x / 1e4))
         for solver, pair in kinds.items()
         for x, kind in zip((1e2, 1e4), pair, strict=True)
     ]
@@ -275,6 +275,7 @@ def test_a_sentence_says_where_a_solver_is_safe():
     found = told()
     assert found.sentence("good").endswith("Safe on stiffness.")
     assert found.sentence("bad").endswith("Safe on no whole axis. Misleading on stiffness (1 of 2, at 10000).")
+    assert found.sentence("named").startswith("named: of 2 cells 2 ended early and said so within 1 s.")
     for never in ("named", "late"):
         assert found.sentence(never).endswith(
             "Safe on no whole axis. Never misleading, but seldom arriving, on stiffness (0 right of 2)."

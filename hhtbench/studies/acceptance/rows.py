@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import enum
+import importlib.util
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 from unittest import SkipTest
@@ -30,7 +34,7 @@ class Verdict(enum.Enum):
     holds = "holds"
     fails = "FAILS"
     undecided = "-"  #: the solver cannot be asked this; the measured text says why
-    tested = "tested"  #: by the tests that the measured text names, not by the study
+    elsewhere = "tests"  #: by the tests that the measured text names, which were not run
     in_part = "in part"  #: what was looked at holds, but is not all of the row: the measured text says what is not shown
 
 
@@ -67,21 +71,38 @@ class Row:
     goes_in: str
     expected: str
     measure: Measure | None  #: None: by ``tests`` alone
-    tests: str = ""  #: where the row is tested, as pytest names it
+    tests: tuple[str, ...] = ()  #: that hold the row, as pytest names them
     gap: str = ""  #: what of the matrix' row neither measurement nor tests show
     long: bool = False  #: takes longer than tests may
 
-    def outcome(self, asked: Asked, *, timed: bool = True) -> Outcome:
-        """Measure the row with a solver; what a measurement raises fails it, and being late where it is ``timed``."""
+    def outcome(self, asked: Asked, *, timed: bool = True, run_tests: bool = False) -> Outcome:
+        """Measure the row with a solver; what a measurement raises fails it, and being late where it is ``timed``.
+
+        ``run_tests``: run the tests of a row that they alone hold; some take minutes.
+        """
         began = time.perf_counter()
         if self.measure is None:
-            measured, verdict, failing = self.tests, Verdict.tested, tuple[str, ...]()
+            measured, verdict, failing = _by_tests(self.tests, run_tests)
         else:
             measured, verdict, failing = _measured(self.measure, asked, timed)
-        if self.gap and verdict in (Verdict.holds, Verdict.tested):
+        if self.gap and verdict in (Verdict.holds, Verdict.elsewhere):
             measured, verdict = f"{measured}; not shown: {self.gap}", Verdict.in_part
         seconds = time.perf_counter() - began
         return Outcome(id=self.id, solver=asked.name, measured=measured, verdict=verdict, seconds=seconds, failing=failing)
+
+
+def _by_tests(tests: tuple[str, ...], run: bool) -> tuple[str, Verdict, tuple[str, ...]]:
+    """What pytest says of them; they come with a clone, not with an installed package.  Skipped ones show nothing."""
+    root, named = Path(__file__).parents[3], ", ".join(tests)
+    there = all((root / test.partition("::")[0]).is_file() for test in tests) and importlib.util.find_spec("pytest")
+    if not (run and there):
+        return named, Verdict.elsewhere, ()
+    asked = [sys.executable, "-m", "pytest", "-q", "-m", "", "-p", "no:cacheprovider", *tests]
+    done = subprocess.run(asked, cwd=root, capture_output=True, text=True, check=False)
+    told = (done.stdout.strip() or done.stderr.strip() or "pytest said nothing").splitlines()
+    verdict = Verdict.fails if done.returncode else Verdict.in_part if "skipped" in told[-1] else Verdict.holds
+    failing = tuple(line.split()[1] for line in told if line.startswith(("FAILED ", "ERROR ")))
+    return f"{told[-1].strip('= ')}: {named}", verdict, failing
 
 
 def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict, tuple[str, ...]]:
@@ -108,7 +129,7 @@ def row(id: str, goes_in: str, expected: str, *, long: bool = False, gap: str = 
     return register
 
 
-def tested(id: str, goes_in: str, expected: str, tests: str, gap: str = "") -> Row:
+def tested(id: str, goes_in: str, expected: str, *tests: str, gap: str = "") -> Row:
     """A row that tests of their own hold, but for the ``gap``."""
     return Row(id=id, goes_in=goes_in, expected=expected, measure=None, tests=tests, gap=gap)
 

@@ -73,9 +73,9 @@ class Acceptance:
     def _line(self, solver: str) -> str:
         found = [x for x in self.outcomes if x.solver == solver]
         ids = {verdict: [x.id for x in found if x.verdict is verdict] for verdict in Verdict}
-        held, some = len(ids[Verdict.holds]) + len(ids[Verdict.tested]), ids[Verdict.in_part]
-        line = f"{solver}: {held} rows hold"
-        line += f" ({len(ids[Verdict.tested])} of them by tests of their own)" if ids[Verdict.tested] else ""
+        some, unmeasured = ids[Verdict.in_part], ids[Verdict.elsewhere]
+        line = f"{solver}: {len(ids[Verdict.holds])} rows hold"
+        line += f", {len(unmeasured)} have tests of their own, not run ({', '.join(unmeasured)})" if unmeasured else ""
         line += f", {len(some)} hold in part" + (f" ({', '.join(some)})" if some else "")
         line += f", {len(ids[Verdict.fails])} fail" + (f" ({', '.join(ids[Verdict.fails])})" if ids[Verdict.fails] else "")
         return f"{line}, {len(ids[Verdict.undecided])} cannot be asked"
@@ -109,11 +109,15 @@ def study_acceptance(
     long: bool = True,
     tell: Callable[[Row, Sequence[Outcome]], None] = lambda row, outcomes: None,
 ) -> Acceptance:
-    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` hears of each."""
+    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` hears of each.
+
+    ``long``: with those that take minutes, among them rows that are held by tests, which are run where they are at hand.
+    """
     rows, columns = chosen_rows(ids, long=long), chosen_solvers(solvers)
     outcomes: list[Outcome] = []
     for measured in rows:
-        found = [measured.outcome(asked) for asked in (columns if measured.measure else columns[:1])]
+        asked = columns if measured.measure else columns[:1]
+        found = [measured.outcome(column, run_tests=long) for column in asked]
         tell(measured, found)
         outcomes += found
     return Acceptance(rows=rows, outcomes=tuple(outcomes))

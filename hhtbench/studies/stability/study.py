@@ -59,7 +59,9 @@ class Stability:
         asked = sum(count for kind, count in counts.items() if kind is not Kind.declined)
         if not asked:
             return f"{solver} can be asked none of these."
-        told = ", ".join(f"{counts[kind]} {WORDS[kind]}" for kind in WORDS if counts[kind])
+        slowest = max((x.outcome.seconds for x in self.of("", solver) if x.outcome.kind is Kind.named), default=0.0)
+        after = {Kind.named: f" within {slowest:.2g} s"}
+        told = ", ".join(f"{counts[kind]} {WORDS[kind]}{after.get(kind, '')}" for kind in WORDS if counts[kind])
         names = [axis.name for axis in self.axes]
         reached = [name for name in names if set(self.counts(name, solver)) - {Kind.declined}]
         honest = [name for name in reached if not self._misled(name, solver)]
@@ -160,7 +162,7 @@ def study_stability(
     tell: Callable[[Batch, Sequence[Measured]], None] = lambda batch, measured: None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Stability:
-    """Measure the axes ``only``, by default all but the longer run, with ``solvers``; ``small``: few cells of each.
+    """Measure the axes ``only``, by default all, with ``solvers``; ``small``: few cells of each.
 
     ``tell`` hears of each batch, ``progress`` how many of how many are measured, both from the thread that has measured it.
     """

@@ -18,8 +18,9 @@ ABOUT = (
     "runs of a solver. What is allowed stands beside every line of an axis: under error control mostly a hundred "
     "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
     "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
-    f"{100 * SAFE:g} % are right. Open: trace, minors and determinant of a step are not fitted apart, its rows are "
-    "those of the closed recurrence. The condition of Newton's matrix is judged by hhtbench verify paper, for HHT alone. "
+    f"{100 * SAFE:g} % are right. Steps on an oscillator are compared with rows of the closed recurrence; trace, minors and "
+    "determinant of HHT's step are row M1 of hhtbench study acceptance, the condition of its Newton matrix is in hhtbench "
+    "verify paper. "
     "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
     "solvers with error control and prescribed steps through the same cases, and wrong answers that say success apart."
 )
