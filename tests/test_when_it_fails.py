@@ -245,6 +245,12 @@ def bouncing() -> Any:
     return hb.HHT(weight(), events=floor).solve((0.0, 10.0), [1.0], [0.0], step=0.01)
 
 
+def stretched() -> Any:
+    """Two bodies that fly along, with a stiff spring between them that is not in balance."""
+    spring = weight(mass_matrix=[1.0, 1.0], force=lambda t, q, v: 1e6 * (q[1] - q[0]) * np.array([1.0, -1.0]))
+    return hb.HHT(spring).solve((0.0, 3.0), [0.0, 1e-3], [1.0, 1.0], rtol=1e-4, max_num_steps=4_000)
+
+
 def endless() -> Any:
     """A vibration of 1e20/s, given up at once."""
     with pytest.MonkeyPatch.context() as patch:
@@ -268,7 +274,8 @@ PROVOKED: dict[str, list[Case]] = {
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
     "max_steps": [
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
-        Case("vibration", "forces carry a vibration", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
+        Case("vibration that constraint", "Constraint forces carry", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
+        Case("vibration of forces", "Forces carry a vibration", lambda _: stretched()),
         Case("interval", "at the pace of the last", lambda _: endless()),
     ],
     "step_too_small": [

@@ -9,7 +9,6 @@ import hhtbench as hb
 from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
-from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.run import tension
 from solvers.hht.run.pace import CROWDED
 from solvers.hht.run.singular import LONGEST
@@ -266,13 +265,3 @@ def test_steps_by_error_that_follow_what_velocity_constraints_carry_are_told_tha
     assert solution.status is Status.max_steps
     assert "Constraint forces carry a vibration of" in solution.message
     assert solution.message.endswith("follow it; no option takes longer ones, a looser tolerance may.")
-
-
-@pytest.mark.parametrize(("times", "follow"), [(0.01, False), (0.5, True), (1.9, True), (2.1, False), (1e3, False)])
-def test_extrapolated_steps_that_do_not_resolve_a_vibration_do_not_follow_it(times, follow):
-    """h omega: some hundred steps in a period are those of the motion, and beyond 2 it is damped."""
-    hht = hb.HHT(DoublePendulum(ratio=1e8), extrapolate_reaction=True)
-    hht.init_step(0.0, *DoublePendulum.straight(0.5), rtol=1e-3)
-    engine, h = hht._engine, times / fastest(hht._engine, hht.state)
-    told = tension.followed(engine, hht.state, h, 1.0, make_tolerances(1e-3, None, hht.state, engine.applied(hht.state)))
-    assert ("follow it: it is part of the motion" in told) is follow

@@ -14,9 +14,10 @@ from hhtbench.result import Status
 from solvers._start import Failure
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.run.engine import Engine
+from solvers.hht.run.followed import followed
+from solvers.hht.run.history import History
 from solvers.hht.run.noise import noise
 from solvers.hht.run.stepper import JUMP, Stepper
-from solvers.hht.run.tension import followed
 from solvers.hht.step.state import State
 
 SETTLED = 500  # accepted steps before the first look, after which step control has long found its length
@@ -53,8 +54,9 @@ def pace_of(engine: Engine, taken: int, t: float) -> Pace:
 class Looks:
     """Looks at a run under error control after so many steps or so much time, which tell whether it will arrive."""
 
-    def __init__(self, stepper: Stepper, state: State, stop: float, most: int | None) -> None:
+    def __init__(self, stepper: Stepper, state: State, stop: float, history: History, most: int | None) -> None:
         """Of a run from ``state`` to ``stop`` [s] that may take ``most`` steps; None: nobody has said how many."""
+        self._history = history
         self._engine, self._by_error, self._stop, self._most = stepper.engine, stepper.plan.by_error, stop, most
         self._first = self._before = pace_of(stepper.engine, 0, state.t)
         self._next, self._at = SETTLED if self._by_error else math.inf, time.perf_counter()
@@ -82,19 +84,19 @@ class Looks:
 
     def arrived(self, taken: int, state: State) -> str:
         """What has made the ``taken`` steps to the end, at ``state``, so many, in words; or none."""
-        return self._followed(taken, state) if taken >= CROWDED else ""
+        return self._followed(state) if taken >= CROWDED else ""
 
     def many(self, taken: int, state: State) -> str:
         """Why ``taken`` steps do not lead further than to ``state``, as far as that is known, in words."""
-        vibration = self._followed(taken, state) if taken >= SETTLED else ""
+        vibration = self._followed(state) if taken >= SETTLED else ""
         return f"{Status.max_steps.text} {vibration}".strip()
 
-    def _followed(self, taken: int, state: State) -> str:
+    def _followed(self, state: State) -> str:
         if self._by_error is None:
             return ""
-        h, covered = (state.t - self._first.t) / taken, float((self._high - self._low).max())
         with uncounted():
-            return followed(self._engine, state, h, covered, self._by_error.tolerances)
+            covered = float((self._high - self._low).max())
+            return followed(self._engine, self._history, state, covered, self._by_error.tolerances)
 
 
 def hopeless(

@@ -197,7 +197,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
     Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None.  Returns how it ended.
     """
-    looks = Looks(stepper, state, stop, max_num_steps)
+    looks = Looks(stepper, state, stop, history, max_num_steps)
     max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     crossed, stepping = 0, 0.0

@@ -1,7 +1,4 @@
-"""Vibrations that constraint forces carry, as of a light body on a taut rod: what they ask of a step, (H33).
-
-And those of applied forces, where steps follow one.
-"""
+"""Vibrations that constraint forces carry, as of a light body on a taut rod: what they ask of a step, (H33)."""
 
 from __future__ import annotations
 
@@ -19,7 +16,6 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol import declared
 from solvers._projection import Projection
 from solvers._start import Place
-from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.options import make_options
 from solvers.hht.run.engine import Engine, not_extrapolated
@@ -31,13 +27,9 @@ SECONDS = 1.0  # after which it is not iterated further: rows may be differences
 BENT = EPS ** (1 / 3)  # of the rows' size: their change over a difference, by truncation against roundoff
 SHORTENED = 3  # times: rows as large as their change may be anything
 LIMIT = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
-FOLLOWED = 0.02  # h omega from which a vibration decides how long steps are: some hundred in a period
-FASTER = 100.0  # than the motion crosses what it covers
 GROWN = 3.0  # times its first way back and forth: so much more has a vibration that steps have made grow
 DEPARTED = 0.1  # of the multipliers: vibrations that are damped leave 0.01, those that have grown up to 1
 APART, LOOKS = 5, 12  # steps one after the other, half of which tell: multipliers may be zero in one; how often along a run
-PLAIN = 3.0  # times rtol^(1/2) of what a motion takes to cross what it covers: the step that it asks for, without vibration
-HALF, TENTH = 0.5, 0.1  # of that step, below which something faster is followed; by steps that pass over what is not seen
 MOST_DAMPED = -0.3  # alpha, from which one nearer -1/3 damps hardly more
 VISIBLE = 1e-7  # of the largest coordinate: the way of one that is told of
 
@@ -78,7 +70,9 @@ def remedies(engine: Engine) -> list[str]:
             make_options(alpha=method.coefficients.alpha, b=method.coefficients.b, extrapolate_reaction=True)
             found.append("extrapolate_reaction=True, which damps it,")
     implicit = "" if method.reaction == "implicit" else ' with reaction="implicit"'  # others make it grow, or have b = 0
-    return [*found, f"b = 1{implicit}{' where position constraints carry it' if s.p else ''}"]
+    if method.coefficients.b < 0.5:
+        found.append(f"b = 1{implicit}{' where position constraints carry it' if s.p else ''}")
+    return found
 
 
 def may_be_unstable(engine: Engine) -> bool:
@@ -148,52 +142,6 @@ def _errs(engine: Engine) -> str:
     return f"has grown by what extrapolation errs by, (H55); take {nearer}shorter steps, or error control"
 
 
-def followed(engine: Engine, state: State, h: float, covered: float, tolerances: Tolerances) -> str:
-    """Which vibration, far faster than the motion, steps of ``h`` [s] by error follow, in words with a remedy; or none.
-
-    ``covered``: by how much coordinates have changed on the way to ``state``, at most.  Steps must be shorter than the
-    motion alone asks for, or a tight tolerance has made them short; with extrapolated multipliers, which pass over what the
-    tolerances do not see, far shorter.
-    """
-    damped, share = (
-        engine.method.extrapolated,
-        abs(h) * state.size_v / (PLAIN * math.sqrt(tolerances.finest) * covered or 1.0),
-    )
-
-    def seen(omega: float, most: float) -> bool:
-        return abs(h) * omega > FOLLOWED and omega * covered > FASTER * state.size_v and share <= most
-
-    if damped or may_be_unstable(engine):
-        omega = fastest(engine, state)
-        if seen(omega, TENTH if damped else HALF):
-            return _follows(engine, omega, abs(h))
-    omega = fastest_of_all(engine, state)
-    if not (seen(omega, HALF) and abs(h) * omega < LIMIT):
-        return ""
-    return (
-        f"Forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of {abs(h):.2g} s follow it, "
-        "since it is larger than the tolerance; loosen the tolerance, or begin where these forces are as the motion "
-        "keeps them."
-    )
-
-
-def _follows(engine: Engine, omega: float, h: float) -> str:
-    """That steps of ``h`` [s] follow a vibration that constraint forces carry, in words with a remedy; or none."""
-    told = f"Constraint forces carry a vibration of {omega:.3g} rad/s, far faster than the motion, and steps of"
-    told += f" {h:.2g} s follow it"
-    if engine.method.extrapolated and h * omega > LIMIT:
-        return ""
-    if engine.method.extrapolated:
-        return f"{told}: it is part of the motion that the tolerance asks for; loosen the tolerance for longer ones."
-    found = " or ".join(remedies(engine))
-    if not found:
-        return f"{told}; no option takes longer ones, a looser tolerance may."
-    return (
-        f"{told}; {found} takes longer ones where the vibration is smaller than the tolerance asks for; else loosen the "
-        "tolerance."
-    )
-
-
 def fastest(engine: Engine, at: State | Place, lam: Vector | None = None) -> float:
     """omega [1/s] of the fastest small vibration about a place that reactions alone carry; 0 where there is none known.
 
@@ -205,52 +153,15 @@ def fastest(engine: Engine, at: State | Place, lam: Vector | None = None) -> flo
     if not s.constrained or seconds_of_look(dynamics) > LONGEST or reactions:
         return 0.0
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
-        return _frequency(*_by_reactions(engine, at, lam))
+        pulled, start = _stiffness(engine, at, lam)
+        value = _outermost(pulled, start)
+        if value < 0.0:  # what falls over hides what vibrates
+            value += _outermost(lambda y: pulled(y) - value * y, start)
+        return math.sqrt(max(value, 0.0))
     return 0.0
 
 
-def fastest_of_all(engine: Engine, at: State) -> float:
-    """The same of forces and reactions together: omega^2 is the largest eigenvalue of ``-dv'/dq`` along the constraints."""
-    if seconds_of_look(engine.dynamics) > LONGEST:
-        return 0.0
-    with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError):
-        return _frequency(*_by_accelerations(engine, at))
-    return 0.0
-
-
-def _frequency(pulled: Callable[[Vector], Vector], start: Vector) -> float:
-    """The root of the largest eigenvalue; 0 where that is negative."""
-    value = _outermost(pulled, start)
-    if value < 0.0:  # what falls over hides what vibrates
-        value += _outermost(lambda y: pulled(y) - value * y, start)
-    return math.sqrt(max(value, 0.0))
-
-
-def _by_accelerations(engine: Engine, at: State) -> tuple[Callable[[Vector], Vector], Vector]:
-    """y -> -L^T dv'/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,)."""
-    t, q, v, projection = at.t, at.q, at.v, Projection(engine.dynamics)
-    root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
-    tangent = _tangent(root, dense(projection.levels.at(t, q, v).rows))
-    reach = BENT * (float(np.abs(q).max()) or 1.0)
-
-    def pulled(y: Vector) -> Vector:
-        along = linalg.solve_triangular(root, y, lower=True, trans="T")
-        step = reach / float(np.abs(along).max())
-        change = (
-            engine.acceleration.solve(t, q - step * along, v).vdot - engine.acceleration.solve(t, q + step * along, v).vdot
-        )
-        return tangent(root.T @ change / (2.0 * step))
-
-    return pulled, tangent(np.random.default_rng(0).standard_normal(q.size))
-
-
-def _tangent(root: Matrix, rows: Matrix) -> Callable[[Vector], Vector]:
-    """y without its part across the ``rows`` (m + p, n), for y = L^T dq."""
-    normal, _ = linalg.qr(linalg.solve_triangular(root, rows.T, lower=True), mode="economic")
-    return lambda y: np.asarray(y - normal @ (normal.T @ y))
-
-
-def _by_reactions(engine: Engine, at: State | Place, lam: Vector | None) -> tuple[Callable[[Vector], Vector], Vector]:
+def _stiffness(engine: Engine, at: State | Place, lam: Vector | None) -> tuple[Callable[[Vector], Vector], Vector]:
     """y -> L^-1 d(C^T lam)/dq L^-T y along the constraints, where L L^T is the mass, by differences; and a y (n,).
 
     No coordinate's size tells how far a difference may reach, as places may be told from anywhere: the rows tell it.
@@ -268,7 +179,11 @@ def _by_reactions(engine: Engine, at: State | Place, lam: Vector | None) -> tupl
         return dense(projection.levels.at(t, x, v).rows)
 
     here = rows_at(q)
-    tangent, size = _tangent(root, here), float(np.abs(here).max()) or 1.0
+    normal, _ = linalg.qr(linalg.solve_triangular(root, here.T, lower=True), mode="economic")
+    size = float(np.abs(here).max()) or 1.0
+
+    def tangent(y: Vector) -> Vector:
+        return np.asarray(y - normal @ (normal.T @ y))
 
     def pulled(y: Vector) -> Vector:
         nonlocal reach

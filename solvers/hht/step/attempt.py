@@ -46,9 +46,12 @@ def guess(z: Any, h: Any) -> None:
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], last[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + z.i[mem.M]])
     if degree > 0:
-        a, b, c, d, e = WEIGHTS_OF[degree]  # zeros behind those of the degree
+        weights = WEIGHTS_OF[degree]
         for i in range(size):
-            x[i] = a * last[i] + b * before[i] + c * before[size + i] + d * before[2 * size + i] + e * before[3 * size + i]
+            total = weights[0] * last[i]
+            for k in range(degree):
+                total += weights[k + 1] * before[k * size + i]
+            x[i] = total
 
 
 @compiled
