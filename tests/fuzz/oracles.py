@@ -166,7 +166,8 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
     case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, sizes(setting, s)
     in_q, in_v = rounding(setting, s)
     in_v += NewtonOptions().stagnation * np.abs(np.diff(s.t)).max() * strained(setting, s)
-    in_v += (s.t.size - 1) * number(r"moves v by (\S+) in a step", s)  # in the mean
+    if not s.success:  # it has ended for that, and says by how much in the mean of its steps
+        in_v += (s.t.size - 1) * number(r"moves v by (\S+) in a step", s)
     relative = NewtonOptions().stagnation + left(s)
     if len(judge.distinct) < s.lam.shape[1] + s.mu.shape[1] or not judge.sound:
         relative += CONSISTENT

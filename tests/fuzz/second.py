@@ -39,6 +39,7 @@ OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
 EQUATIONS, OWN, RUN = "its steps integrated anew", "its motion integrated anew", "a second run"
 NOTHING, LOOSE = "no motion to judge", f", to more than {LITTLE:g} of the sizes"
 UNJUDGED = "cannot be judged: the second run does not arrive"
+SLIPS = "cannot be judged: prescribed steps pass over slips that friction lets grow back in time"
 
 
 class End(NamedTuple):
@@ -65,6 +66,8 @@ def second_opinion(setting: Setting, s: Solution) -> str:
             second = end_of(plain)
         if second is None:
             return UNJUDGED
+        if told_by == RUN and slips(setting, s):
+            return SLIPS
         found = End(s.q * length, s.v * (length / time))
         sizes = [max(size, float(np.abs(x).max())) for size, x in zip(plain.judge.sizes, found, strict=True)]
         third = end_of(plainly(setting, s, units, shake))
@@ -80,6 +83,12 @@ def is_untouched(setting: Setting) -> bool:
     """Whether motion and multipliers are those of the mechanism, whatever is wrong with the case."""
     spoil = setting.case.spoil
     return spoil is None or spoil.kind in (*UNMET, "units") or (spoil.where == "force_jacobians" and spoil.kind != "off")
+
+
+def slips(setting: Setting, s: Solution) -> bool:
+    """Whether steps back in time are longer than a slip takes to grow: implicit ones keep it down, or follow it."""
+    steps = zip(s.t, np.diff(s.t), s.q, s.v, strict=False)
+    return any(h < 0.0 and -h * setting.judge.slipping(t, q, v) > 1.0 for t, h, q, v in steps)
 
 
 def is_known(setting: Setting) -> bool:
