@@ -23,13 +23,13 @@ class Stop(Exception):
 class NonFiniteValue(Stop):
     """A function of the system returned NaN or infinity."""
 
-    def __init__(self, function: str, component: tuple[int, ...], value: float, t: float) -> None:
+    def __init__(self, function: str, component: tuple[int, ...], value: float, t: float, note: str = "") -> None:
         self.function = function
         self.component = component
         self.value = value
         self.t = t
         place = f"{function}{list(component)}" if component else function
-        super().__init__(f"{place} = {value} at t = {t:.17g}")
+        super().__init__(f"{place} = {value} at t = {t:.17g}{note}")
 
 
 class BudgetSpent(Stop):

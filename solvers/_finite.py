@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ def expect_finite(function: str, value: Any, t: float) -> None:
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise NonFiniteValue(function, where, float(array[where]), t)
+
+
+SQUARED = math.sqrt(float(np.finfo(np.float64).max))  # the square of more is not finite
 
 
 def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
@@ -65,4 +69,7 @@ def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the
         suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
     for name, function in suspects.items():
         expect_finite(name, function(), float(t))
-    raise NonFiniteValue(otherwise, (), float("nan"), float(t))
+    force = np.asarray(d.force(t, q, v))
+    most = int(np.abs(force).argmax())
+    note = f", where products with force[{most}] = {force[most]:.3g} overflow" if abs(force[most]) > SQUARED else ""
+    raise NonFiniteValue(otherwise, (), float("nan"), float(t), note)

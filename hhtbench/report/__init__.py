@@ -1,6 +1,6 @@
 """Turns evidence into pages: tables and figures in, files out."""
 
-from hhtbench.report.comparison import STABILITY, write_comparison
+from hhtbench.report.comparison import COMPARISON, STABILITY, write_comparison
 from hhtbench.report.write import write_report
 
-__all__ = ["STABILITY", "write_comparison", "write_report"]
+__all__ = ["COMPARISON", "STABILITY", "write_comparison", "write_report"]

@@ -14,6 +14,7 @@ from hhtbench import analysis
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence
 from hhtbench.report import colours, runs, tables
+from hhtbench.report.atlas import TOLERANCES
 from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
@@ -29,7 +30,12 @@ from hhtbench.report.wording import anchor, verdict
 from hhtbench.report.words import MEASURES, bounded, plural
 from hhtbench.store.rows import RunRow
 
-ATLAS = "Failure atlas"
+COMPARISON = "index.html"
+ATLAS = "Failure atlas: runs that failed or are not believed"
+COUNTED = (
+    "How many runs, by solver and form (lines) and by cause (columns); declined ones stand with their problem. "
+    f"Silently wrong: a success under error control that is off by more than {TOLERANCES:g} times its tolerance."
+)
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 CURVES = "convergence.html"  # written by `verify`, linked where it is there
 WEIGHT = "b/convergence.html"  # by `verify b`, the same
@@ -76,7 +82,7 @@ def write_comparison(
         others = {"#speed": "machine speed"} if speed else {}
         others |= {page: name for page, name in BESIDE.items() if (folder / page).is_file()}
         text = _page(content, command, evidence, curves, others, speed, drawings)
-        (folder / "index.html").write_text(text, encoding="utf-8")
+        (folder / COMPARISON).write_text(text, encoding="utf-8")
         (folder / "report.md").write_text(_markdown(content, command, evidence), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"the report cannot be written to {folder}: {error.strerror}.") from error
@@ -112,7 +118,8 @@ def _page(
         drift=html_table(content.drift),
         legend=legend(styles),
         sections="\n".join(_problem_section(content.rows, part, styles, drawings) for part in content.parts),
-        failures=html_table(content.failures),
+        failures=ATLAS,
+        counted=COUNTED,
         causes=html_table(content.atlas.causes()),
         atlas=html_table(content.atlas.table()),
         campaign=escape(campaign_told(content.rows)),
@@ -157,8 +164,8 @@ def _markdown(content: Content, command: str, evidence: Evidence | None) -> str:
         parts += [f"## {escape_text(part.name)}", *map(escape_text, part.sentences)]
         for caption, table in part.tables.items():
             parts += [f"### {caption}", *markdown_table(table)]
-    parts += ["## Runs that failed or are not believed", *markdown_table(content.failures)]
-    parts += [f"## {ATLAS}", *markdown_table(content.atlas.causes()), *markdown_table(content.atlas.table())]
+    parts += [f"## {ATLAS}", COUNTED, *markdown_table(content.atlas.causes())]
+    parts += ["<details><summary>Each</summary>", *markdown_table(content.atlas.table()), "</details>"]
     parts += [
         "## How it was made",
         f"```\n{command}\n```",

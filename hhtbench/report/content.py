@@ -54,7 +54,6 @@ class Content:
     balance: Table
     against: Mapping[Kind, Table]
     drift: Table
-    failures: Table
     atlas: Atlas
     parts: tuple[Part, ...]
 
@@ -70,7 +69,7 @@ class Content:
                 f"{MEASURES[by]}, {bounded(held)}": table.as_dict() for (by, held), table in self.decisions.items()
             },
             "against": {kind.text: table.as_dict() for kind, table in self.against.items()},
-            **{name: getattr(self, name).as_dict() for name in ("balance", "drift", "failures")},
+            **{name: getattr(self, name).as_dict() for name in ("balance", "drift")},
             "atlas": self.atlas.as_dict(),
             "problems": {
                 part.name: {
@@ -98,7 +97,6 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
         balance=contest.balance(found.rows),
         against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
         drift=runs.equal_drift(found.rows),
-        failures=runs.failure_table(found.rows),
         atlas=failure_atlas(found.rows),
         parts=tuple(_part(found.rows, name, whole) for name in analysis.problems(found.rows)),
     )

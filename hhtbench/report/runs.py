@@ -128,17 +128,6 @@ def typical_runs(rows: Iterable[RunRow]) -> dict[str, Point]:
     return {run.key: run for run in chosen}
 
 
-def failure_table(rows: Sequence[RunRow]) -> Table:
-    """How many runs ended with each status, of which solvers and on which problems."""
-    found: dict[str, list[RunRow]] = {}
-    for failure in analysis.failures(rows):
-        found.setdefault(failure.status, []).extend(failure.rows)
-    body: list[list[str | Cell]] = []
-    for status, own in sorted(found.items(), key=lambda pair: -len(pair[1])):
-        body.append([Cell(status, "bad"), str(len(own)), _counted(own), ", ".join(analysis.problems(own))])
-    return make_table(["status", "runs", "solvers", "problems"], body)
-
-
 def failures_by_reason(rows: Sequence[RunRow], problem: str) -> Table:
     """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
     body: list[list[str | Cell]] = []

@@ -128,7 +128,7 @@ class Beside(DoublePendulum):
 
 @pytest.mark.parametrize("place", [1.0, 1e9])
 def test_so_it_is_beside_what_rests_far_away(place):
-    """That rests, and by its size the pendulum does."""
+    """A coordinate that rests, however far away, hides nothing of the pendulum beside it."""
     q, v = DoublePendulum.straight(0.5)
     system = Beside(ratio=1e10, place=place)
     solution = hb.HHT(system, extrapolate_reaction=True, alpha=-0.2).solve(

@@ -8,13 +8,14 @@ import pytest
 from hhtbench import analysis
 from hhtbench.analysis import Campaign, Kind
 from hhtbench.report import write_comparison
+from hhtbench.report.atlas import DECLINED, SILENT, failure_atlas
 from hhtbench.report.chart import draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import solver_styles
 from hhtbench.report.decisions import decisions
 from hhtbench.report.overview import _label_places, drift_views, profile_views
 from hhtbench.report.rules import campaign_told
-from hhtbench.report.runs import failure_table, failures_by_reason
+from hhtbench.report.runs import failures_by_reason
 from hhtbench.report.words import NOTHING, short, times, work
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.conftest import COMMAND
@@ -233,7 +234,8 @@ def test_failures_of_a_problem_are_grouped_by_reason_whatever_the_numbers_in_it(
 
 def test_no_failed_run_is_left_out_of_the_tables_of_failures(rows):
     lost = [row for row in rows if not row.success]
-    assert sum(int(line[1].text) for line in failure_table(rows).rows) == len(lost)
+    told = sum(one.runs for one in failure_atlas(rows).failures if one.cause != SILENT)
+    assert told == sum(row.status != DECLINED for row in lost)
     for problem in analysis.problems(rows):
         counted = sum(int(line[1].text) for line in failures_by_reason(rows, problem).rows)
         assert counted == sum(row.problem == problem for row in lost)

@@ -11,7 +11,7 @@ from string import Template
 import plotly.graph_objects as go
 
 from hhtbench.errors import ProblemError
-from hhtbench.report import STABILITY, colours
+from hhtbench.report import COMPARISON, STABILITY, colours
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.wording import anchor
@@ -23,7 +23,6 @@ from hhtbench.testing.extremes.cell import Axis, Kind
 
 LINE = 17  # pixels of one line of a map
 PALEST = 0.35
-COMPARISON = "index.html"
 MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and without colours
     Kind.right: ("#009E73", "square"),
     Kind.named: ("#56B4E9", "diamond"),
@@ -35,7 +34,7 @@ MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and 
 
 
 def write_stability(found: Stability, folder: Path) -> Path:
-    """Write the page into ``folder``, which is made when it is missing; the comparison there links it.
+    """Write the page into ``folder``, made if missing; the comparison links it, and is linked if it is there.
 
     Raises
     ------

@@ -26,7 +26,7 @@ LEVELS = 1e-12  # of both levels, however long
 COARSE = (2 * math.pi / STEPS) ** 2  # (h w)^2, by which a method of second order errs
 ENERGY = COARSE  # over its range, however many steps of one length are made: it varies along a swing, and does not grow
 RTOL = 1e-6
-LOST = 5 * RTOL  # of the energy, a swing under error control: five tolerances
+LOST = 5 * RTOL  # of the energy, a swing under error control: five tolerances, of as many swings as FEW at least
 PHASE = 2 * math.pi * COARSE / 4  # [rad] a swing: it grows in proportion to them
 FEW = 200  # swings
 DRIFTING = 20  # swings, in which levels may drift under error control, by a hundred times the tolerance each
@@ -94,12 +94,12 @@ def _drifting(run: Run, swings: int) -> tuple[float, float, float]:
     """What levels, energy and phase may be off by under error control, whose errors add up.
 
     The period goes with K(m), and m with half the energy over its range: energy that is lost turns the phase by pi/2 K'/K
-    times what a swing loses times the square of the swings.
+    times what a swing loses times the square of the swings.  Of a phase that is off by half a turn nothing is known.
     """
     m = math.sin(run.amplitude / 2) ** 2
     slope = (ellipe(m) / ellipk(m) / (1 - m) - 1) / (2 * m)
     phase = PHASE * swings + math.pi / 2 * slope * LOST * swings**2
-    return 100 * RTOL * min(swings, DRIFTING), LOST * max(swings, FEW), phase
+    return 100 * RTOL * min(swings, DRIFTING), LOST * max(swings, FEW), min(phase, math.pi)
 
 
 def _cell(run: Run, swings: int, way: str, request: dict[str, Any], limits: tuple[float, float, float]) -> Cell:

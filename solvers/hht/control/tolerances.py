@@ -71,6 +71,8 @@ class Tolerances:
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
         if factor <= 1.0:
             return ""
+        if factor * self.finest > 1.0:
+            return "roundoff is reached at any tolerance: the motion is too fast for its sizes; look at units and sizes."
         smallest = {"rtol": self.finest, "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
         return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."
