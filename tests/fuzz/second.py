@@ -66,7 +66,7 @@ def second_opinion(setting: Setting, s: Solution) -> str:
             second = end_of(plain)
         if second is None:
             return UNJUDGED
-        if told_by == RUN and slips(setting, s):
+        if told_by == RUN and setting.case.way.steps and slips(setting, s):
             return SLIPS
         found = End(s.q * length, s.v * (length / time))
         sizes = [max(size, float(np.abs(x).max())) for size, x in zip(plain.judge.sizes, found, strict=True)]

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ import pytest
 from tests.fuzz.cases import World, cases, drawn
 from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
-from tests.fuzz.mechanism import Shape
+from tests.fuzz.mechanism import Mechanism, Shape
 from tests.fuzz.oracles import energies
 from tests.fuzz.runs import Setting
+from tests.fuzz.second import slips
 
 CASES = {"steps": 40, "control": 24, "machine": 12, "hostile": 44}
 SEED = 20_260
@@ -39,6 +41,50 @@ def test_no_random_case_shows_a_fault(family):
 def test_a_solver_that_misleads_is_found(name):
     solver, family, twin = LIARS[name]
     assert explore(family, SEED, LIES, solver, world=WORLD, stop=True, twin=twin).faults
+
+
+def hanging(v):
+    """Two kilograms on a rod of half a metre, slowed by 0.3 of its tension from 0.1 m/s on, at rest or not."""
+    zero = np.zeros((1, 2))
+    numbers = {
+        "places": [[0.0, -0.5]],
+        "velocities": [[v, 0.0]],
+        "t0": 0.0,
+        "mass": [2.0],
+        "anchor": zero,
+        "gravity": [0.0, -10.0],
+        "scale": [7.0],
+        "length": [0.5],
+        "friction": 0.3,
+        "creep": 0.1,
+        "stiffness": [],
+        "natural": [],
+        "damper": [],
+        "drag": 0.0,
+        "growth": 0.0,
+        "swing": [0.0, 0.0],
+        "frequency": 0.0,
+        "along": [0.0, 0.0],
+        "turn": 0.0,
+        "speed": 0.0,
+        "blade_scale": 1.0,
+    }
+    shape = Shape(dim=2, points=1, anchors=1, rods=((0, 1),), reaction="friction")
+    return Mechanism(shape, {name: np.asarray(x, dtype=float) for name, x in numbers.items()})
+
+
+@pytest.mark.parametrize(("v", "rate"), [(0.0, 0.3 * 10.0 / 0.1), (0.1, 0.3 * (10.0 + 0.02) / 0.1 / np.sqrt(2.0))])
+def test_slips_grow_back_in_time_by_the_tension_over_the_speed_of_creep(v, rate):
+    """Along the speed they grow by half of what they do across it, at that of creep."""
+    judge = Setting(replace(drawn(cases("steps", WORLD), SEED), made=hanging(v))).judge
+    assert judge.slipping(0.0, *judge.start[:2]) == pytest.approx(rate, rel=1e-12)
+
+
+@pytest.mark.parametrize(("h", "told"), [(-0.03, False), (-0.04, True), (0.04, False)])
+def test_steps_back_in_time_that_are_longer_are_not_judged(h, told):
+    setting = Setting(replace(drawn(cases("steps", WORLD), SEED), made=hanging(0.0)))
+    rows = np.array([[0.0, -0.5], [0.0, -0.5]])
+    assert slips(setting, SimpleNamespace(t=np.array([0.0, h]), q=rows, v=0.0 * rows)) is told
 
 
 @pytest.mark.parametrize(("alpha", "told"), [(0.0, {1.1, 0.9}), (-0.3, {1.1})])

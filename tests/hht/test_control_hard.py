@@ -9,6 +9,7 @@ import pytest
 
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
+from hhtbench.studies.acceptance.scenes import Rod
 from problems import andrews, jay_negrut_pendulum
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at
@@ -188,6 +189,21 @@ def test_prescribed_steps_cost_nothing_of_error_control():
 
 def named_tolerance(message):
     return float(re.search(r"roundoff is reached.* to atol=([\d.e-]+)\.$", message)[1])
+
+
+@pytest.mark.parametrize("tolerances", [{"rtol": 1e-4}, {"rtol": 0.0, "atol": 1e-4}])
+def test_where_no_tolerance_is_above_roundoff_none_is_advised(tolerances):
+    solution = HHT(Rod(gravity=1e200)).solve(
+        (0.0, 1.0), [np.sin(1.0), -np.cos(1.0)], [0.5 * np.cos(1.0), 0.5 * np.sin(1.0)], **tolerances
+    )
+    assert solution.status is Status.step_too_small
+    assert "roundoff is reached at any tolerance: the motion is too fast for its sizes" in solution.message
+
+
+def test_a_force_whose_products_overflow_is_named():
+    solution = HHT(Rod(gravity=1e200)).solve((0.0, 1.0), [np.sin(1.0), -np.cos(1.0)], [0.0, 0.0], step=0.01)
+    assert solution.status is Status.nonfinite_callback
+    assert "where products with force[1] = -1e+200 overflow" in solution.message
 
 
 def test_a_tolerance_below_roundoff_is_named_with_one_that_is_not():

@@ -60,6 +60,8 @@ class Outcome:
     failing: tuple[str, ...] = ()  #: cases of the row, where it has cases
 
 
+PATIENCE = 1800.0  # [s] for the tests of a row
+
 Measure = Callable[[Asked], Finding]
 
 
@@ -97,12 +99,16 @@ def _by_tests(tests: tuple[str, ...], run: bool) -> tuple[str, Verdict, tuple[st
     there = all((root / test.partition("::")[0]).is_file() for test in tests) and importlib.util.find_spec("pytest")
     if not (run and there):
         return named, Verdict.elsewhere, ()
-    asked = [sys.executable, "-m", "pytest", "-q", "-m", "", "-p", "no:cacheprovider", *tests]
-    done = subprocess.run(asked, cwd=root, capture_output=True, text=True, check=False)
+    asked = [sys.executable, "-m", "pytest", "-q", "-ra", "-m", "", "-p", "no:cacheprovider", *tests]
+    try:
+        done = subprocess.run(asked, cwd=root, capture_output=True, text=True, check=False, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        return f"not over after {PATIENCE:g} s: {named}", Verdict.fails, tests
     told = (done.stdout.strip() or done.stderr.strip() or "pytest said nothing").splitlines()
     verdict = Verdict.fails if done.returncode else Verdict.in_part if "skipped" in told[-1] else Verdict.holds
+    skipped = "".join(f"; not shown: {line}" for line in told if line.startswith("SKIPPED "))
     failing = tuple(line.split()[1] for line in told if line.startswith(("FAILED ", "ERROR ")))
-    return f"{told[-1].strip('= ')}: {named}", verdict, failing
+    return f"{told[-1].strip('= ')}: {named}{skipped}", verdict, failing
 
 
 def _measured(measure: Measure, asked: Asked, timed: bool) -> tuple[str, Verdict, tuple[str, ...]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.equations.formulas import CERTAIN, EPS, relative_tolerance, roundoff_of
+from solvers.hht.equations.formulas import CERTAIN, EPS, TINY, relative_tolerance, roundoff_of
 from solvers.hht.step.state import State
 from solvers.hht.step.stopping import weigh_part, weighted_rms
 
@@ -71,7 +71,8 @@ class Tolerances:
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
         if factor <= 1.0:
             return ""
-        if factor * self.finest > 1.0:
+        relative = max(self.finest, self.least / max(state.size_q, TINY))
+        if factor * relative > 1.0:
             return "roundoff is reached at any tolerance: the motion is too fast for its sizes; look at units and sizes."
         smallest = {"rtol": self.finest, "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)

@@ -96,7 +96,7 @@ class Looks:
             return ""
         with uncounted():
             covered = float((self._high - self._low).max())
-            return followed(self._engine, self._history, state, covered, self._by_error.tolerances)
+            return followed(self._engine, self._history, state, covered, self._by_error)
 
 
 def hopeless(
