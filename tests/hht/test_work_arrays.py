@@ -1,5 +1,7 @@
 """What stands in the work arrays before a run reaches no result (row R7 of the acceptance matrix)."""
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from solvers.hht import Event
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
 from solvers.hht.run.functions import Functions
+from solvers.hht.run.history import History
 
 ZEROS = mem.VALUES, mem.ATTEMPT  # where they are entries, and say that nothing was seen
 WORK = [number for number in range(len(mem._floats)) if number not in ZEROS]
@@ -61,3 +64,19 @@ def test_numbers_where_zeros_are_entries_are_seen(monkeypatch):
     made_with(monkeypatch, np.nan, [mem.VALUES])
     with pytest.raises(AssertionError):
         solve("jay_negrut_pendulum", {"linsolver": "sparse"}, {"steps": 50})
+
+
+def test_rows_do_not_wait_for_the_collector_when_a_solve_is_over():
+    """Else its heap grows by hundreds of megabytes (row R7)."""
+
+    def histories():
+        return sum(isinstance(x, History) for x in gc.get_objects())
+
+    gc.collect()
+    before = histories()
+    gc.disable()
+    try:
+        solve("jay_negrut_pendulum", {}, {"steps": 50})
+        assert histories() == before
+    finally:
+        gc.enable()
