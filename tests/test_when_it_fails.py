@@ -208,6 +208,13 @@ def held() -> Any:
     return hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 2e-9), at, along, steps=20)
 
 
+def released() -> Any:
+    """A pendulum in its first tenth of a microsecond."""
+    held = {"constraint": lambda t, q: np.array([q @ q - 1.0]), "force": lambda t, q, v: np.array([0.0, -9.81])}
+    pendulum = hb.NumpySystem(mass_matrix=[1.0, 1.0], **held)
+    return hb.solve(problem(system=pendulum, t_span=(0.0, 1e-7), q0=[0.8, -0.6], v0=[0.0, 0.0]), "hht_i3", steps=10)
+
+
 def driven() -> Any:
     """A coordinate that is driven half to and fro within every step."""
     return fall(weight(constraint=lambda t, q: q - np.cos(100.0 * t)), step=math.pi / 100.0)
@@ -307,7 +314,8 @@ PROVOKED: dict[str, list[Case]] = {
     "inconsistent_initial": [Case("", "g[0]", lambda _: hoop(q0=(1.1, 0.0), step=0.01))],
     "time_resolution": [
         Case("floating-point", "time", lambda _: hb.HHT(weight()).solve((1e9, 1e9 + 1e-6), [1.0], [0.0], step=1e-9)),
-        Case("roundoff of positions", "roundoff of positions", lambda _: held()),
+        Case("roundoff of positions makes their", "roundoff of positions", lambda _: held()),
+        Case("holds positions alone", "positions alone are held", lambda _: released()),
         Case("pile up", "pile up", lambda _: bouncing()),
     ],
     "evaluation_budget": [Case("", "evaluations", lambda _: fall(step=0.01, max_evaluations=5))],

@@ -239,10 +239,14 @@ def swept(engine: Engine) -> str:
 def coarse_roundoff(engine: Engine, state: State, h: float, share: float, where: str, *, prescribed: bool) -> Failure:
     """Of a step of ``h`` [s] from ``state`` in which roundoff left increments of a ``share`` of q or v.
 
-    Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them.
+    Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them,
+    and positions, where they alone are held, eps |q| / h in v.
     """
     told = f"roundoff moves q or v by {share:.2g} of their sizes"
     is_short = h * h * float(np.abs(state.f).max()) < state.size_q
+    if is_short and not engine.method.coefficients.both_levels:
+        text = f"{told}: positions alone are held, and leave eps |q| / h of v open in so short a step"
+        return Failure(Status.time_resolution, f"{text}, {where}; take a larger step, or a method that holds velocities too")
     if engine.structure.linear_reaction or not is_short:
         remedy = "take a smaller step" if prescribed else "leave out what only strains the mechanism"
         text = f"{told}: forces and reactions that cancel one another are too large, {where}; {remedy}"
