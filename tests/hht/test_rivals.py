@@ -116,6 +116,13 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, met
     np.testing.assert_allclose(blocks / sizes, wanted / sizes, rtol=0, atol=1e-12)
 
 
+def test_steps_too_short_for_methods_that_hold_positions_alone_are_no_reason_for_shorter_ones():
+    """Newton's iteration then stops at the roundoff of positions."""
+    solution = hb.solve("andrews", "hht_i3(alpha=-0.05)", steps=1_000_000, max_num_steps=1_000)
+    assert solution.status is hb.Status.time_resolution
+    assert "positions alone are held" in solution.message and "take a larger step" in solution.message
+
+
 @pytest.mark.parametrize("method", OURS)
 def test_compiled_and_plain_loops_make_the_same_steps(method):
     problem, (kind, options) = hb.load_problem("simple_pendulum"), METHODS[method]

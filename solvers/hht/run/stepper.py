@@ -28,7 +28,7 @@ from solvers.hht.run.noise import noise
 from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
 from solvers.hht.run.tension import unstable
-from solvers.hht.run.unresolved import coarse_roundoff
+from solvers.hht.run.unresolved import by_positions, coarse_roundoff
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
@@ -273,8 +273,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         remedy = found.text
     elif leaping := int(numbers[mem.LEAPS]):
         remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
-    elif numbers[mem.ROUNDOFF]:
-        share = float(numbers[mem.ROUNDOFF])
+    elif share := float(numbers[mem.ROUNDOFF] or by_positions(engine)):
         return coarse_roundoff(engine, state, h, share, where, prescribed=by_error is None)
     failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)

@@ -236,6 +236,12 @@ def swept(engine: Engine) -> str:
     )
 
 
+def by_positions(engine: Engine) -> float:
+    """What share of q or v roundoff has left unknown where positions alone are held; 0 where it is little."""
+    share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
+    return share if share > TOLD and not engine.method.coefficients.both_levels else 0.0
+
+
 def coarse_roundoff(engine: Engine, state: State, h: float, share: float, where: str, *, prescribed: bool) -> Failure:
     """Of a step of ``h`` [s] from ``state`` in which roundoff left increments of a ``share`` of q or v.
 
