@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,13 @@ import pytest
 from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
+from hhtbench.studies.acceptance.method import MATRIX
 from hhtbench.studies.stability import workers
+from hhtbench.studies.stability.closed_forms import FORMS, measure_closed_forms
 from hhtbench.studies.stability.newton import efforts
-from hhtbench.studies.stability.page import write_stability
+from hhtbench.studies.stability.page import stability_page, write_stability
 from hhtbench.studies.stability.study import Stability, letters, study_stability
-from hhtbench.studies.stability.tables import allowed, markdown
+from hhtbench.studies.stability.tables import STEP, allowed, markdown
 from hhtbench.studies.stability.workers import Batch, Measured, Worker
 from hhtbench.testing import Kind as CheckKind
 from hhtbench.testing import check_solver
@@ -314,6 +317,14 @@ def test_text_page_and_numbers_hold_every_cell(tmp_path):
     assert page.name == STABILITY and "silently wrong" in page.read_text(encoding="utf-8")
     cells = json.loads(json.dumps(found.as_dict()))["cells"]
     assert [cell["kind"] for cell in cells] == [x.outcome.kind.label for x in found.measured]
+
+
+def test_text_and_page_show_the_step_of_hht_against_closed_forms():
+    found = replace(told(), closed_forms=measure_closed_forms())
+    assert max(found.closed_forms.errors.values()) < MATRIX and len(found.closed_forms.outcomes) == len(FORMS)
+    assert json.loads(json.dumps(found.as_dict()))["closed_forms"]["forms"][0]["verdict"] == "holds"
+    for text in (markdown(found), stability_page(found)):
+        assert STEP in unescape(text) and "w h = 1e+08" in text and "off the series by" in text
 
 
 def test_the_study_measures_every_small_cell_in_its_workers():

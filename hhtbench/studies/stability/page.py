@@ -15,9 +15,10 @@ from hhtbench.report import COMPARISON, STABILITY, colours
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.wording import anchor
+from hhtbench.studies.stability.closed_forms import forms_table, matrix_table
 from hhtbench.studies.stability.newton import newton_table
 from hhtbench.studies.stability.study import Stability
-from hhtbench.studies.stability.tables import ABOUT, TITLE, allowed, counts
+from hhtbench.studies.stability.tables import ABOUT, STEP, TITLE, allowed, counts
 from hhtbench.studies.stability.workers import Measured
 from hhtbench.testing.extremes.cell import Axis, Kind
 
@@ -65,12 +66,20 @@ def stability_page(found: Stability, compared: bool = False) -> str:
         sentences="\n".join(f"<p>{escape(found.sentence(solver))}</p>" for solver in found.solvers),
         counts=html_table(counts(found)),
         newton=html_table(newton_table(found)),
+        step=_step(found),
         sections="\n".join(_section(found, axis, drawings) for axis in found.axes),
         seed=str(found.seed),
         minutes=f"{found.seconds / 60:.0f}",
         environment=escape(", ".join(f"{name} {value}" for name, value in found.environment.items())),
         scripts=drawings.scripts(report.joinpath("draw_all.js").read_text(encoding="utf-8")),
     )
+
+
+def _step(found: Stability) -> str:
+    if found.closed_forms is None:
+        return ""
+    tables = f"{html_table(matrix_table(found.closed_forms))}\n{html_table(forms_table(found.closed_forms))}"
+    return f'<h2 id="step">{escape(STEP)}</h2>\n{tables}'
 
 
 def _section(found: Stability, axis: Axis, drawings: Drawings) -> str:

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hhtbench.evidence import environment
+from hhtbench.specs import parse_spec
+from hhtbench.studies.stability.closed_forms import SOLVER, ClosedForms, measure_closed_forms
 from hhtbench.studies.stability.workers import Batch, Measured, measure_all
 from hhtbench.testing.extremes.cell import Axis, Kind
 from hhtbench.testing.extremes.table import chosen_axes
@@ -43,6 +45,7 @@ class Stability:
     seed: int
     measured: tuple[Measured, ...]  #: by axis, solver and place
     seconds: float  #: on the clock
+    closed_forms: ClosedForms | None = None  #: of a study of all axes with HHT
     environment: Mapping[str, str] = field(default_factory=environment)
 
     def of(self, axis: str = "", solver: str = "") -> list[Measured]:
@@ -106,6 +109,7 @@ class Stability:
                 for axis in self.axes
             ],
             "cells": [_plain(x) for x in self.measured],
+            "closed_forms": None if self.closed_forms is None else self.closed_forms.as_dict(),
             "environment": dict(self.environment),
         }
 
@@ -179,8 +183,10 @@ def study_stability(
     found = measure_all(batches, jobs, told)
     places = {axis.name: index for index, axis in enumerate(axes)}
     found.sort(key=lambda x: (places[x.axis], columns.index(x.solver)))
+    asked = not only and any(parse_spec(solver).target == SOLVER for solver in columns)
+    forms = measure_closed_forms() if asked else None
     seconds = time.perf_counter() - began
-    return Stability(axes=axes, solvers=columns, seed=seed, measured=tuple(found), seconds=seconds)
+    return Stability(axes=axes, solvers=columns, seed=seed, measured=tuple(found), closed_forms=forms, seconds=seconds)
 
 
 def _batch(axis: Axis, solver: str, seed: int, small: bool) -> Batch:

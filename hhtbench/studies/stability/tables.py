@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 from hhtbench.report.markdown import escape_text, markdown_table
 from hhtbench.report.tables import Cell, Table, make_table
+from hhtbench.studies.stability.closed_forms import forms_table, matrix_table
 from hhtbench.studies.stability.newton import newton_table
 from hhtbench.studies.stability.study import SAFE, Stability, letters
 from hhtbench.testing.extremes.cell import Axis, Kind
 
+STEP = "HHT's step against closed forms"
 TITLE = "Stability at the extremes"
 KEY = "; ".join(f"{kind.letter} {kind.text}" for kind in Kind)
 ABOUT = (
@@ -18,9 +20,8 @@ ABOUT = (
     "runs of a solver. What is allowed stands beside every line of an axis: under error control mostly a hundred "
     "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
     "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
-    f"{100 * SAFE:g} % are right. Steps on an oscillator are compared with rows of the closed recurrence; trace, minors and "
-    "determinant of HHT's step are row M1 of hhtbench study acceptance, the condition of its Newton matrix is in hhtbench "
-    "verify paper. "
+    f"{100 * SAFE:g} % are right. Steps on an oscillator are compared with rows of the closed recurrence, HHT's step "
+    "itself with closed forms, below; the condition of its Newton matrix is in hhtbench verify paper. "
     "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
     "solvers with error control and prescribed steps through the same cases, and wrong answers that say success apart."
 )
@@ -84,6 +85,9 @@ def markdown(found: Stability) -> str:
     parts += ["\n".join(f"- {escape_text(found.sentence(solver))}" for solver in found.solvers)]
     parts += ["## Right cells", *markdown_table(counts(found))]
     parts += ["## Newton's iterations", *markdown_table(newton_table(found))]
+    if found.closed_forms is not None:
+        parts += [f"## {STEP}", *markdown_table(matrix_table(found.closed_forms))]
+        parts += markdown_table(forms_table(found.closed_forms))
     for axis in found.axes:
         parts += [f"## {axis.name}", escape_text(axis.sentence), f"Parameter: {axis.label}; {points(found, axis)}."]
         parts += markdown_table(lines(found, axis))
