@@ -121,6 +121,25 @@ def test_steps_too_short_for_methods_that_hold_positions_alone_are_no_reason_for
     solution = hb.solve("andrews", "hht_i3(alpha=-0.05)", steps=1_000_000, max_num_steps=1_000)
     assert solution.status is hb.Status.time_resolution
     assert "positions alone are held" in solution.message and "take a larger step" in solution.message
+    assert "Roundoff leaves" not in solution.message  # it is told
+
+
+@pytest.mark.parametrize(("first", "later", "jump"), [(2e-6, 2e-6, 1e-3), (2e-6, 1e-4, 0.01)])
+def test_nor_is_roundoff_of_earlier_steps_the_cause_of_a_later_failure(first, later, jump):
+    """Increments were left to roundoff while it began; a force that no step resolves comes afterwards."""
+    pendulum = hb.NumpySystem(
+        mass_matrix=[1.0, 1.0],
+        force=lambda t, q, v: np.array([0.0, -9.81]) - (1e12 * np.sign(v) if t > jump else 0.0),
+        constraint=lambda t, q: np.array([q @ q - 1.0]),
+    )
+    kind, options = METHODS["hht_i3"]
+    integrator = kind(pendulum, **options)
+    integrator.init_step(0.0, [0.8, -0.6], [0.0, 0.0], step=first)
+    statuses = [integrator.step() for _ in range(50)]
+    integrator.restart(integrator.state, step=later)
+    while integrator.state.t <= jump + later and statuses[-1] is hb.Status.success:
+        statuses.append(integrator.step())
+    assert statuses[-1] is hb.Status.newton_failed, integrator.message
 
 
 @pytest.mark.parametrize("method", OURS)

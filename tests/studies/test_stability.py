@@ -14,7 +14,7 @@ from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
 from hhtbench.studies.acceptance.method import MATRIX
-from hhtbench.studies.stability import workers
+from hhtbench.studies.stability import study, workers
 from hhtbench.studies.stability.closed_forms import FORMS, measure_closed_forms
 from hhtbench.studies.stability.newton import efforts
 from hhtbench.studies.stability.page import stability_page, write_stability
@@ -325,6 +325,18 @@ def test_text_and_page_show_the_step_of_hht_against_closed_forms():
     assert json.loads(json.dumps(found.as_dict()))["closed_forms"]["forms"][0]["verdict"] == "holds"
     for text in (markdown(found), stability_page(found)):
         assert STEP in unescape(text) and "w h = 1e+08" in text and "off the series by" in text
+
+
+@pytest.mark.parametrize(("only", "solvers", "there"), [((), ("ida", "hht(alpha=-0.3)"), True), (("span",), (), False)])
+def test_the_step_of_hht_is_part_of_a_study_of_all_axes(only, solvers, there, monkeypatch):
+    monkeypatch.setattr(study, "measure_all", lambda *_: [])
+    assert (study_stability(only, solvers).closed_forms is not None) == there
+
+
+def test_a_study_without_hht_has_no_step_of_it(monkeypatch):
+    monkeypatch.setattr(study, "measure_all", lambda *_: [])
+    found = study_stability((), ("ida",))
+    assert found.closed_forms is None and STEP not in unescape(stability_page(found))
 
 
 def test_the_study_measures_every_small_cell_in_its_workers():

@@ -16,6 +16,7 @@ CLAIMS: dict[str, dict[str, Any]] = {
     "hht": {"order": 2.0, "drift": 1e-10, "accuracy": 10.0, "iterations": 4.0},
     "rattle": {"order": 2.0, "drift": 1e-10, "expected_failed": EXPLICIT},
     "generalised_alpha": {"order": 2.0, "drift": 1e-10},
+    "generalised_alpha(form=index3)": {"order": 2.0, "expected_failed": BY_POSITIONS},
     "hht_i3": {"expected_failed": BY_POSITIONS},
     "projected": {"drift": 1e-10},
     "ida": {},

@@ -53,7 +53,7 @@ def _of_matrix(x: Matrix) -> np.ndarray:
 @row("M1", "one step on y'' = -w^2 y - 2 zeta w y' from unit vectors, 5 alphas, w h = 0.1..1e8", "the closed matrix")
 def amplification(asked: Asked) -> Finding:
     """By its invariants."""
-    return bounded(max(step_errors(asked).values()), MATRIX, "trace, minors, determinant off by")
+    return bounded(float(np.max([*step_errors(asked).values()])), MATRIX, "trace, minors, determinant off by")
 
 
 def step_errors(asked: Asked) -> dict[tuple[float, float], float]:

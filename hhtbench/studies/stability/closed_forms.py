@@ -52,7 +52,7 @@ def forms_table(found: ClosedForms) -> Table:
     """A line each of the other forms."""
     lines: list[list[str | Cell]]
     lines = [[row.goes_in, row.expected, _verdict(outcome)] for row, outcome in found.outcomes.items()]
-    return make_table(["step", "expected", "measured"], lines)
+    return make_table(["what", "expected", "measured"], lines)
 
 
 def _judged(error: float) -> Cell:

@@ -179,12 +179,12 @@ def study_stability(
         tell(batch, measured)
         progress("batches", next(done), len(batches))
 
+    asked = not only and any(parse_spec(solver).target == SOLVER for solver in columns)
+    forms = measure_closed_forms() if asked else None
     progress("batches", 0, len(batches))
     found = measure_all(batches, jobs, told)
     places = {axis.name: index for index, axis in enumerate(axes)}
     found.sort(key=lambda x: (places[x.axis], columns.index(x.solver)))
-    asked = not only and any(parse_spec(solver).target == SOLVER for solver in columns)
-    forms = measure_closed_forms() if asked else None
     seconds = time.perf_counter() - began
     return Stability(axes=axes, solvers=columns, seed=seed, measured=tuple(found), closed_forms=forms, seconds=seconds)
 

@@ -36,6 +36,7 @@ from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.run.tension import departed, grown
 from solvers.hht.run.unresolved import (
+    MOVED_BY_ROUNDOFF,
     is_resolved,
     left_by_roundoff,
     lost_by_roundoff,
@@ -94,7 +95,8 @@ class Integration:
         self.history.before_dropping = lambda: None  # else rows wait, in a cycle, for the collector
         engine.raise_left_over()
         self._look()
-        left = left_by_roundoff(engine, self.history.states()[2], self.rtol)
+        known = MOVED_BY_ROUNDOFF in end.message
+        left = "" if known else left_by_roundoff(engine, self.history.states()[2], self.rtol)
         sweeps = swept(engine) if steps is not None else ""
         note = f"{started.note} {self.steep} {sweeps} {self._coarse(plan, state.size_q)} {left}"
         solution = self._assembled(self.stepper, self._checked(engine, end), " ".join(note.split()))

@@ -273,7 +273,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         remedy = found.text
     elif leaping := int(numbers[mem.LEAPS]):
         remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
-    elif share := float(numbers[mem.ROUNDOFF] or by_positions(engine)):
+    elif share := float(numbers[mem.ROUNDOFF] or by_positions(engine, state, h)):
         return coarse_roundoff(engine, state, h, share, where, prescribed=by_error is None)
     failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
     return failure if by_error is None else _or_noise(engine, by_error, state, failure)

@@ -13,7 +13,7 @@ from hhtbench.counting import uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
 from solvers._start import Failure, of_dynamics
-from solvers.hht.equations.formulas import EPS
+from solvers.hht.equations.formulas import EPS, TINY
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.step.state import State
@@ -25,6 +25,7 @@ STEEP = 0.5  # of what v is along them: (h w)^2 of what throws it about, by whic
 BEFORE, AFTER = 2, 2  # rows beside a step in which v has a size
 HELD = 0.5  # of what forces change v by in a step, at most, that it turns by where constraints hold against them
 SLIPS = 0.05  # of the way of q: by more than velocities tell it is moved by what velocity constraints hold of forces
+MOVED_BY_ROUNDOFF = "roundoff moves q or v by"  # how the message of a failure by it goes on
 TOLD = 1e-6  # of q or v: less is below any tolerance that is usual
 FEW = 16.0  # roundoffs of v, which a step may err by
 SHARE = 0.1  # of what accelerations change v by in a step: a friction that errs by more is another one
@@ -236,10 +237,16 @@ def swept(engine: Engine) -> str:
     )
 
 
-def by_positions(engine: Engine) -> float:
-    """What share of q or v roundoff has left unknown where positions alone are held; 0 where it is little."""
-    share = float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
-    return share if share > TOLD and not engine.method.coefficients.both_levels else 0.0
+def by_positions(engine: Engine, state: State, h: float) -> float:
+    """What share of v roundoff of positions leaves open in a step of ``h`` [s] from ``state``; 0 where it is little.
+
+    Where they alone are held, and increments have been left to roundoff.
+    """
+    if engine.method.coefficients.both_levels:
+        return 0.0
+    speed = max(float(np.abs(state.v).max()), abs(h) * float(np.abs(state.f).max()), TINY)
+    here, left = FEW * EPS * state.size_q / (abs(h) * speed), float(engine.loops.section(mem.ATTEMPT)[mem.LEFT])
+    return left if min(here, left) > TOLD else 0.0
 
 
 def coarse_roundoff(engine: Engine, state: State, h: float, share: float, where: str, *, prescribed: bool) -> Failure:
@@ -248,11 +255,11 @@ def coarse_roundoff(engine: Engine, state: State, h: float, share: float, where:
     Accelerations A that cancel one another leave eps h^2 A in q, multipliers eps |q| / h^2 to a reaction not linear in them,
     and positions, where they alone are held, eps |q| / h in v.
     """
-    told = f"roundoff moves q or v by {share:.2g} of their sizes"
+    told = f"{MOVED_BY_ROUNDOFF} {share:.2g} of their sizes"
     is_short = h * h * float(np.abs(state.f).max()) < state.size_q
     if is_short and not engine.method.coefficients.both_levels:
         text = f"{told}: positions alone are held, and leave eps |q| / h of v open in so short a step"
-        return Failure(Status.time_resolution, f"{text}, {where}; take a larger step, or a method that holds velocities too")
+        return Failure(Status.time_resolution, f"{text}, {where}; take a larger step, or hht, which holds velocities too")
     if engine.structure.linear_reaction or not is_short:
         remedy = "take a smaller step" if prescribed else "leave out what only strains the mechanism"
         text = f"{told}: forces and reactions that cancel one another are too large, {where}; {remedy}"
