@@ -12,7 +12,8 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context
 from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -46,6 +47,18 @@ def openblas(verb: str) -> Iterator[Callable[..., int]]:
         yield from (getattr(library, name.format(verb)) for name in OPENBLAS if hasattr(library, name.format(verb)))
 
 
-def worker_processes(jobs: int, **options: Any) -> ProcessPoolExecutor:
-    """A pool of ``jobs`` fresh processes: JAX's threads do not survive a fork."""
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=one_blas_thread, **options)
+@contextmanager
+def worker_processes(jobs: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
+    """A pool of ``jobs`` fresh processes: JAX's threads do not survive a fork.
+
+    An exception inside, as an interruption, kills them: what they do and what waits for them is not waited for.
+    """
+    others = set(active_children())
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=one_blas_thread, **options) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in set(active_children()) - others:
+                process.kill()
+            raise

@@ -75,6 +75,23 @@ def _count(store: Path) -> int:
         return 0
 
 
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="children are read from /proc")
+@pytest.mark.parametrize("command", ["study stability --only long_run", "verify tension --jobs 2"])
+def test_studies_end_at_once_with_all_their_processes(command: str, outside: Path):
+    """They waited for all that was left to do, twenty minutes."""
+    runner = started(outside, *command.split())
+    own = Path(f"/proc/{runner.pid}")
+    children = lambda: {int(x) for task in own.glob("task/*/children") for x in task.read_text().split()}  # noqa: E731
+    wait_for(lambda: len(children()) >= 3)  # two workers, and multiprocessing's own
+    time.sleep(1.0)
+    workers = children()
+    os.kill(runner.pid, signal.SIGTERM)
+    _, said = runner.communicate(timeout=10)
+    assert runner.returncode == 143
+    assert "Traceback" not in said
+    wait_for(lambda: not any(alive(pid) for pid in workers))
+
+
 def test_ctrl_c_ends_a_command_in_the_midst_of_an_import_that_catches_everything(outside: Path, tmp_path: Path):
     begun = slow(outside, "solvers")
     runner = started(outside, "run", *RUN, "--store", str(tmp_path / "runs.db"))

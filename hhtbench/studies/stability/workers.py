@@ -5,9 +5,10 @@ A cell holds functions: it is named by its axis, its place there and the seed, a
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
@@ -20,6 +21,7 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.cell import COMPILING, Cell, Kind, Outcome, measure
 from hhtbench.testing.extremes.table import chosen_axes
 
+AGAIN = 0.1  # [s] after which workers are stopped again: one may just have begun
 OVERDUE = COMPILING + 30.0  # [s] beyond twice the budget of a cell, after which its process is killed
 
 
@@ -49,15 +51,22 @@ def measure_all(batches: Iterable[Batch], jobs: int, tell: Callable[[Batch, Sequ
     waiting: SimpleQueue[Batch] = SimpleQueue()
     for batch in batches:
         waiting.put(batch)
+    workers = [Worker() for _ in range(jobs)]
     with ThreadPoolExecutor(jobs) as threads:
-        lanes = [threads.submit(_lane, waiting, tell) for _ in range(jobs)]
-        return [found for lane in lanes for found in lane.result()]
+        lanes = [threads.submit(_lane, worker, waiting, tell) for worker in workers]
+        try:
+            return [found for lane in lanes for found in lane.result()]
+        except BaseException:  # an interruption: nothing is waited for
+            while not all(lane.done() for lane in lanes):
+                for worker in workers:
+                    worker.stop()
+                wait(lanes, AGAIN)
+            raise
 
 
-def _lane(waiting: SimpleQueue[Batch], tell: Callable[[Batch, Sequence[Measured]], None]) -> list[Measured]:
-    """One worker after the other takes batches until none is left."""
+def _lane(worker: Worker, waiting: SimpleQueue[Batch], tell: Callable[[Batch, Sequence[Measured]], None]) -> list[Measured]:
+    """A worker takes batches until none is left, or it is stopped."""
     found: list[Measured] = []
-    worker = Worker()
     try:
         while True:
             try:
@@ -79,11 +88,20 @@ class Worker:
     """One process at a time; where it is killed or dies, another one takes its place."""
 
     def __init__(self) -> None:
+        self._stopped = False
         self._process: Any = None
         self._connection: Any = None
 
     def measure(self, batch: Batch, place: int, seconds: float) -> Outcome:
-        """The outcome of one cell, whatever it does."""
+        """The outcome of one cell, whatever it does.
+
+        Raises
+        ------
+        RuntimeError
+            The worker was stopped.
+        """
+        if self._stopped:
+            raise RuntimeError("the worker was stopped.")
         if self._process is None:
             context = get_context("spawn")
             self._connection, theirs = context.Pipe()
@@ -103,6 +121,12 @@ class Worker:
         self.end()
         return Outcome(kind=Kind.crashed, status=Status.crashed.label, message=text, seconds=time.perf_counter() - began)
 
+    def stop(self) -> None:
+        """Kill the process, from another thread; no other one takes its place."""
+        self._stopped, process = True, self._process
+        if process is not None:
+            process.kill()
+
     def end(self) -> None:
         """Kill the process, if there is one."""
         if self._process is not None:
@@ -121,6 +145,7 @@ def _cells(axis: str, seed: int) -> Sequence[Cell]:
 def serve(connection: Connection) -> None:
     """In the worker: cells until the pipe closes."""
     one_blas_thread()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all processes of a terminal: who started this one ends it
     while True:
         try:
             solver, axis, seed, place = connection.recv()
