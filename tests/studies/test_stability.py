@@ -321,7 +321,8 @@ def test_text_page_and_numbers_hold_every_cell(tmp_path):
 
 def test_text_and_page_show_the_step_of_hht_against_closed_forms():
     found = replace(told(), closed_forms=measure_closed_forms())
-    assert max(found.closed_forms.errors.values()) < MATRIX and len(found.closed_forms.outcomes) == len(FORMS)
+    assert all(x < MATRIX for x in found.closed_forms.errors.values())  # none is NaN
+    assert len(found.closed_forms.outcomes) == len(FORMS)
     assert json.loads(json.dumps(found.as_dict()))["closed_forms"]["forms"][0]["verdict"] == "holds"
     for text in (markdown(found), stability_page(found)):
         assert STEP in unescape(text) and "w h = 1e+08" in text and "off the series by" in text
