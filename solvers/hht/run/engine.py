@@ -74,12 +74,10 @@ class Engine:
         self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
-        self.asks: bool | None = None  #: whether constraints ask for a velocity of what is at rest; None: not yet known
         self.distrusts = False  #: whether the declared derivatives were given up
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
-        self._passed: Matrix | None = None  #: some rows of the steps before that one
 
     @property
     def reusable(self) -> bool:
@@ -88,7 +86,7 @@ class Engine:
 
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
-        self.place, self.work, self._stopped, self._not_suspect, self._passed = place, work, None, None, None
+        self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
         if "loops" in self.__dict__:
             self.loops.again(work)
         return self
@@ -166,18 +164,11 @@ class Engine:
         if made:
             state = loops.store(controlled=state.controlled)
             if ended != mem.CONVERGED:
-                self._stopped, self._passed = (state, ended), rows[[made - 2**k for k in range(made.bit_length())]]
+                self._stopped = state, ended
             return state, made, mem.CONVERGED
         if ended in (mem.CONVERGED, mem.EVENT_FOUND):  # what a failed step leaves behind is not the state
             loops.held = state
         return state, made, self._unless_spent(ended)
-
-    def passed(self) -> list[Place]:
-        """Where the run began, and 1, 2, 4, ... steps before the last failure, as far as these were made together."""
-        if self._passed is None:
-            return [self.place]
-        t, _, q, v, *_ = row_layout(self.structure).parts
-        return [self.place, *(Place(float(row[t][0]), row[q], row[v]) for row in self._passed)]
 
     def started(self, place: Place, guesses: Guesses) -> State | None:
         """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
@@ -250,12 +241,9 @@ class Engine:
         for name, values in zip(ATTEMPTED, attempt, strict=True):
             self.loops.section(name)[:] = values
 
-    def give_up_derivatives(self, state: State, *, noisy: bool = False) -> bool:
-        """Whether the step that was tried last is made without the declared derivatives, which then are given up.
-
-        Of functions that are ``noisy`` derived ones are worse.
-        """
-        if not self.fallible or noisy:
+    def give_up_derivatives(self, state: State) -> bool:
+        """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
+        if not self.fallible:
             self._not_suspect = state
             return False
         declared_ones = self.functions, self.loops

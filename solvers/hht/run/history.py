@@ -52,8 +52,6 @@ class History:
         self._layout, self._constrained = row_layout(structure), structure.constrained
         self._rows = np.empty((ROOM, self._layout.columns))
         self._rows[0], self._count, self._changes, self._dropped = start, 1, 1, 0
-        self.looked: set[float] = set()  #: times [s] of rows after which rank has been looked for, (H52)
-        self.before_dropping: Callable[[], None] = lambda: None
         self._elapsed, self._begin = 0.0, float(start[0])
         self._every = every
         self._ahead = t_eval  # those that are not in ``_output`` yet
@@ -90,13 +88,6 @@ class History:
         self.commit(1)
         self._remarks.append(remark)
 
-    def cut(self, steps: int) -> None:
-        """Forget the last ``steps``, and the events in them."""
-        self._count -= steps
-        begin, end = self.span
-        for each in self._occurrences:
-            each[:] = [o for o in each if abs(o.t - begin) <= abs(end - begin)]
-
     def last(self, count: int, which: Sequence[int] = (0, 2, 3)) -> list[Matrix]:
         """t, q and v, (k, 1), (k, n) each, or ``which`` parts, of ``count`` last rows at most, after any change of state."""
         first = max(self._count - count, 0)
@@ -104,18 +95,13 @@ class History:
         first += int(changed[-1]) if changed.size else 0
         return [self._rows[first : self._count, self._layout.parts[i]] for i in which]
 
-    def lengths_and_states(self) -> tuple[Vector, Matrix, Matrix]:
-        """h (k,), q and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        h, q, v = self._columns(1, 2, 3)
-        return h[:, 0], q, v
+    def lengths_and_speeds(self) -> list[Matrix]:
+        """Lengths h (k, 1) and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        return self._columns(1, 3)
 
-    def states(self) -> list[Matrix]:
-        """t, h (k, 1), q, v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        return self._columns(0, 1, 2, 3, 4)
-
-    def ends(self) -> list[Matrix]:
-        """t, h (k, 1), q, v (k, n) and lam (k, m) of the rows that are kept, all at the ends of their steps."""
-        return self._columns(0, 1, 2, 3, 6)
+    def forced(self) -> list[Matrix]:
+        """Times t, lengths h (k, 1), v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        return self._columns(0, 1, 3, 4)
 
     def handing_over(self, stepping: float) -> float:
         """About how many seconds it takes to hand over the rows of steps that have taken ``stepping`` [s]."""
@@ -136,7 +122,6 @@ class History:
         t0, t1 = self._rows[[0, self._count - 1], 0].tolist()
         if t0 == t1:
             return
-        self.before_dropping()
         direction = math.copysign(1.0, t1 - t0)
         passed = int(np.searchsorted(direction * ahead, direction * t1, "left"))
         self._output.append(self._interpolated(ahead[:passed], lambda: False))

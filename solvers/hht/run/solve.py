@@ -20,31 +20,19 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
+from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
 from solvers.hht.run.beside import settle
-from solvers.hht.run.by_velocity import cause_of, lost_by_velocity
+from solvers.hht.run.causes import explained, growing_vibration, unresolved_forces
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
-from solvers.hht.run.pace import Looks
 from solvers.hht.run.projecting import projection_of, put_on_constraints
-from solvers.hht.run.ratios import amplified
 from solvers.hht.run.rows import recovered
-from solvers.hht.run.singular import LAST_ROWS, places_of, told
+from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
-from solvers.hht.run.tension import departed, grown
-from solvers.hht.run.unresolved import (
-    MOVED_BY_ROUNDOFF,
-    is_resolved,
-    left_by_roundoff,
-    lost_by_roundoff,
-    moved_by_roundoff,
-    off_constraints,
-    steep_forces,
-    swept,
-)
 from solvers.hht.step.state import State
 
 STAGES = "stage values (first order)"
@@ -63,7 +51,6 @@ class Integration:
 
     stepper: Stepper | None = None  #: None before the first state
     history: History
-    steep = off = ""  #: what :meth:`_look` has found
 
     def __init__(
         self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
@@ -90,16 +77,10 @@ class Integration:
         else:
             plan = Prescribed(steps)
         self.stepper = Stepper(engine=engine, plan=plan, events=events)
-        self.history.before_dropping = self._look
         end = integrate(self.stepper, state, self.t1, self.history, request.max_num_steps)
-        self.history.before_dropping = lambda: None  # else rows wait, in a cycle, for the collector
         engine.raise_left_over()
-        self._look()
-        known = MOVED_BY_ROUNDOFF in end.message
-        left = "" if known else left_by_roundoff(engine, self.history.states()[2], self.rtol)
-        sweeps = swept(engine) if steps is not None else ""
-        note = f"{started.note} {self.steep} {sweeps} {self._coarse(plan, state.size_q)} {left}"
-        solution = self._assembled(self.stepper, self._checked(engine, end), " ".join(note.split()))
+        note = f"{started.note} {self._warnings(plan, state.size_q)}".strip()
+        solution = self._assembled(self.stepper, self._checked(end), note)
         idle.put_back(started.purpose, engine)
         return solution
 
@@ -134,20 +115,11 @@ class Integration:
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
-    def _look(self) -> None:
-        """Put what the rows that are kept tell of unresolved forces into ``steep``, of roundoff into ``off``; in words."""
-        if self.stepper is None or self.work.clock.left() < 0.0:
-            return
-        _, h, _, v, a = states = self.history.states()
-        engine, resolved, prescribed = self.stepper.engine, is_resolved(h, v, a), self.steps is not None
-        if not self.steep and (prescribed or not resolved):
-            self.steep = steep_forces(engine, *states, prescribed=prescribed)
-        if not self.off and not resolved:
-            self.off = off_constraints(engine, *states)
-
-    def _coarse(self, plan: Plan, at_start: float) -> str:
-        """That tolerances allow whatever steps have not seen, as every error of q, which was ``at_start`` large; or none."""
-        if plan.by_error is None or plan.by_error.tolerances.least <= at_start:
+    def _warnings(self, plan: Plan, at_start: float) -> str:
+        """Warning if prescribed steps do not resolve forces, or tolerances exceed q, which was ``at_start`` large."""
+        if plan.by_error is None:
+            return unresolved_forces(*self.history.forced())
+        if plan.by_error.tolerances.least <= at_start:
             return ""
         return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
 
@@ -161,32 +133,16 @@ class Integration:
         rows.q[which], rows.v[which] = q, v
         return str(unmet)
 
-    def _checked(self, engine: Engine, end: Failure) -> Failure:
-        """``end``; of a success a failure where times do not resolve the steps, or these have made a motion grow."""
-        if end.status is Status.singular_iteration_matrix:
-            t, _, *state = self.history.states()
-            found = self.off or lost_by_roundoff(engine, t, *state)
-            return Failure(Status.unreliable, found) if found else end
+    def _checked(self, end: Failure) -> Failure:
+        """``end``; of a success a failure where times do not resolve the steps, or prescribed steps were unstable."""
         if end.status not in (Status.success, Status.event):
             return end
         made, elapsed = self.history.steps
         coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        found = self.off or self._grown(engine)
-        if found:
-            return Failure(Status.unreliable, found)
-        short = moved_by_roundoff(engine, *self.history.ends()[:4])
-        return Failure(Status.time_resolution, short) if short else end
-
-    def _grown(self, engine: Engine) -> str:
-        """What prescribed steps have made grow, in words; or none."""
-        if self.steps is None:
-            return ""
-        even = self.steps.lengths is None
-        found = "" if even else amplified(engine.method, *self.history.lengths_and_states())
-        found = found or grown(engine, *self.history.last(LAST_ROWS))
-        return found or departed(engine, *self.history.ends())
+        grown = "" if self.steps is None else growing_vibration(*self.history.lengths_and_speeds())
+        return Failure(Status.unreliable, grown) if grown else end
 
     def _nothing(self, failure: Failure) -> Solution:
         n = self.place.q.size
@@ -200,22 +156,19 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
     Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None.  Returns how it ended.
     """
-    looks = Looks(stepper, state, stop, history, max_num_steps)
     max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     crossed, stepping = 0, 0.0
     count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if max_num_steps is not None and taken >= max_num_steps:
-            text = looks.many(taken, state)
-            return Failure(Status.max_steps, f"{taken} steps were taken and t = {state.t:.17g} reached; {text}")
-        room = min(looks.room(count, taken), count if max_num_steps is None else max_num_steps - taken)
+            text = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
+            return explained(stepper.engine, Failure(Status.max_steps, text), state, state.h or 0.0)
+        room = count if max_num_steps is None else min(count, max_num_steps - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
         history.commit(accepted.made)
-        if lost := lost_by_velocity(stepper.engine, history, accepted.made):
-            return lost
         taking = time.perf_counter() - began
         stepping += taking
         clock.kept_back = history.handing_over(stepping)
@@ -231,10 +184,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
             if isinstance(beyond, Failure):
                 return beyond
             state, taken, crossed = beyond, taken + 1, crossed + 1
-        if ended := looks.ended(taken, state):
-            return ended
-    note = looks.arrived(taken, state)
-    return replace(ARRIVED, message=f"{ARRIVED.message} {note}") if note else ARRIVED
+    return ARRIVED
 
 
 def is_quick(engine: Engine) -> bool:
@@ -252,7 +202,8 @@ def go_beyond(
     engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LAST_ROWS))
     position = cause_of(engine, ended, places)
     if isinstance(position, Failure):
-        return position
+        tried = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
+        return explained(engine, position, state, tried if position.status is Status.newton_failed else state.h or tried)
     if by_error is None:
         return told(position, "the steps are prescribed")
     if stepper.events:

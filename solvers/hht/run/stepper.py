@@ -24,11 +24,8 @@ from solvers.hht.loops import memory as mem
 from solvers.hht.run.beside import FEW, Beside
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
-from solvers.hht.run.noise import noise
 from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
-from solvers.hht.run.tension import unstable
-from solvers.hht.run.unresolved import by_positions, coarse_roundoff
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
@@ -102,7 +99,7 @@ class Stepper:
         if ended == mem.CONVERGED:
             return Accepted(state, watch, made)
         if ended == mem.SUSPECT:
-            engine.give_up_derivatives(before, noisy=noise(engine, before, None, 0.0, 0.0) is not None)
+            engine.give_up_derivatives(before)
             return self._advance(before, watch, stop, rows, horizon)
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
@@ -257,8 +254,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
         roundoff = ended == mem.ROUNDOFF_REACHED
         off = off_at_start(engine, state) if roundoff or by_times(by_error, t) else None
-        failure = off or _too_large(by_error, state, numbers, roundoff)
-        return _or_noise(engine, by_error, state, failure)
+        return off or _too_large(by_error, state, numbers, roundoff)
     cause = engine.explain(state, float(numbers[mem.T_END])) if ended in (mem.NONFINITE, mem.SINGULAR) else None
     if ended == mem.NONFINITE or (cause is not None and cause.function != RESIDUAL):
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
@@ -267,29 +263,9 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     remedy = "take a smaller step" if by_error is None else JUMP
     if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
         remedy = "b is close to the singular value 1/2, take b = 0"
-    elif text := unstable(engine, [*engine.passed(), state], h):
-        remedy = text
-    elif by_error is None and (found := noise(engine, state, None, h, 0.0)):
-        remedy = found.text
     elif leaping := int(numbers[mem.LEAPS]):
         remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
-    elif share := float(numbers[mem.ROUNDOFF] or by_positions(engine, state, h)):
-        return coarse_roundoff(engine, state, h, share, where, prescribed=by_error is None)
-    failure = Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
-    return failure if by_error is None else _or_noise(engine, by_error, state, failure)
-
-
-def _or_noise(engine: Engine, plan: ByError, state: State, failure: Failure) -> Failure:
-    """``failure`` of a step from ``state``, or where a function is noisy one that says so."""
-    first, size = engine.loops.section(mem.ATTEMPT)[[mem.FIRST_H, mem.FIRST_ERROR]].tolist()
-    h, error = (first, size) if first else (state.h or 0.0, 1.0)  # the first that was tried, or the last that was made
-    found = noise(engine, state, plan.tolerances, h, error) if h else None
-    if found is None:
-        return failure
-    if not found.decides:
-        return replace(failure, message=f"{failure.message.removesuffix('.')}. There is {found.text}.")
-    text = f"at t = {state.t:.17g} the error of a step does not shrink with it for {found.text}, or loosen the tolerances."
-    return Failure(Status.step_too_small, text)
+    return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
 
 
 def by_times(plan: ByError, t: float) -> bool:

@@ -21,11 +21,11 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import Memory, integer_view, view
-from solvers.hht.run.by_velocity import cause_of
+from solvers.hht.run.causes import explained
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
-from solvers.hht.run.singular import places_of, told
+from solvers.hht.run.singular import cause_of, places_of, told
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
@@ -126,7 +126,7 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
     after = stepper.after_events(accepted)
     status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
     if after.ended is not None and status is not Status.event:
-        ended = _with_cause(stepper.engine, after.ended, integrator.last)
+        ended = _with_cause(stepper.engine, after.ended, before, integrator.last)
         return replace(integrator, message=ended.message), ended.status
     moved = replace(
         integrator,
@@ -139,10 +139,12 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
     return moved, status
 
 
-def _with_cause(engine: Engine, ended: Failure, last: HermiteOutput) -> Failure:
-    """How stepping has ``ended`` after the ``last`` step, by a singular position if that is its cause."""
+def _with_cause(engine: Engine, ended: Failure, state: State, last: HermiteOutput) -> Failure:
+    """How stepping has ``ended`` at ``state`` after the ``last`` step, with its cause where that is known."""
     position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
-    return position if isinstance(position, Failure) else told(position, "steps are made one by one")
+    if not isinstance(position, Failure):
+        return told(position, "steps are made one by one")
+    return explained(engine, position, state, float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:

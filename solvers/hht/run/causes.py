@@ -1,0 +1,223 @@
+"""Causes of failed runs, looked for after the failure, and warnings about prescribed steps that arrived."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import uncounted
+from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import route_of
+from hhtbench.protocol import declared
+from hhtbench.result import Status
+from solvers._projection import Projection
+from solvers._start import Failure, Place
+from solvers._trust import as_arguments
+from solvers.hht.equations.formulas import EPS
+from solvers.hht.run.engine import Engine, not_extrapolated
+from solvers.hht.run.singular import dense
+from solvers.hht.step.state import State
+
+MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
+CALLS = 5  # of every function
+ROUNDOFFS = 9  # by which arguments of such calls differ at most
+WIDER = 1024.0  # times: values of a smooth function differ so much more where their arguments do
+SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's differences at near arguments are below it
+ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
+DIFFERENCE = EPS ** (1 / 3)  # of the size of q: balances truncation and roundoff of a central difference
+BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the vibration
+STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
+UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
+ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
+GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
+
+
+def explained(engine: Engine, failure: Failure, state: State, h: float) -> Failure:
+    """The ``failure`` of a step of ``h`` [s] from ``state``, with its cause where one of those known here is found."""
+    if failure.status not in (Status.newton_failed, Status.step_too_small, Status.max_steps):
+        return failure
+    with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError), uncounted(), np.errstate(all="ignore"):
+        cause = noise(engine, state) or vibration(engine, state, h, failure.status)
+        if cause:
+            return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.")
+    return failure
+
+
+def noise(engine: Engine, state: State) -> str:
+    """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments."""
+    if route_of(engine.dynamics) != "numpy" or engine.structure.n > MAX_COORDINATES:
+        return ""
+    near, wide = (_spread(engine, state, size) for size in (0.0, 1.0)), _spread(engine, state, WIDER)
+    for differences, arguments in zip(near, ("the same arguments", "arguments some roundoffs apart"), strict=True):
+        noisy = {name: x for name, x in differences.items() if x > SMOOTH * wide[name] and x > 0.0}
+        if noisy:
+            most = max(noisy.values())
+            return (
+                f"Calls of {' and of '.join(noisy)} with {arguments} differ by {most:.2g} of their size: error control "
+                "cannot go below that; make it a smooth function of t, q and v alone, in double precision"
+            )
+    return ""
+
+
+def _spread(engine: Engine, state: State, size: float) -> dict[str, float]:
+    """By what part of their size values of declared functions differ, at arguments ``size`` times some roundoffs apart."""
+    dynamics, calls = engine.dynamics, []
+    for number in range(CALLS):
+        draw = np.random.default_rng(number)
+        q, v = (x * (1.0 + size * EPS * draw.integers(0, ROUNDOFFS, x.size)) for x in (state.q, state.v))
+        calls.append(_values(dynamics, as_arguments(dynamics, state.t, q, v)))
+    found = {}
+    for name, value in calls[0].items():
+        apart = [float(np.abs(x[name] - y[name]).max(initial=0.0)) for x, y in combinations(calls, 2)]
+        found[name] = float(np.quantile(apart, 0.25)) / (float(np.abs(value).max(initial=0.0)) or 1.0)  # not of one jump
+    return found
+
+
+def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
+    """The declared functions of (t, q, v) there."""
+    t, q, v = arguments
+    values = {"force": lambda: dynamics.force(t, q, v), "mass_matrix": lambda: dynamics.mass(t, q)}
+    if dynamics.structure.m:
+        values["constraint"] = lambda: dynamics.constraint(t, q)
+    if dynamics.structure.p:
+        values["velocity_constraint"] = lambda: dynamics.velocity_constraint(t, q, v)
+    return {name: call() for name, call in values.items() if declared(dynamics.system, name) is not None}
+
+
+def vibration(engine: Engine, state: State | Place, h: float, status: Status) -> str:
+    """Names the fastest vibration about ``state`` where steps of ``h`` [s] follow it or are unstable for it, (H33)."""
+    if engine.structure.n > MAX_COORDINATES:
+        return ""
+    omega, share = fastest(engine, state)
+    by_reactions = share > BY_REACTIONS
+    if not abs(h) * omega > (STABLE / 4.0 if status is not Status.newton_failed else STABLE):
+        return ""
+    who = "Constraint forces" if by_reactions else "Forces"
+    text = f"{who} carry a vibration of {omega:.3g} rad/s, and h omega is {abs(h) * omega:.2g}"
+    if not by_reactions:
+        return f"{text}: steps under error control follow it; start in balance, damp it, or loosen the tolerance"
+    return f"{text}; take {' or '.join(['shorter steps', *remedies(engine)])}"
+
+
+def remedies(engine: Engine) -> list[str]:
+    """Options that let steps pass over a vibration that constraint forces carry."""
+    method, found = engine.method, []
+    if engine.structure.m and method.coefficients.b == 0.0 and not method.extrapolated:
+        if method.coefficients.alpha < 0.0 and not not_extrapolated(engine.dynamics.system):
+            found.append("extrapolate_reaction=True")
+        found.append("b=1")
+    return found
+
+
+def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
+    """omega [1/s] of the fastest small vibration about a place, and the share of reactions in omega^2.
+
+    omega^2 is the largest eigenvalue of M^-1 d(C^T lam - F)/dq between changes of q that the rows C = [g_q; k_v] allow,
+    by power iteration on central differences.
+    """
+    dynamics, n, (t, q, v) = engine.dynamics, engine.structure.n, (at.t, at.q, at.v)
+    if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
+        return 0.0, 0.0
+    projection = Projection(dynamics)
+    root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
+    none = np.zeros((0, n))
+    constrained, multipliers = engine.structure.constrained, np.zeros(0)
+    if constrained:
+        found = engine.acceleration.solve(t, q, v)
+        multipliers = np.concatenate([found.lam, found.mu])
+
+    def rows_at(x: Vector) -> Matrix:
+        return dense(projection.levels.at(t, x, v).rows) if constrained else none
+
+    normal, _ = linalg.qr(linalg.solve_triangular(root, rows_at(q).T, lower=True), mode="economic")
+
+    def stiffness(parts: tuple[bool, bool]) -> Callable[[Vector], Vector]:
+        def apply(y: Vector) -> Vector:
+            along = linalg.solve_triangular(root, y, lower=True, trans="T")
+            step = DIFFERENCE * (float(np.abs(q).max()) or 1.0) / float(np.abs(along).max())
+            there = [q + step * along, q - step * along]
+            change = np.zeros(n)
+            if parts[0] and constrained:
+                change += (rows_at(there[0]) - rows_at(there[1])).T @ multipliers
+            if parts[1]:
+                applied = [np.asarray(dynamics.force(*as_arguments(dynamics, t, x, v))) for x in there]
+                change -= applied[0] - applied[1]
+            pulled = linalg.solve_triangular(root, change / (2.0 * step), lower=True)
+            return np.asarray(pulled - normal @ (normal.T @ pulled))
+
+        return apply
+
+    start = np.random.default_rng(0).standard_normal(n)
+    y = start - normal @ (normal.T @ start)
+    whole, value = stiffness((True, True)), 0.0
+    for _ in range(ITERATIONS):
+        size = float(np.linalg.norm(y))
+        if not 0.0 < size < math.inf:
+            return 0.0, 0.0
+        y = y / size
+        image = whole(y)
+        value, y = float(y @ image), image
+    if not value > 0.0:
+        return 0.0, 0.0
+    y = y / float(np.linalg.norm(y))
+    return math.sqrt(value), float(y @ stiffness((True, False))(y)) / value
+
+
+def unresolved_forces(t: Matrix, h: Matrix, v: Matrix, a: Matrix) -> str:
+    """Warning text if forces change v by about its size within one of prescribed steps; empty string otherwise.
+
+    Both the accelerations ``a`` (k, n) of forces and the slope of ``v`` must change so: what constraints hold moves nothing.
+    """
+    if len(t) < 4:
+        return ""
+    with np.errstate(all="ignore"):
+        largest = np.maximum(v.max(axis=0), -v.min(axis=0))
+        changes = np.abs(np.diff(a, axis=0) * h[1:])[1:]
+        suspect = changes > UNRESOLVED * largest
+        if not np.count_nonzero(suspect):
+            return ""
+        slopes = np.diff(v, axis=0) / h[1:]
+        bends = np.abs(np.diff(slopes, axis=0) * h[2:])
+        suspect &= (bends > UNRESOLVED * largest) & np.isfinite(bends)
+    if not np.count_nonzero(suspect):
+        return ""
+    row, at = np.unravel_index(np.argmax(np.where(suspect, changes / largest, 0.0)), suspect.shape)
+    return (
+        f"Warning: in the step to t = {t[row + 2, 0]:.10g} forces change v[{at}] by {changes[row, at]:.2g}, and it is "
+        f"{largest[at]:.2g} at most: the steps do not resolve the forces; compare with shorter steps, or with rtol."
+    )
+
+
+def growing_vibration(h: Matrix, v: Matrix) -> str:
+    """Message if a vibration that alternates with prescribed steps has grown by ``GROWTH``; empty string otherwise."""
+    if len(v) < 3 * ALTERNATIONS:
+        return ""
+    with np.errstate(all="ignore"):
+        bends = np.diff(np.diff(v, axis=0) / h[1:], axis=0) * np.minimum(np.abs(h[1:-1]), np.abs(h[2:]))
+        bends[~np.isfinite(bends)] = 0.0
+        sizes, changes = np.abs(bends), np.abs(np.diff(v, axis=0)).max(axis=0)
+    for at in np.flatnonzero(sizes.max(axis=0) > UNRESOLVED * changes).tolist():
+        end = int(sizes[:, at].argmax()) + 1
+        least = EPS * float(np.abs(v[:, at]).max())
+        for lag in (1, 2):  # far beyond (H54) signs change with every second step
+            first = max(end - lag, 0) - _alternations(bends[:end, at], lag)
+            if end - lag - first >= ALTERNATIONS and sizes[end - 1, at] > GROWTH * max(sizes[first, at], least):
+                return (
+                    f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}: the steps "
+                    "are unstable for it, (H33) and (H53); take shorter steps of even length, or rtol"
+                )
+    return ""
+
+
+def _alternations(x: Vector, lag: int) -> int:
+    """How many of the last entries of ``x`` (k,), without a gap, have another sign than the entry ``lag`` before."""
+    same = np.flatnonzero(x[lag:] * x[:-lag] >= 0.0)
+    return max(x.size - lag, 0) - (int(same[-1]) + 1 if same.size else 0)
