@@ -39,17 +39,6 @@ def rescaled(a: Any, f: Any, h: float, last: float) -> Any:
     return f + (h / last) * (a - f)  # (H11)
 
 
-def moves_nothing(h: float, speed: float, acceleration: float, size_q: float, size_v: float) -> bool:
-    """Whether a step of h [s] moves q by less than its roundoff because it is short, (H21), and not because all is at rest.
-
-    ``speed`` and ``acceleration`` are the largest entries now, ``size_q`` and ``size_v`` the largest seen.
-    """
-    if h * h == 0.0:
-        return True
-    short = abs(h) * size_v <= SHORT * size_q
-    return short and abs(h) * speed + h * h * acceleration < EPS * size_q
-
-
 def tells_multipliers(h: float, size_q: float, acceleration: float) -> bool:
     """Whether a step of h [s] is so long that roundoff of q over h^2 leaves its multipliers three digits, (H55)."""
     return EPS * size_q <= THREE_DIGITS * h * h * acceleration
@@ -58,19 +47,6 @@ def tells_multipliers(h: float, size_q: float, acceleration: float) -> bool:
 def trapezoidal_start(alpha: float, f0: Any) -> tuple[Any, float]:
     """a0 (n,) of the first step but for its part in a1, and the weight of that, (H12) by (H6)."""
     return (1.0 / (1.0 + alpha)) * f0, alpha / (1.0 + alpha)
-
-
-def digits(n: int) -> int:
-    """How many binary digits tell ``n`` coordinates apart."""
-    count = 1
-    while 2**count < n:
-        count += 1
-    return count
-
-
-def has_digit(number: Any, digit: int, value: int) -> Any:
-    """Whether the binary ``digit`` of a coordinate's ``number`` is ``value``: for some of both any two differ, (H30)."""
-    return (number >> digit) % 2 == value
 
 
 def crosses(before: float, now: float, direction: int) -> bool:

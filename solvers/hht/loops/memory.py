@@ -85,9 +85,8 @@ COUNTS = (
 NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS, NONFINITES, ACCEPTED = range(len(COUNTS))
 
 NEWTON_CONSTANTS = (
-    "tolerance", "margin", "stagnation", "other_step", "refresh_rate", "worst_rate", "least_rate", "blinded",
-    "stalled", "second", "noise_margin", "matrix_cost", "remaining", "constraint_cost", "stiff", "forgotten", "coarse",
-    "leap",
+    "tolerance", "margin", "stagnation", "stalled", "other_step", "refresh_rate", "worst_rate", "matrix_cost", "remaining",
+    "stiff",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -123,7 +122,7 @@ RECORD = slots(lambda s: 7)
 MADE_AT = slots(lambda s: s.size + s.given)
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
-ATTEMPT = floats(lambda s: 16)
+ATTEMPT = floats(lambda s: 11)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -132,7 +131,7 @@ SCALED = floats(lambda s: s.matrix)  # entries of the matrix whose rows are scal
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
 INCREMENT = floats(lambda s: 2 * s.size + 2)  # of small systems their sizes and the residual, too
-LEAP = floats(lambda s: s.n + 1)  # what (H58) is asked of, then what Python finds leaping; 1 + what sweeps, or 0
+LEAP = floats(lambda s: s.n)  # what (H58) is asked of, then what Python finds leaping
 END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
 END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
@@ -144,11 +143,9 @@ NOISE = floats(lambda s: 2)  # what roundoff changes in an increment's q1 and v1
 BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-# In ATTEMPT; ROUNDOFF: the share that it made of q or v where that was too much, else 0; LEFT: the largest that was not;
-# LEAPS: 1 + the coordinate that leapt, or 0; ELAPSED: of the run, in accepted steps; SWEPT: 1 + the coordinate that went
-# first a way of which its velocities tell nothing, and when.
+# In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0.
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
-ROOT_TOLERANCE, COST, ROUNDOFF, LEFT, LEAPS, ELAPSED, SWEPT, SWEPT_AT = range(8, 16)
+ROOT_TOLERANCE, COST, LEAPS = range(8, 11)
 
 # Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
 RAW = floats(lambda s: 3 * s.n)
@@ -171,7 +168,7 @@ MAPS = slots(lambda s: s.maps)
 INVERSE = slots(lambda s: s.inverse)
 MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECORD
 
-CONSTANTS = floats(lambda s: 3 + len(NEWTON_CONSTANTS))
+CONSTANTS = floats(lambda s: 4 + len(NEWTON_CONSTANTS))
 EVENT = floats(lambda s: 1)
 EVENT_VALUES = floats(lambda s: s.events)
 SAMPLE_TIMES = floats(lambda s: s.samples)
@@ -192,12 +189,10 @@ ROW_SIZES = floats(lambda s: s.m + s.p)  # of [g_q; k_v], by which violations ar
 START_CHECKS = floats(lambda s: 4)
 START_BOUNDS = floats(lambda s: 4)  # up to which each of them is plainly good
 VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: of pivots, largest over least
-# What Python computes of a step that is shorter than roundoff: [whether, END, M^-1].
-SHORTEST = floats(lambda s: 1 + 5 * s.n + s.m + s.p + s.inverse_mass)
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
-TOLERANCE, MARGIN, STAGNATION, OTHER_STEP, REFRESH_RATE, WORST_RATE, LEAST_RATE, BLINDED = range(3, 11)
-STALLED, SECOND, NOISE_MARGIN, MATRIX_COST, REMAINING, CONSTRAINT_COST, STIFF, FORGOTTEN, COARSE, LEAST_OFF = range(11, 21)
+TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MATRIX_COST = range(3, 11)
+REMAINING, STIFF, LEAST_OFF = range(11, 14)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
@@ -220,17 +215,17 @@ SAMPLES = integers(lambda s: s.events)
 # The header: starts and lengths of all sections, then single numbers.
 FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
-VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS, MAX_DAMPED, MAX_HALVINGS = range(FIRST + 10, FIRST + 17)
-EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 17, FIRST + 25)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, STIFF_FORCES = range(FIRST + 25, FIRST + 33)
+VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS = range(FIRST + 10, FIRST + 15)
+EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 15, FIRST + 23)
+EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, STIFF_FORCES = range(FIRST + 23, FIRST + 31)
 FUNCTIONS = (
-    "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration", "shortest",
+    "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration",
     "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "leap", "answer",
 )  # fmt: skip
-CODE = FIRST + 33
+CODE = FIRST + 31
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
-C_ACCELERATION, C_SHORTEST, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 32, 2)
-C_INERTIA, C_LEAP, C_ANSWER = range(CODE + 32, CODE + 38, 2)
+C_ACCELERATION, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 30, 2)
+C_INERTIA, C_LEAP, C_ANSWER = range(CODE + 30, CODE + 36, 2)
 HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra

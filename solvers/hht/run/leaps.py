@@ -19,14 +19,12 @@ FREE = 0.1  # of a displacement: what constraints leave free of more may be a mo
 ALONG, TOWARDS = 6, 8  # places that constraints lead to with v from the start of a step, and from there towards its end
 PART = 0.25  # of the way left, from one of the latter to the next
 THERE = 0.5  # of the displacement, at most, that may be left of the way
-SEEN = 1e-4  # of a coordinate: starts may be off by less, and are put right in a step
-VISIBLE = 1e-3  # of the largest coordinate: less is not told
 
 
 def leaping(engine: Engine, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
-    """What leaps of the displacements of a step, else zero, (n,); then 1 + the coordinate that only sweeps, or 0.
+    """Displacements (n,) of a step that lead to another branch of the constraints; zero for all others.
 
-    Nothing where most of them is free, or the rank is lost.
+    All are zero where constraints leave most of the displacement free, or have lost rank.
 
     Parameters
     ----------
@@ -40,23 +38,16 @@ def leaping(engine: Engine, state: Vector, x: Vector, q1: Vector, step: Vector) 
         Its signed length [s], the time of its end [s].
     """
     n, t1, t = q1.size, float(step[1]), float(state[0])
-    q, v, nothing = state[6 : 6 + n], state[6 + n : 6 + 2 * n], np.zeros(n + 1)
+    q, v, nothing = state[6 : 6 + n], state[6 + n : 6 + 2 * n], np.zeros(n)
     free = engine.acceleration.left_free(t, q, v, x, engine.structure.m)
     if free is None:
         return nothing
     along, mass = free
     held = x - along
-    if not held @ (mass @ held) > along @ (mass @ along):
-        return nothing
     far = np.abs(along) < FREE * np.abs(x)
-    if not far.any():
+    if not held @ (mass @ held) > along @ (mass @ along) or not far.any():
         return nothing
-    leaps = far & (np.abs(_missing(engine, t, q, v, t1, q1)) > THERE * np.abs(x))
-    nothing[:n] = np.where(leaps, held, 0.0)
-    if not leaps.any():
-        far &= np.abs(x) > np.maximum(SEEN * np.maximum(np.abs(q), np.abs(q1)), VISIBLE * np.abs(q1).max())
-        nothing[n] = 1 + np.abs(np.where(far, x, 0.0)).argmax() if far.any() else 0.0
-    return nothing
+    return np.where(far & (np.abs(_missing(engine, t, q, v, t1, q1)) > THERE * np.abs(x)), held, 0.0)
 
 
 def _missing(engine: Engine, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:

@@ -28,6 +28,7 @@ from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.in_python import Codes, python_codes
 from solvers.hht.run.march import march, remake
 from solvers.hht.step.acceleration import start
+from solvers.hht.step.attempt import LEAP
 from solvers.hht.step.state import ControlMemory, Factorised, State
 
 if TYPE_CHECKING:
@@ -63,11 +64,10 @@ class Loops:
         self.z = z = functions.memory(len(self.events.events), self.events.samples)
         c, o = method.coefficients, functions.newton
         view(z, mem.START_BOUNDS)[:] = GOOD_START
-        view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS)]
-        if not c.both_levels:  # v is not that of q
-            view(z, mem.CONSTANTS)[mem.LEAST_OFF] = math.inf
+        leap = LEAP if c.both_levels else math.inf  # else v is not that of q
+        view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS), leap]
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
-        z.i[mem.MAX_ITERATIONS], z.i[mem.MAX_DAMPED], z.i[mem.MAX_HALVINGS] = o.max_iterations, o.max_damped, o.max_halvings
+        z.i[mem.MAX_ITERATIONS] = o.max_iterations
         z.i[mem.WATCHING] = bool(self.events.events)
         codes = functions.codes(self.callbacks) | python_codes(engine, self.callbacks) | functions.level_codes()
         if z.i[mem.KIND] == mem.KIND_CALLBACK and self._outside is not None:

@@ -7,16 +7,15 @@ from typing import Any
 from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
 from solvers.hht.linear.matrix import early
 from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, moves_nothing, rescaled, tells_multipliers, trapezoidal_start
+from solvers.hht.loops.compiled import compiled, rescaled, tells_multipliers, trapezoidal_start
 from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
 from solvers.hht.step.acceleration import acceleration_level
 from solvers.hht.step.newton import newton, restarted
-from solvers.hht.step.stopping import spend
+from solvers.hht.step.stopping import compute_end
 
-LEAST_LEAP = 1e-6  # of a coordinate: less is no other solution
-LEAST_OF_ALL = 1e-8  # of the largest
-OF_THE_WAY = 1e-3  # of a coordinate in the step
-OF_FORCES = 1e-9  # of what forces make of q in a step: less is roundoff of what cancels
+LEAP = 1.25  # times what the change of accelerations makes of coordinates in a step: more may be another branch, (H58)
+LEAST_LEAP = 1e-6  # of the largest coordinate: less is no other branch
+OF_THE_WAY = 0.25  # of the farthest that any coordinate departs from a straight motion: a branch switch is most of it
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
@@ -113,15 +112,14 @@ def plain_guess(z: Any, level: Any) -> None:
 def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     """How an attempt at a step of h [s] to t1 ended; what it found is in X, END and ATTEMPT.
 
-    A first failure is retried from the plain guess with fresh matrices, by whole and then by damped increments: one value
-    that is not finite, or a bad extrapolation, costs a retry and not the run.
+    A failure is retried once from the plain guess with fresh matrices and damped increments: one value that is not finite,
+    or a bad extrapolation, costs a retry and not the run.
     """
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
-    size_q, size_v = number[mem.SIZE_Q], number[mem.SIZE_V]
-    speed, acceleration = largest(part(z, mem.V)), largest(part(z, mem.VDOT))
+    size_q, size_v, acceleration = number[mem.SIZE_Q], number[mem.SIZE_V], largest(part(z, mem.VDOT))
     tried[mem.H_TRIED], tried[mem.T_END] = h, t1
-    if z.i[mem.M] > 0 and moves_nothing(h, speed, acceleration, size_q, size_v) and shortest(z, counts):
-        return mem.CONVERGED
+    if h * h == 0.0:  # of no number that multipliers over h^2 could be
+        return mem.NO_ADVANCE
     step = part(z, mem.STEP)
     step[0], step[1] = h, t1
     step[2], step[3], step[4] = start_weights(z, h)
@@ -130,22 +128,16 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
     typical = part(z, mem.TYPICAL)
     typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    tried[mem.ROOT_TOLERANCE] = tried[mem.ROUNDOFF] = tried[mem.LEAPS] = 0.0
-    level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
+    tried[mem.ROOT_TOLERANCE] = tried[mem.LEAPS] = 0.0
+    lagged = int(number[mem.FACTOR])
     guess(z, h)
     ended, slot, rate = newton(z, lagged, h, counts)
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
-        level = multipliers_anew(z, h, counts)
-        plain_guess(z, level)
-        ended, slot, rate = restarted(z, lagged, h, False, counts)
-        ended = finished(z, ended, t1, counts)
-    if ended not in (mem.CONVERGED, mem.SPENT):
-        early(z)
-        plain_guess(z, level)
-        ended, slot, rate = restarted(z, lagged, h, True, counts)
+        plain_guess(z, multipliers_anew(z, h, counts))
+        ended, slot, rate = restarted(z, lagged, h, counts)
         ended = finished(z, ended, t1, counts)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended
@@ -177,48 +169,12 @@ def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
 
 
 @compiled
-def shortest(z: Any, counts: Any) -> Any:
-    """Whether a step that moves q by less than its roundoff is made along v and the acceleration, (H21)."""
-    if not spend(z, counts):
-        return False
-    number, n, x, end, found = part(z, mem.NUMBER), z.i[mem.N], part(z, mem.X), part(z, mem.END), part(z, mem.SHORTEST)
-    call_python(z, mem.C_SHORTEST, mem.SHORTEST, (address(z, mem.NUMBER), address(z, mem.ATTEMPT)))
-    if not found[0] > 0.0:
-        return False
-    known = found.size - 1 - part(z, mem.END_INVERSE_MASS).size
-    put(end, 0, found[1 : 1 + known])
-    put(part(z, mem.END_INVERSE_MASS), 0, found[1 + known :])
-    for i in range(known, end.size):
-        end[i] = 0.0
-    if number[mem.KNOWN] > 0.0:
-        put(x, 0, part(z, mem.X_LAST))
-    else:
-        plain_guess(z, z.i[2 * mem.LAM])
-    multipliers = found[1 + 4 * n : 1 + 4 * n + z.i[mem.M]]
-    if z.i[mem.O_LAM0] >= 0:
-        put(x, z.i[mem.O_LAM0], multipliers)
-    put(x, z.i[mem.O_LAM1], multipliers)
-    ahead = part(z, mem.LAM_AHEAD)
-    for i in range(ahead.size):
-        x[z.i[mem.O_LAM0] + i], x[z.i[mem.O_LAM1] + i], ahead[i] = 0.0, 0.0, multipliers[i]  # (H55)
-    if z.i[mem.P] > 0:
-        put(x, z.i[mem.O_MU], found[1 + 4 * n + z.i[mem.M] : 1 + 4 * n + z.i[mem.M] + z.i[mem.P]])
-    tried = part(z, mem.ATTEMPT)
-    tried[mem.SLOT], tried[mem.CONTRACTION] = -1.0, 0.0
-    return True
-
-
-@compiled
 def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
     """The state after a step whose unknowns converged, into END; how the attempt ended in the end.
 
     Also where they did not: that place tells which function is not finite.
     """
-    x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
-    if z.i[mem.KIND] == mem.KIND_INVERSE:
-        call(z, mem.C_END, mem.END, (x, x, x, given, known))
-    else:
-        call(z, mem.C_END, mem.END, (x, given, known))
+    compute_end(z)
     if ended == mem.CONVERGED and z.i[mem.VARIABLE]:
         place = part(z, mem.PLACE)
         place[0] = t1
@@ -237,10 +193,7 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def leaps(z: Any) -> Any:
-    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions.
-
-    What goes such a way, and arrives where constraints lead it, is told, the first of a run.
-    """
+    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
     n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP)
     tried = part(z, mem.ATTEMPT)
     for i in range(n):
@@ -250,8 +203,6 @@ def leaps(z: Any) -> Any:
     put(part(z, mem.ERROR), 0, off[:n])
     given = address(z, mem.NUMBER), address(z, mem.ERROR), address(z, mem.END), address(z, mem.ATTEMPT)
     call_python(z, mem.C_LEAP, mem.LEAP, given)
-    if off[n] > 0.0 and tried[mem.SWEPT] == 0.0:
-        tried[mem.SWEPT], tried[mem.SWEPT_AT] = off[n], tried[mem.T_END]
     tried[mem.LEAPS] = 1.0 + leaping(z)
     return tried[mem.LEAPS] > 0.0
 
@@ -261,16 +212,15 @@ def leaping(z: Any) -> Any:
     """The first coordinate of LEAP that is as large as in (H58), or -1."""
     n, tried, typical, q, v = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL), part(z, mem.Q), part(z, mem.V)
     end, off, vdot, h = part(z, mem.END), part(z, mem.LEAP), part(z, mem.VDOT), tried[mem.H_TRIED]
-    most, share = 0.0, 0.0
+    most, share, departed = 0.0, 0.0, 0.0
     for i in range(n):
         bent = abs(h * (end[n + i] - v[i] - h * vdot[i]))
         most, share = max(most, bent), max(share, bent / max(abs(q[i]), abs(end[i]), TINY))
-    factor = part(z, mem.CONSTANTS)[mem.LEAST_OFF]
-    least = max(LEAST_OF_ALL * typical[0], OF_FORCES * abs(h) * typical[1])
+        departed = max(departed, abs(end[i] - q[i] - h * v[i]))
+    factor, least = part(z, mem.CONSTANTS)[mem.LEAST_OFF], max(LEAST_LEAP * typical[0], OF_THE_WAY * departed)
     for i in range(n):
         bent, size = abs(h * (end[n + i] - v[i] - h * vdot[i])), max(abs(q[i]), abs(end[i]))
-        small = max(least, LEAST_LEAP * size, OF_THE_WAY * abs(end[i] - q[i]))
-        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), small):
+        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), least):
             return i
     return -1
 
@@ -282,8 +232,7 @@ def accept(z: Any, row: Any) -> None:
     tried = part(z, mem.ATTEMPT)
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     row[0], row[1] = t1, h
-    tried[mem.ELAPSED] += abs(h)
-    same = number[mem.KNOWN] > 0.0 and number[mem.H] == h and slot >= 0
+    same = number[mem.KNOWN] > 0.0 and number[mem.H] == h
     earlier, last, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), x.size
     known = min(number[mem.KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
     if same:
@@ -299,14 +248,13 @@ def accept(z: Any, row: Any) -> None:
         row[k - m + i] += applied[i]  # (H55)
     put(row, k, end[4 * n : 4 * n + m + p])
     put(view(z.w, z.i[2 * mem.Q], 5 * n + m + p), 0, end[: 5 * n + m + p])
-    put(part(z, mem.LAM_BEFORE), 0, part(z, mem.LAM_APPLIED if slot >= 0 else mem.LAM_AHEAD))  # (H21): a is f
+    put(part(z, mem.LAM_BEFORE), 0, part(z, mem.LAM_APPLIED))
     put(part(z, mem.LAM_APPLIED), 0, part(z, mem.LAM_AHEAD))
     if z.i[mem.VARIABLE]:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
-    if slot >= 0:
-        record = part(z, mem.RECORD + slot)
-        record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
-        number[mem.FACTOR] = slot
+    record = part(z, mem.RECORD + slot)
+    record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
+    number[mem.FACTOR] = slot
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

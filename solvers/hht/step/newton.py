@@ -19,15 +19,18 @@ from solvers.hht.step.stopping import (
     corrected,
     enough,
     force_rows_end,
-    is_coarse,
-    is_noise,
     is_roundoff,
     measure_once,
-    onto_constraints,
     scaled,
     spend,
     unmeasured,
 )
+
+BLINDED = 1e-8  # increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
+CONSTRAINT_COST = 5.0  # of a matrix, in iterations of the constraint rows alone, whose machine code evaluates no force
+FORGOTTEN = 0.95  # what counts, a step later, of the cost of a step that began with a stored matrix
+LEAST_RATE = 1e-3  # a first increment far too long makes the next look like contraction: no ratio counts as less
+MAX_HALVINGS = 12  # of one damped increment: 2^-12 of a step that fails is no progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,31 +39,21 @@ class NewtonOptions:
 
     tolerance: float = 1e-13  #: error left in q1, v1 over typical sizes: just above roundoff, both levels then hold to it
     margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
-    stagnation: float = 1e-10  #: below it increments that stop shrinking are roundoff, above it that is measured, (H30)
-    coarse: float = 1e-3  #: larger increments of constrained motion are left to no roundoff: the step fails for it
-    leap: float = 1.25  #: times what the change of accelerations makes of coordinates in a step: more is looked at, (H58)
+    stagnation: float = 1e-10  #: increments over typical sizes up to which one that stops shrinking is roundoff
     stalled: float = 0.5  #: contraction of a matrix at the very iterate from which it counts as none
-    blinded: float = 1e-8  #: increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
-    second: float = 0.5  #: what of an increment is left two later at most, (H29)
-    other_step: float = 0.01  #: relative change of h from which a kept matrix is not used: its maps misjudge every increment
+    other_step: float = 0.01  #: relative change of h from which a stored matrix is not used: it misjudges every increment
     refresh_rate: float = 0.02  #: contraction above which a new matrix costs less than the iterations it saves
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
-    noise_margin: float = 4.0  #: times the measured roundoff: several sums take part, increments above it still shrink
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
-    forgotten: float = 0.95  #: what counts, a step later, of the cost of a step that began with a kept matrix
-    constraint_cost: float = 5.0  #: the same, of the constraint rows alone, whose machine code evaluates no force
     remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
     stiff: float = 10.0  #: of an increment: a larger imbalance is of stiff directions, which may have turned since
     finest: float = 1e-5  #: relative tolerance below which they go to roundoff all the same: that takes hardly more
-    least_rate: float = 1e-3  #: a first increment far too long makes the next look like contraction: no ratio counts as less
-    max_iterations: int = 15  #: with a kept matrix; a fresh one needs 2 to 4
-    max_damped: int = 40  #: for the damped restart after a failure
-    max_halvings: int = 12  #: of one damped increment: 2^-12 of a step that fails is no progress
+    max_iterations: int = 15  #: with a stored matrix; a fresh one needs 2 to 4
 
 
 # What is iterated: all rows to roundoff; or all rows until the force rows may stop, (H35), then the constraint rows alone.
 ALL_ROWS, UNTIL_ALLOWED, CONSTRAINTS = range(3)
-DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN, NOISE_LEFT = range(9)  # after an increment
+DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN = range(8)  # after an increment
 
 
 class Iteration(NamedTuple):
@@ -113,9 +106,7 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
             return mem.DIVERGED, -1, 0.0
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
-        if decision == NOISE_LEFT and not onto_constraints(z, i.slot, counts):
-            return mem.DIVERGED, -1, 0.0
-        if decision in (DONE, NOISE_LEFT):
+        if decision == DONE:
             part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, lagged, i.fresh, taken + 1.0 if kept else 0.0)
             return mem.CONVERGED, i.slot, i.worst
         i = after(i, decision)
@@ -144,7 +135,7 @@ def cost_with_kept(z: Any, lagged: Any, renewed: Any, taken: Any) -> Any:
     o = part(z, mem.CONSTANTS)
     if taken > 0.0:
         return taken + o[mem.MATRIX_COST] if renewed else taken
-    return o[mem.FORGOTTEN] * part(z, mem.RECORD + lagged)[mem.KEPT_COST] if lagged >= 0 else 0.0
+    return FORGOTTEN * part(z, mem.RECORD + lagged)[mem.KEPT_COST] if lagged >= 0 else 0.0
 
 
 @compiled
@@ -152,7 +143,7 @@ def incremented(z: Any, i: Any, size: Any) -> Any:
     """The iteration after an increment of ``size``."""
     seen = math.isfinite(i.size)  # only this step's own: the last step's may have been better
     rate = size / i.size if seen else 0.0
-    worst = max(rate, i.worst, part(z, mem.CONSTANTS)[mem.LEAST_RATE])
+    worst = max(rate, i.worst, LEAST_RATE)
     return Iteration(
         i.rows, i.slot, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
     )
@@ -185,15 +176,13 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
     o = part(z, mem.CONSTANTS)
     rate = i.worst if i.rate != 0.0 else 0.0
     if converged(z, i.size, rate) or (may_be_roundoff(z, i, counts) and converged(z, i.size, rate)):
-        return NOISE_LEFT if is_coarse(z, i.slot, i.size) else DONE
+        return DONE
     if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
         return ALL_AGAIN
     if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, mem.C_RESIDUAL, i.size, counts):
-        if not i.stagnated:
-            return STALL  # else with a matrix at the very iterate too: roundoff is left, or noise
-        return NOISE_LEFT if is_noise(z, i.slot, mem.C_RESIDUAL, i.size, counts) else DONE
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot):
+        return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
     if i.taken == 0:
         return GO_ON
     if i.fresh:
@@ -206,7 +195,7 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 @compiled
 def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     """Whether the increment may be roundoff, which then is measured, at most once a step: that costs an iteration."""
-    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > part(z, mem.CONSTANTS)[mem.BLINDED]
+    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > BLINDED
     if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
     measure_once(z, i.slot, counts)
@@ -217,7 +206,7 @@ def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
 def outworn(z: Any, i: Any) -> Any:
     """Whether a new matrix costs less than the iterations that this one still takes."""
     o, least = part(z, mem.CONSTANTS), enough(z)
-    cost = o[mem.MATRIX_COST] if i.rows != CONSTRAINTS else max(o[mem.MATRIX_COST], o[mem.CONSTRAINT_COST])
+    cost = o[mem.MATRIX_COST] if i.rows != CONSTRAINTS else max(o[mem.MATRIX_COST], CONSTRAINT_COST)
     if cost > 0.0:  # told by the mean rate: single ratios alternate
         mean = (i.size / i.first) ** (1.0 / i.taken)
         return i.rate >= 1.0 or math.log(least / i.size) < cost * math.log(mean)
@@ -225,16 +214,13 @@ def outworn(z: Any, i: Any) -> Any:
 
 
 @compiled
-def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
-    """The same with a fresh matrix each time.
-
-    By whole increments, as long as every second is half as long, (H29); or ``damped``: halved while the next is not smaller.
-    """
+def restarted(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
+    """The same with a matrix at every iterate, and increments halved while the next one is not smaller, (H29)."""
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
-    last, before, halvings = math.inf, math.inf, 0
+    last, halvings = math.inf, 0
     unmeasured(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
-    for _ in range(z.i[mem.MAX_DAMPED] if damped else z.i[mem.MAX_ITERATIONS]):
+    for _ in range(z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1
@@ -245,25 +231,15 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
         moved = scaled(z, in_q, in_v)
-        noisy, rate = False, moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
-        ends = converged(z, moved, max(rate, o[mem.LEAST_RATE]) if rate != 0.0 else 0.0)
-        if not ends and rate >= o[mem.STALLED]:
-            ends = is_roundoff(z, spare, mem.C_RESIDUAL, moved, counts)
-            noisy = ends and is_noise(z, spare, mem.C_RESIDUAL, moved, counts)
-        if ends:
+        rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
+        ends = converged(z, moved, max(rate, LEAST_RATE) if rate != 0.0 else 0.0)
+        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare)):
             step_back(z)
-            if noisy and not onto_constraints(z, spare, counts):
-                return mem.DIVERGED, -1, 0.0
             return mem.CONVERGED, spare, 0.0
-        if damped:
-            halvings = halved(z, spare, moved, counts)
-            if halvings < 0:
-                return -1 - halvings, -1, 0.0
-        elif moved > o[mem.SECOND] * before:
-            return mem.DIVERGED, -1, 0.0
-        else:
-            step_back(z)
-        last, before = moved, last
+        halvings = halved(z, spare, moved, counts)
+        if halvings < 0:
+            return -1 - halvings, -1, 0.0
+        last = moved
     return mem.DIVERGED, -1, 0.0
 
 
@@ -274,7 +250,7 @@ def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
     put(base, 0, x)
     put(full, 0, increment)
     size, fraction, next_size = length(full, x.size), 1.0, 0.0
-    for halving in range(z.i[mem.MAX_HALVINGS]):
+    for halving in range(MAX_HALVINGS):
         if not spend(z, counts):
             return -1 - mem.SPENT
         for i in range(x.size):
@@ -283,7 +259,7 @@ def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
         corrected(z, slot, mem.C_RESIDUAL, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
-        if next_size < size or moved <= part(z, mem.CONSTANTS)[mem.BLINDED]:
+        if next_size < size or moved <= BLINDED:
             return halving
     return -1 - (mem.DIVERGED if math.isfinite(next_size) else mem.NONFINITE)
 
