@@ -19,7 +19,7 @@ from hhtbench.plotting import plot_solution
 from hhtbench.saved import read_arrays, write_arrays
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
-OF_FUNCTIONS = ("interpolant", "projection", "drift_of")  #: its fields that call functions
+OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "diagnosis_of")  #: its fields that call functions
 NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
 
 
@@ -191,6 +191,7 @@ class Solution(Filled):
     #: what puts it onto the constraints; not pickled
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
     drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
+    diagnosis_of: Callable[[], str] | None = None  #: what :meth:`diagnose` calls, set by the solver; not pickled
     file: str = ""  #: that :meth:`load` read, or ""
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
@@ -237,6 +238,15 @@ class Solution(Filled):
             )
         return self.drift_of(self)
 
+    def diagnose(self) -> str:
+        """The cause of a failed run, looked for now; empty string where none is found, or after a success.
+
+        HHT looks for functions that are not deterministic and for vibrations that the last step cannot resolve.
+        """
+        if self.success or self.diagnosis_of is None:
+            return ""
+        return self.diagnosis_of()
+
     def plot(self) -> Any:
         """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
 
@@ -272,7 +282,7 @@ class Solution(Filled):
         return cls(**found, file=str(path))
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"drift_of": None}
+        return super().__getstate__() | {"drift_of": None, "diagnosis_of": None}
 
     def _repr_html_(self) -> str:
         rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]

@@ -16,7 +16,6 @@ import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
 from hhtbench.testing.extremes.linkages import DoublePendulum
-from solvers.hht.run import pace
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -165,21 +164,11 @@ def rods(ratio: float, until: float = 1.0, alpha: float | None = None, **request
     return hb.HHT(DoublePendulum(ratio=ratio), **options).solve((0.0, until), *DoublePendulum.straight(0.5), **request)
 
 
-def light() -> Any:
-    """Bent rods that swing straight, a light body between them."""
-    return hb.HHT(DoublePendulum(ratio=1e8)).solve((0.0, 1.0), *DoublePendulum.bent(1.2, -1.0), step=0.01)
-
-
 def uneven() -> Any:
     """A stiff spring that is hardly moved at all, by steps 1 : 10 : 1 : 10 ..."""
     steps = np.tile([1.0, 10.0], 100)
     spring = hb.NumpySystem(force=lambda t, q, v: -1e8 * q)
     return hb.HHT(spring, alpha=-0.3).solve((0.0, 1.0), [1e-12], [0.0], steps=steps / steps.sum())
-
-
-def swing() -> Any:
-    """A pendulum that swings 210 times in 2 pi seconds."""
-    return hb.solve(hb.load_problem("simple_pendulum(g=44100.0, amplitude=1e-6, t_end=0.1)"), "hht", step=0.01)
 
 
 def flat_bars() -> Any:
@@ -196,30 +185,6 @@ def leaving_a_rail() -> Any:
     return hb.HHT(rails).solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], steps=10)
 
 
-def held() -> Any:
-    """A bead on a hoop of radius one, slowed by friction that goes with the size of the hoop's force."""
-    bead = {
-        "mass_matrix": [1.0, 1.0],
-        "force": lambda t, q, v: np.zeros(2),
-        "constraint": lambda t, q: np.array([q @ q - 1.0]),
-        "reaction": lambda t, q, v, lam: -2.0 * lam[0] * q - 0.3 * np.abs(lam[0]) * v,
-    }
-    at, along = (math.cos(0.3), math.sin(0.3)), (-math.sin(0.3), math.cos(0.3))
-    return hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 2e-9), at, along, steps=20)
-
-
-def released() -> Any:
-    """A pendulum in its first tenth of a microsecond."""
-    held = {"constraint": lambda t, q: np.array([q @ q - 1.0]), "force": lambda t, q, v: np.array([0.0, -9.81])}
-    pendulum = hb.NumpySystem(mass_matrix=[1.0, 1.0], **held)
-    return hb.solve(problem(system=pendulum, t_span=(0.0, 1e-7), q0=[0.8, -0.6], v0=[0.0, 0.0]), "hht_i3", steps=10)
-
-
-def driven() -> Any:
-    """A coordinate that is driven half to and fro within every step."""
-    return fall(weight(constraint=lambda t, q: q - np.cos(100.0 * t)), step=math.pi / 100.0)
-
-
 def snapping() -> Any:
     """A flat truss under a load that changes."""
     truss = {
@@ -227,24 +192,6 @@ def snapping() -> Any:
         "constraint": lambda t, q: np.array([q @ q - 1.01, (q[0] - 2.0) ** 2 + q[1] ** 2 - 1.01]),
     }
     return hb.HHT(hb.NumpySystem(**truss)).solve((0.0, 10.0), [1.0, 0.1], [0.0, 0.0], steps=200)
-
-
-def strained(label: str, words: str = "roundoff") -> Any:
-    """A bead that a hoop of radius one holds against a push outwards, and something at its speed.
-
-    How large the push is where its roundoff is found in one way or the other differs from machine to machine.
-    """
-    for push in np.geomspace(1e9, 1e17, 33):
-        bead = {
-            "mass_matrix": [1.0, 1.0],
-            "force": lambda t, q, v, push=push: push * q,
-            "constraint": lambda t, q: np.array([q @ q - 1.0]),
-            "velocity_constraint": lambda t, q, v: np.array([q[0] * v[1] - q[1] * v[0] - 1.0]),
-        }
-        found = hb.HHT(hb.NumpySystem(**bead)).solve((0.0, 1.0), (1.0, 0.0), (0.0, 1.0), steps=10)
-        if found.status.label == label and words in found.message:
-            break
-    return found
 
 
 def bouncing() -> Any:
@@ -258,13 +205,6 @@ def stretched() -> Any:
     return hb.HHT(spring).solve((0.0, 3.0), [0.0, 1e-3], [1.0, 1.0], rtol=1e-4, max_num_steps=4_000)
 
 
-def endless() -> Any:
-    """A vibration of 1e20/s, given up at once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pace, "PATIENCE", 0.0)
-        return fall(weight(force=lambda t, q, v: -1e40 * q), rtol=1e-4)
-
-
 RANDOM = np.random.default_rng(3)
 DUPLICATED = {
     "constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0]),
@@ -274,30 +214,25 @@ NEARLY_TWICE = {"constraint": lambda t, q: np.array([q @ q - 1.0, q @ q - 1.0 + 
 PROVOKED: dict[str, list[Case]] = {
     "success": [
         Case("", "", lambda _: fall()),
-        Case("do not resolve", "steps do not resolve", lambda _: fall(weight(force=floor), step=0.01)),
-        Case("tell nothing", "tells nothing", lambda _: driven()),
-        Case("unknown", "Roundoff leaves", lambda _: rods(1e10, alpha=-0.2, step=0.01)),
+        Case("do not resolve", "the steps do not resolve", lambda _: fall(weight(force=floor), step=0.01)),
     ],
     "event": [Case("", "", lambda _: hb.solve(problem(), "hht", step=0.01, events=[ends(lambda t, q, v: q[0])]))],
     "max_steps": [
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
         Case("vibration that constraint", "Constraint forces carry", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
         Case("vibration of forces", "Forces carry a vibration", lambda _: stretched()),
-        Case("interval", "at the pace of the last", lambda _: endless()),
     ],
     "step_too_small": [
         Case("jump", "jump", lambda _: fall(weight(force=lambda t, q, v: np.full(1, 1e12 * (t > 0.5))), rtol=1e-4)),
         Case("min_step", "0.1", lambda _: fall(weight(force=stiff), rtol=1e-6, options={"min_step": 0.1})),
         Case("roundoff", "roundoff is reached", lambda _: hoop(rtol=0.0, atol=1e-14)),
-        Case("noise", "noise: two calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8)),
+        Case("noise", "Calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8)),
     ],
     "newton_failed": [
         Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),
         Case("smallest step", "look for a jump", lambda _: fall(weight(force=wall), rtol=1e-4, options={"min_step": 0.1})),
-        Case("vibration", "forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
+        Case("vibration", "Constraint forces carry a vibration", lambda _: rods(1e6, step=1e-3)),
         Case("leaps", "q[1] leaps", lambda _: snapping()),
-        Case("roundoff", "roundoff moves q or v", lambda _: strained("newton_failed")),
-        Case("so light", "keep their rank", lambda _: light()),
     ],
     "singular_iteration_matrix": [
         Case("mass", "mass", lambda _: fall(weight(mass_matrix=[0.0]))),
@@ -314,8 +249,6 @@ PROVOKED: dict[str, list[Case]] = {
     "inconsistent_initial": [Case("", "g[0]", lambda _: hoop(q0=(1.1, 0.0), step=0.01))],
     "time_resolution": [
         Case("floating-point", "time", lambda _: hb.HHT(weight()).solve((1e9, 1e9 + 1e-6), [1.0], [0.0], step=1e-9)),
-        Case("roundoff of positions makes their", "roundoff of positions", lambda _: held()),
-        Case("holds positions alone", "positions alone are held", lambda _: released()),
         Case("pile up", "pile up", lambda _: bouncing()),
     ],
     "evaluation_budget": [Case("", "evaluations", lambda _: fall(step=0.01, max_evaluations=5))],
@@ -330,11 +263,7 @@ PROVOKED: dict[str, list[Case]] = {
     "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],
     "unreliable": [
         Case("", "", lambda _: cell(Lies())),
-        Case("change too much", "(H53)", lambda _: uneven()),
-        Case("constraint forces carry", "forces carry a vibration", lambda _: swing()),
-        Case("off the constraints", "off the constraints", lambda _: strained("unreliable", "off the constraints")),
-        Case("open", "leave the place open", lambda _: strained("unreliable", "leave the place open")),
-        Case("extrapolated", "extrapolation", lambda _: rods(1e6, alpha=-0.02, step=0.05, until=2.0)),
+        Case("grow that", "(H53)", lambda _: uneven()),
     ],
     "user_exception": [Case("", "ZeroDivisionError", lambda _: left_over(ZeroDivisionError()))],
     "crashed": [Case("", "", crash)],
@@ -358,4 +287,4 @@ def test_every_row_is_provoked(label: str, case: Case, tmp_path: Path):
         assert found["status"] == label
     else:
         assert found.status.label == label, found.message
-        assert case.words in found.message
+        assert case.words in f"{found.message} {found.diagnose()}"

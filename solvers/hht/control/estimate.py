@@ -145,8 +145,6 @@ def estimate(z: Any, counts: Any) -> Any:
     h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     given = address(z, mem.X), address(z, mem.STEP), address(z, mem.CONTROL), address(z, mem.END)
     call(z, mem.C_RAW, mem.RAW, given)
-    if slot < 0:  # (H21): nothing moved
-        return 0.0
     relative, size_q = weigh(z, end[:n], end[n : 2 * n])
     weights, least = part(z, mem.WEIGHTS), math.inf
     for i in range(n):

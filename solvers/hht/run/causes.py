@@ -1,4 +1,4 @@
-"""Causes of failed runs, looked for after the failure, and warnings about prescribed steps that arrived."""
+"""Causes of failed runs, looked for after the failure or on request, and warnings about prescribed steps that arrived."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from scipy import linalg
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import uncounted
+from hhtbench.counting import Work, uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import route_of
 from hhtbench.protocol import declared
@@ -24,11 +24,12 @@ from solvers._trust import as_arguments
 from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import dense
+from solvers.hht.run.start import make_engine
 from solvers.hht.step.state import State
 
 MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
 CALLS = 5  # of every function
-ROUNDOFFS = 9  # by which arguments of such calls differ at most
+ROUNDOFFS = 9  # of q or v: arguments of such calls differ by them at most, and speeds below them are rest
 WIDER = 1024.0  # times: values of a smooth function differ so much more where their arguments do
 SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's differences at near arguments are below it
 ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
@@ -40,18 +41,28 @@ ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
 GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
 
 
-def explained(engine: Engine, failure: Failure, state: State, h: float) -> Failure:
-    """The ``failure`` of a step of ``h`` [s] from ``state``, with its cause where one of those known here is found."""
-    if failure.status not in (Status.newton_failed, Status.step_too_small, Status.max_steps):
-        return failure
+def explained(engine: Engine, failure: Failure, place: State | Place, h: float) -> Failure:
+    """The ``failure`` of a step of ``h`` [s] from ``place``, with its cause where one of those known here is found."""
+    cause = cause_at(engine, failure.status, place, h)
+    return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.") if cause else failure
+
+
+def cause_at(engine: Engine, status: Status, place: State | Place, h: float) -> str:
+    """The cause of a failed step of ``h`` [s] from ``place``; empty string where none is found."""
+    if status not in (Status.newton_failed, Status.step_too_small, Status.max_steps):
+        return ""
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError), uncounted(), np.errstate(all="ignore"):
-        cause = noise(engine, state) or vibration(engine, state, h, failure.status)
-        if cause:
-            return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.")
-    return failure
+        return noise(engine, place) or vibration(engine, place, h, status)
+    return ""
 
 
-def noise(engine: Engine, state: State) -> str:
+def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, controlled: bool) -> str:
+    """The cause of the end of a run of HHT with ``status`` at ``place``, for :meth:`~hhtbench.result.Solution.diagnose`."""
+    engine = make_engine(system, options, place, Work(), controlled=controlled)
+    return cause_at(engine, status, place, h)
+
+
+def noise(engine: Engine, state: State | Place) -> str:
     """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments."""
     if route_of(engine.dynamics) != "numpy" or engine.structure.n > MAX_COORDINATES:
         return ""
@@ -67,7 +78,7 @@ def noise(engine: Engine, state: State) -> str:
     return ""
 
 
-def _spread(engine: Engine, state: State, size: float) -> dict[str, float]:
+def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, float]:
     """By what part of their size values of declared functions differ, at arguments ``size`` times some roundoffs apart."""
     dynamics, calls = engine.dynamics, []
     for number in range(CALLS):
@@ -94,7 +105,7 @@ def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
 
 def vibration(engine: Engine, state: State | Place, h: float, status: Status) -> str:
     """Names the fastest vibration about ``state`` where steps of ``h`` [s] follow it or are unstable for it, (H33)."""
-    if engine.structure.n > MAX_COORDINATES:
+    if engine.structure.n > MAX_COORDINATES or status is Status.step_too_small:
         return ""
     omega, share = fastest(engine, state)
     by_reactions = share > BY_REACTIONS
@@ -127,8 +138,8 @@ def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
         return 0.0, 0.0
     projection = Projection(dynamics)
-    root = linalg.cholesky(dense(projection.mass(t, q)), lower=True)
-    none = np.zeros((0, n))
+    mass, none = dense(projection.mass(t, q)), np.zeros((0, n))
+    root = linalg.cholesky(mass, lower=True)
     constrained, multipliers = engine.structure.constrained, np.zeros(0)
     if constrained:
         found = engine.acceleration.solve(t, q, v)
@@ -148,7 +159,7 @@ def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
             if parts[0] and constrained:
                 change += (rows_at(there[0]) - rows_at(there[1])).T @ multipliers
             if parts[1]:
-                applied = [np.asarray(dynamics.force(*as_arguments(dynamics, t, x, v))) for x in there]
+                applied = [mass @ engine.force(t, x, v)[0] for x in there]
                 change -= applied[0] - applied[1]
             pulled = linalg.solve_triangular(root, change / (2.0 * step), lower=True)
             return np.asarray(pulled - normal @ (normal.T @ pulled))
@@ -171,17 +182,19 @@ def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
     return math.sqrt(value), float(y @ stiffness((True, False))(y)) / value
 
 
-def unresolved_forces(t: Matrix, h: Matrix, v: Matrix, a: Matrix) -> str:
+def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
     """Warning text if forces change v by about its size within one of prescribed steps; empty string otherwise.
 
     Both the accelerations ``a`` (k, n) of forces and the slope of ``v`` must change so: what constraints hold moves nothing.
+    Speeds that move ``q`` by no more than its roundoff in the longest step count as rest.
     """
     if len(t) < 4:
         return ""
     with np.errstate(all="ignore"):
         largest = np.maximum(v.max(axis=0), -v.min(axis=0))
         changes = np.abs(np.diff(a, axis=0) * h[1:])[1:]
-        suspect = changes > UNRESOLVED * largest
+        moving = largest * float(np.abs(h).max()) > ROUNDOFFS * EPS * float(np.abs(q).max())
+        suspect = (changes > UNRESOLVED * largest) & moving
         if not np.count_nonzero(suspect):
             return ""
         slopes = np.diff(v, axis=0) / h[1:]

@@ -100,8 +100,8 @@ class History:
         return self._columns(1, 3)
 
     def forced(self) -> list[Matrix]:
-        """Times t, lengths h (k, 1), v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        return self._columns(0, 1, 3, 4)
+        """Times t, lengths h (k, 1), q, v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        return self._columns(0, 1, 2, 3, 4)
 
     def handing_over(self, stepping: float) -> float:
         """About how many seconds it takes to hand over the rows of steps that have taken ``stepping`` [s]."""

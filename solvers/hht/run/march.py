@@ -37,7 +37,7 @@ def march(z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: 
 def try_step(z: Memory, h: float, t1: float) -> Any:
     """How an attempt at a step of h [s] to t1 ended; nothing is accepted, the next attempt begins with its factorisation."""
     ended = attempt(z, h, t1, indices(z, mem.COUNTED))
-    if ended == mem.CONVERGED and part(z, mem.ATTEMPT)[mem.SLOT] >= 0.0:
+    if ended == mem.CONVERGED:
         part(z, mem.NUMBER)[mem.FACTOR] = part(z, mem.ATTEMPT)[mem.SLOT]
     return ended
 
@@ -52,7 +52,7 @@ def look(z: Memory) -> Any:
 def take(z: Memory, row: FloatMatrix, located: bool) -> None:
     """Accept the attempt; where root location ``located`` its end, with a matrix made there and its error."""
     tried, counts, spare = part(z, mem.ATTEMPT), indices(z, mem.COUNTED), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
-    if located and tried[mem.SLOT] >= 0.0:
+    if located:
         early(z)
         made = renew(z, spare, tried[mem.H_TRIED], counts) == mem.CONVERGED
         tried[mem.SLOT], tried[mem.CONTRACTION] = spare if made else part(z, mem.NUMBER)[mem.FACTOR], 0.0

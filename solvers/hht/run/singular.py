@@ -1,4 +1,4 @@
-"""Singular positions, where the constraints lose rank, (H48): found from the rows of a run that fails there, and told."""
+"""Singular positions, where the constraints lose rank, (H48): found from the rows of a run that fails there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg
-from scipy.optimize import minimize_scalar
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import check_time
@@ -20,7 +19,6 @@ from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure
 from solvers._start import Place as Start
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 
@@ -30,14 +28,12 @@ MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
     Status.singular_iteration_matrix,
     Status.time_resolution,
 )
-LOOK, PER_PRODUCT = 2e-4, 1e-9  # [s] of a look at singular values, and of each of its n^2 (m + p) products, about
-LONGEST = 0.1  # [s] of a look at which a failure is told within seconds: it takes some forty, and a step across more
+MAX_PRODUCTS = 1e8  # n^2 (m + p) up to which singular values are computed, some forty times in a second or two
 CLEAR = 1e-4  # of the least singular value elsewhere: from there on its fall is seen beside roundoff
 LAST_ROWS = 400  # rows of a run, at most: near the position steps shrink by a factor each
-APART = 50  # of those rows: where they are looked at, with the start, for what a singular value is elsewhere
-PROBE = 1e-6  # of the time in which the motion crosses its own size: there the fall of a singular value is looked at
+APART = 50  # of those rows: at these and at the start the singular value is compared with the last
+PROBE = 1e-6  # of the time in which the motion crosses its own size: over it the singular value is differenced
 BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
-FALL = 8.0  # of a singular value between two of three places that tell how it goes on
 LOST = 0.05  # of a singular value, at most, that is left where it vanishes: all of it but errors of the way there
 
 
@@ -66,17 +62,10 @@ class SingularPosition:
     rows: int  #: of the constraints
     rank: int
     dependent: tuple[int, ...]  #: as many rows of [g; k] that depend on the others there; other choices may be as good
-    by_mass: bool = False  #: nearly, and over the root of the mass alone: some body is so light
 
     @property
     def text(self) -> str:
-        """In words."""
-        if self.by_mass:
-            return (
-                f"Near t = {self.t:.10g} the constraints keep their rank, but over the root of the mass rows "
-                f"{list(self.dependent)} of [g; k] nearly depend on the others: a body that they hold is so light beside "
-                "others that reactions throw it about far faster than these move; give it more mass, or leave it out."
-            )
+        """Part of a message."""
         return (
             f"the constraints lose rank at t = {self.t:.10g}: a singular position, of rank {self.rank} of {self.rows} rows; "
             f"for example rows {list(self.dependent)} of [g; k] depend on the others there"
@@ -84,9 +73,9 @@ class SingularPosition:
 
 
 class UnitRows:
-    """The rows of [g_q; k_v] over the root of the mass, of length one at ``first``: what their rank is told by.
+    """The rows of [g_q; k_v] over the root of the mass, scaled to length one at ``first``; their singular values show rank.
 
-    Not everywhere: of a single row the rank is lost where it vanishes.
+    They are not scaled elsewhere: a single row loses rank where it vanishes.
 
     Raises
     ------
@@ -105,15 +94,6 @@ class UnitRows:
         if not (self._lengths > 0.0).all():
             raise linalg.LinAlgError("the constraints have no rank, where a row is zero")
         return np.asarray(linalg.lapack.dtrtrs(self.root(place), rows.T, lower=1)[0].T / self._lengths)
-
-    def without_mass(self, place: Start) -> Matrix:
-        """(m + p, n) there, not over the root of the mass."""
-        return np.asarray(self._rows(place) / np.linalg.norm(self._rows(self.first), axis=1, keepdims=True))
-
-    def asked(self, place: Start) -> Vector:
-        """The velocity level (m + p,) there, in the same units, of what is at rest: what v must differ from zero for."""
-        at = self.projection.levels.at(place.t, place.q, np.zeros_like(place.v))
-        return np.asarray(at.velocity_drift / self._lengths[:, 0])
 
     def _rows(self, place: Start) -> Matrix:
         check_time()
@@ -137,12 +117,6 @@ class UnitRows:
         return float(np.linalg.svd(self.at(place), compute_uv=False)[-1])
 
 
-def seconds_of_look(dynamics: Dynamics) -> float:
-    """What it takes to find the singular values at a place [s], about."""
-    s = dynamics.structure
-    return LOOK + PER_PRODUCT * s.n**2 * (s.m + s.p)
-
-
 def dense(matrix: Any) -> Matrix:
     """As an array."""
     return np.asarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
@@ -153,7 +127,8 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
 
     ``reach`` [s] is what it may be away, at least.  The place is found from the last one that is not too close to it.
     """
-    if not dynamics.structure.constrained or seconds_of_look(dynamics) > LONGEST:
+    s = dynamics.structure
+    if not s.constrained or s.n**2 * (s.m + s.p) > MAX_PRODUCTS:
         return None
     last = places[-1]
     try:
@@ -164,21 +139,10 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         found = last if clear is None else _vanishing(rows, clear)
         near = max(reach, BESIDE * last.scale)
         if found is None or not abs(found.t - last.t) <= near:
-            lost = rows.least(last) ** 3 < EPS * rows.least(elsewhere) ** 3  # (H51)
-            if not (lost and _to_zero(rows, places) <= near):
-                return _by_mass(rows, elsewhere, last, reach)
-            found = last
-        return _told(rows, clear or elsewhere, found)
+            return None
+        return _dependent(rows, clear or elsewhere, found)
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
-
-
-def _by_mass(rows: UnitRows, before: Start, last: Place, reach: float) -> SingularPosition | None:
-    """What mass alone makes nearly dependent within ``reach`` [s] beyond ``last``, where nothing vanishes; or None."""
-    ahead = reach if last.t >= before.t else -reach
-    share = minimize_scalar(lambda x: rows.least(last.moved(x * ahead)), bounds=(0.0, 1.0), method="bounded").x
-    found = _told(rows, before, last.moved(share * ahead))
-    return found if found is not None and found.by_mass else None
 
 
 def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
@@ -209,40 +173,12 @@ def _vanishing(rows: UnitRows, place: Place) -> Place | None:
     return found if rows.least(found) <= LOST * start else None
 
 
-def _to_zero(rows: UnitRows, places: list[Place]) -> float:
-    """[s] from the last of ``places`` on to where the least singular value vanishes, if it falls as a power; else infinite.
-
-    From where it was ``FALL`` and ``FALL**2`` times as large: it over its slope is linear there, and vanishes with it.
-    """
-    size, end = rows.least(places[-1]), places[-1].t
-    far = _last(places, lambda place: rows.least(place) >= FALL**2 * size)
-    near = _last(places, lambda place: rows.least(place) >= FALL * size)
-    if far is None or near is None or far is near:
-        return np.inf
-    lengths = abs(far.t - near.t), abs(near.t - end)
-    fallen = np.log([rows.least(far) / rows.least(near), rows.least(near) / size])
-    (before, after), apart = lengths / fallen, sum(lengths) / 2
-    return float(after / (before - after) * apart - lengths[1] / 2) if before > after else np.inf
-
-
-def _told(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
-    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing.
-
-    What no row loses without the mass is not lost: between two rows may be a body so light that they are nearly one.
-    """
+def _dependent(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
+    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing."""
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
-    lost = _fallen(were, sizes)
-    if not lost.any():
-        return None
-    position = dependent_at(rows, found, left[:, : sizes.size][:, lost])
-    kept = not _fallen(*(linalg.svdvals(rows.without_mass(place)) for place in (before, found))).any()
-    return replace(position, by_mass=kept)
-
-
-def _fallen(were: Vector, sizes: Vector) -> Any:
-    """Which of some singular values have."""
-    return sizes <= np.minimum(LOST * were, were[-1] / 2)
+    lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
+    return dependent_at(rows, found, left[:, : sizes.size][:, lost]) if lost.any() else None
 
 
 def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
@@ -267,15 +203,12 @@ def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularP
     if failure.status not in MAY_BE_SINGULAR or not places:
         return failure
     reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
-    found = singular_position(engine.dynamics, engine.place, places, reach)
-    if found is None or not found.by_mass:
-        return found or failure
-    return replace(failure, message=f"{failure.message.removesuffix('.')}. {found.text}")
+    return singular_position(engine.dynamics, engine.place, places, reach) or failure
 
 
 OTHERS = "Several motions may follow; end before it, or choose other coordinates"
 
 
-def told(position: SingularPosition, why: str, remedy: str = OTHERS) -> Failure:
-    """That a run ends at ``position``, ``why`` it does not go on beyond, and what follows."""
-    return Failure(Status.singular_iteration_matrix, f"{position.text}. It is not stepped over: {why}. {remedy}.")
+def ends_at(position: SingularPosition, why: str) -> Failure:
+    """The failure of a run at ``position``, with the reason ``why`` no step across it is made."""
+    return Failure(Status.singular_iteration_matrix, f"{position.text}. It is not stepped over: {why}. {OTHERS}.")

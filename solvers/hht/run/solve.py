@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -23,13 +24,13 @@ from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
 from solvers.hht.run.beside import settle
-from solvers.hht.run.causes import explained, growing_vibration, unresolved_forces
+from solvers.hht.run.causes import diagnosed, explained, growing_vibration, unresolved_forces
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
 from solvers.hht.run.projecting import projection_of, put_on_constraints
 from solvers.hht.run.rows import recovered
-from solvers.hht.run.singular import LAST_ROWS, cause_of, places_of, told
+from solvers.hht.run.singular import LAST_ROWS, cause_of, ends_at, places_of
 from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
@@ -109,7 +110,7 @@ class Integration:
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
-        more = self.history.kept(projection_of(engine))
+        more = self.history.kept(projection_of(engine)) | self._diagnosis(end)
         if engine.method.coefficients.both_levels and rows.t.size:
             more["check"] = check
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
@@ -122,6 +123,16 @@ class Integration:
         if plan.by_error.tolerances.least <= at_start:
             return ""
         return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
+
+    def _diagnosis(self, end: Failure) -> dict[str, Any]:
+        """What :meth:`~hhtbench.result.Solution.diagnose` calls after a failure."""
+        if self.stepper is None or end.status in (Status.success, Status.event):
+            return {}
+        t, q, v = (x[-1] for x in self.history.last(1))
+        h = float(self.stepper.engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
+        place, controlled = Place(float(t[0]), q.copy(), v.copy()), self.steps is None
+        asked = partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, controlled=controlled)
+        return {"diagnosis_of": asked}
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -203,16 +214,16 @@ def go_beyond(
     position = cause_of(engine, ended, places)
     if isinstance(position, Failure):
         tried = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
-        return explained(engine, position, state, tried if position.status is Status.newton_failed else state.h or tried)
+        return position if by_error is None else explained(engine, position, state, tried)
     if by_error is None:
-        return told(position, "the steps are prescribed")
+        return ends_at(position, "the steps are prescribed")
     if stepper.events:
-        return told(position, "events would not be seen there")
+        return ends_at(position, "events would not be seen there")
     if often:
-        return told(position, f"the run has stepped over {CROSSED:d} and more already, one every {BETWEEN:d} steps or less")
+        return ends_at(position, f"the run has stepped over {CROSSED:d} and more already, one every {BETWEEN:d} steps or less")
     found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
     if isinstance(found, str):
-        return told(position, found)
+        return ends_at(position, found)
     row = engine.loops.row(found.state)
     row[1] = found.h
     place = f", in the place of the last {found.steps}" if found.steps else ""

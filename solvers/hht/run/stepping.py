@@ -25,7 +25,7 @@ from solvers.hht.run.causes import explained
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
-from solvers.hht.run.singular import cause_of, places_of, told
+from solvers.hht.run.singular import cause_of, ends_at, places_of
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.step.state import State
 
@@ -143,7 +143,7 @@ def _with_cause(engine: Engine, ended: Failure, state: State, last: HermiteOutpu
     """How stepping has ``ended`` at ``state`` after the ``last`` step, with its cause where that is known."""
     position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
     if not isinstance(position, Failure):
-        return told(position, "steps are made one by one")
+        return ends_at(position, "steps are made one by one")
     return explained(engine, position, state, float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
 
 

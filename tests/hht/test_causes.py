@@ -1,0 +1,96 @@
+"""Causes of failed runs, and warnings of prescribed steps, on scenes whose frequency or noise is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.counting import Work
+from hhtbench.result import Status
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from solvers._start import Place
+from solvers.hht.options import make_options
+from solvers.hht.run.causes import fastest, growing_vibration, unresolved_forces
+from solvers.hht.run.start import make_engine
+
+
+def engine_of(system: hb.System | hb.NumpySystem, q: list[float], v: list[float]) -> tuple[object, Place]:
+    place = Place(0.0, np.array(q), np.array(v))
+    return make_engine(system, make_options(), place, Work(), controlled=True), place
+
+
+def test_a_spring_between_two_bodies_vibrates_at_the_root_of_stiffness_over_reduced_mass():
+    spring = hb.NumpySystem(
+        mass_matrix=[2.0, 6.0], force=lambda t, q, v: 3e4 * (q[1] - q[0] - 1.0) * np.array([1.0, -1.0])
+    )
+    omega, by_reactions = fastest(*engine_of(spring, [0.0, 1.0], [1.0, 1.0]))  # type: ignore[arg-type]
+    assert omega == pytest.approx(math.sqrt(3e4 * (1 / 2 + 1 / 6)), rel=1e-3)
+    assert by_reactions == 0.0
+
+
+def test_a_turning_pendulum_is_carried_by_its_rod_with_the_rate_of_the_turn():
+    """The tension m v^2 / l of a rod without gravity gives the tangential stiffness m v^2 / l^2."""
+    rod = hb.NumpySystem(
+        mass_matrix=[2.0, 2.0],
+        force=lambda t, q, v: np.zeros(2),
+        constraint=lambda t, q: np.array([q @ q - 4.0]),
+    )
+    omega, by_reactions = fastest(*engine_of(rod, [2.0, 0.0], [0.0, 6.0]))  # type: ignore[arg-type]
+    assert omega == pytest.approx(3.0, rel=1e-3)
+    assert by_reactions == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_noisy_force_is_named_after_a_failure():
+    draw = np.random.default_rng(3)
+    noisy = hb.NumpySystem(force=lambda t, q, v: np.full(1, -9.81 * (1.0 + 1e-5 * draw.standard_normal())))
+    found = hb.HHT(noisy).solve((0.0, 1.0), [1.0], [0.0], rtol=1e-8)
+    assert found.status is Status.step_too_small
+    assert "Calls of force with the same arguments differ" in found.message
+
+
+def test_a_force_in_single_precision_is_named_after_a_failure():
+    single = hb.NumpySystem(force=lambda t, q, v: np.float64(np.float32(-9.81) * np.cos(np.float32(30.0 * q))))
+    found = hb.HHT(single).solve((0.0, 1.0), [1.0], [0.0], rtol=1e-9)
+    assert not found.success
+    assert "arguments some roundoffs apart" in found.message
+
+
+def test_a_success_has_no_cause():
+    fall = hb.NumpySystem(force=lambda t, q, v: np.full(1, -9.81))
+    found = hb.HHT(fall).solve((0.0, 1.0), [1.0], [0.0], step=0.01)
+    assert (found.diagnose(), "Warning" in found.message) == ("", False)
+
+
+def test_prescribed_steps_too_long_for_a_taut_rod_are_diagnosed_on_request():
+    start = DoublePendulum.straight(0.5)
+    found = hb.HHT(DoublePendulum(ratio=1e6)).solve((0.0, 1.0), *start, step=1e-3)
+    assert not found.success
+    assert "Constraint forces carry a vibration" in found.diagnose()
+
+
+def test_contact_that_one_step_jumps_over_is_a_warning():
+    floor = hb.NumpySystem(force=lambda t, q, v: -9.81 + 1e8 * np.maximum(-q, 0.0))
+    coarse, fine = (hb.HHT(floor).solve((0.0, 1.0), [1.0], [0.0], step=h) for h in (1e-2, 1e-5))
+    assert "do not resolve the forces" in coarse.message
+    assert "do not resolve the forces" not in fine.message
+
+
+@pytest.mark.parametrize("speed", [1.0, 1e-9], ids=["moving", "nearly at rest"])
+def test_a_smooth_motion_has_no_warning(speed: float):
+    t = np.linspace(0.0, 1.0, 101)[:, None]
+    v, a = speed * np.cos(6.0 * t), -6.0 * speed * np.sin(6.0 * t)
+    h = np.full_like(t, 0.01)
+    assert (unresolved_forces(t, h, np.sin(6.0 * t), v, a), growing_vibration(h, v)) == ("", "")
+
+
+@pytest.mark.parametrize("lag", [1, 2])
+def test_a_vibration_that_alternates_and_grows_is_found(lag: int):
+    k = np.arange(60)
+    signs = (-1.0) ** (k // lag)
+    v = (1.0 + 1e-9 * signs * 1.5**k)[:, None]
+    assert "alternates with the steps" in growing_vibration(np.full((60, 1), 0.01), v)
+    decaying = (1.0 + signs * 1.5 ** (-1.0 * k))[:, None]
+    assert growing_vibration(np.full((60, 1), 0.01), decaying) == ""
