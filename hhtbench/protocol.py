@@ -360,8 +360,8 @@ class Solver(Protocol):
 
     It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
     ``count(problem, request)`` gives the Counters of an untimed run, ``evaluates(problem)`` says what its residual
-    evaluations are, "residual" or "acceleration", and of which problem.  With a true ``judges_itself`` ``hb.solve`` returns
-    its results as they are; a campaign judges them all the same.
+    evaluations are, "residual" or "acceleration", and of which problem.  Of one with a true ``heeds_tolerances`` two runs
+    that agree show their error, also where they took the same steps.
     """
 
     name: str

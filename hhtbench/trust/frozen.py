@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
@@ -15,17 +13,10 @@ from hhtbench.trust.sizes import sizes_of
 MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
 
 
-def frozen(problem: Problem, t: Vector, q: Matrix, v: Matrix, check_time: Callable[[], None] = lambda: None) -> str:
-    """Whether the rows t (k,), q and v (k, n) are one state bit by bit that cannot rest, in words; else "".
-
-    Raises
-    ------
-    BudgetSpent
-        By ``check_time``, which is called once, and only where the rows are one state.
-    """
-    if t.size < 2 or t[0] == t[-1] or not (np.all(q == q[0]) and np.all(v == v[0])):
+def frozen(problem: Problem, t: Vector, q: Matrix, v: Matrix) -> str:
+    """That the rows t (k,), q and v (k, n) are one state bit by bit although it cannot rest; else ""."""
+    if t.size < 2 or t[0] == t[-1] or q[0].tobytes() != q[-1].tobytes() or not (np.all(q == q[0]) and np.all(v == v[0])):
         return ""
-    check_time()
     rates, size = [v[0]], np.split(sizes_of(problem, q, v), 2)
     try:
         found = AccelerationLevel(derive(problem.system, float(t[0]), q[0], v[0])).solve(

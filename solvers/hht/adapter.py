@@ -30,7 +30,7 @@ class HHTSolver:
     integrator: type[HHT] = HHT
     events: Any = None
     smooth_error: ClassVar[bool] = True  #: a smooth function of step and tolerance: two runs extrapolate to a better one
-    judges_itself: ClassVar[bool] = True  #: its steps hold the constraints, and its rows are those that were asked for
+    heeds_tolerances: ClassVar[bool] = True  #: two of its runs that agree need not take different steps
 
     def __eq__(self, other: object) -> bool:
         """Whether they solve alike: an option that is written out is the same as the default that it is."""
