@@ -349,10 +349,12 @@ class Problem:
 
         That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
         """
+        if t_span is None and q0 is None and v0 is None:
+            return self
         n = self.q0.size
         given: dict[str, Any] = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
         given |= {} if t_span is None else {"t_span": t_span}
-        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None) if given else self
+        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None)
 
 
 class Solver(Protocol):

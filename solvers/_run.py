@@ -88,7 +88,9 @@ class Run:
         failure = tried_twice(self._begin, self.work, self.now)
         if failure is not None:
             return self._nothing(failure)
-        end = self._arrived(self._end(self._raised(drive)))  # held by no frame of its own traceback, so that the run is freed at once
+        end = self._arrived(
+            self._end(self._raised(drive))
+        )  # held by no frame of its own traceback, so that the run is freed at once
         self.work.only_output_is_left()
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
 SLOW_ROWS = 20  # of systems without machine code, where a row costs as much as a residual
 NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
 
+Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 _known = Cache(16)
 
 
@@ -46,11 +49,17 @@ def believable(request: Request) -> float:
 
 def spread(count: int, most: int = CHECKED_ROWS) -> NDArray[np.intp]:
     """Up to ``most`` of ``count`` rows, evenly spread, the first and the last among them."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+    few = min(count, most)
+    return np.arange(few) * (count - 1) // max(few - 1, 1)
 
 
 def violated(
-    problem: Problem, request: Request, rows: tuple[Vector, Matrix, Matrix], *, deep: bool = False, clock: Clock | None = None
+    problem: Problem,
+    request: Request,
+    rows: tuple[Vector, Matrix, Matrix],
+    *,
+    deep: bool = False,
+    clock: Clock | None = None,
 ) -> str:
     """Which constraint the rows t (k,), q and v (k, n) leave most, when and by how much; "" where it is believable.
 
@@ -69,7 +78,10 @@ def violated(
         t, found = at.levels(problem, believable(request), rows, CHECKED_ROWS if deep else SLOW_ROWS, clock)
     except NonFiniteValue as error:
         return f"constraints: {error}."
-    return next(filter(None, (_beyond(one, t) for one in found)), "")
+    for levels in found:
+        if doubt := _beyond(levels, t):
+            return doubt
+    return ""
 
 
 def _beyond(levels: Levels, t: Vector) -> str:
@@ -88,79 +100,74 @@ class AtRows:
     """The constraint levels of one system at many rows: by machine code in one call, else one row after the other."""
 
     def __init__(self, dynamics: Dynamics) -> None:
-        s = self._structure = dynamics.structure
-        self._levels, self._terms = ConstraintLevels(dynamics), None
+        s = dynamics.structure
+        self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
+        self._at = ConstraintLevels(dynamics)
+        self._terms: Callable[[Any, Any, Any], Matrix] | None = None
+        ends = list(accumulate((m, m, m * n, p, p * n, m)))
+        #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
+        self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
         if route_of(dynamics) != "numpy" and too_large(dynamics) is None:
-            try:
-                self._terms = at_rows(native(level_terms, dynamics, shapes=((), (s.n,), (s.n,))))
-            except NotNative:
-                pass
+            with suppress(NotNative):
+                self._terms = at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
 
     def levels(
-        self, problem: Problem, bound: float, rows: tuple[Vector, Matrix, Matrix], slow_rows: int, clock: Clock | None
-    ) -> tuple[Vector, Iterator[Levels]]:
-        """The times of the rows that are checked, and what is found there."""
-        s = self._structure
-        most = slow_rows if self._terms is None else min(CHECKED_ROWS, max(SLOW_ROWS, NUMBERS // (s.n * (s.m + s.p))))
+        self, problem: Problem, bound: float, rows: Rows, slow: int, clock: Clock | None
+    ) -> tuple[Vector, list[Levels]]:
+        """The times of the rows that are checked, and what is not plainly within its bound there."""
+        fast = min(CHECKED_ROWS, max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p))))
+        most = slow if self._terms is None else fast
         if len(rows[0]) > most:
             some = spread(len(rows[0]), most)
             rows = rows[0][some], rows[1][some], rows[2][some]
-        t, q, v = [_numbers(part) for part in rows]
+        t, q, v = _numbers(rows[0]), _numbers(rows[1]), _numbers(rows[2])
         if self._terms is None:
-            return t, self._one_by_one(bound, _sizes(problem, v), (t, q, v), clock)
+            return t, self._one_by_one(problem, bound, (t, q, v), clock)
         found = self._terms(t, q, v)
-        return t, iter(()) if self._plainly_hold(problem, bound, found) else self._together(bound, _sizes(problem, v), found)
+        return t, [] if self._plainly_hold(problem, bound, found) else self._together(problem, bound, v, found)
 
     def _plainly_hold(self, problem: Problem, bound: float, found: Matrix) -> bool:
         """Whether all constraints hold by the declared scales, in a third of the time that it takes to find the largest."""
-        n, m, p, count = self._structure.n, self._structure.m, self._structure.p, len(found)
-        scales, k, end = problem.scales, (2 + n) * m, (2 + n) * m + p + n * p
-        allowed = np.empty((n, 2))
-        allowed[:, 0], allowed[:, 1] = scales.q, scales.v
+        n, m, p, count = self.n, self.m, self.p, len(found)
+        allowed, left = np.empty((n, 2)), 0
+        allowed[:, 0], allowed[:, 1] = problem.scales.q, problem.scales.v
         allowed *= bound
         found = np.abs(found)
-        positions, velocities, left = found[:, :m], found[:, end : end + m], 0
         if m:
-            sizes = (found[:, 2 * m : k].reshape(-1, n) @ allowed).reshape(count, m, 2)
-            left = 2 * count * m - np.count_nonzero(positions <= sizes[:, :, 0]) - np.count_nonzero(velocities <= sizes[:, :, 1])
-        if p and not left:
-            sizes = (found[:, k + p : end].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
-            left = count * p - np.count_nonzero(found[:, k : k + p] <= sizes)
+            sizes = (found[:, self._g_q].reshape(-1, n) @ allowed).reshape(count, m, 2)
+            left = count * m - np.count_nonzero(found[:, self._g] <= sizes[:, :, 0])
+            left += count * m - np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1])
+        if p:
+            sizes = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
+            left += count * p - np.count_nonzero(found[:, self._k] <= sizes)
         return not left
 
-    def _together(self, bound: float, sizes: Any, found: Matrix) -> Iterator[Levels]:
-        """Of what machine code has ``found`` at every row: g, g_t, g_q, k, k_v and the velocity level."""
-        n, m, p, count = self._structure.n, self._structure.m, self._structure.p, len(found)
-        s_q, s_v, fastest = sizes
-        k, k_v, end = (2 + n) * m, (2 + n) * m + p, (2 + n) * m + p + n * p
-        if m:
-            jacobian = np.abs(found[:, 2 * m : k].reshape(count, m, n))
-            yield Levels("g[{}]", found[:, :m], jacobian @ s_q, bound)
-            of_velocities = jacobian @ fastest + np.abs(found[:, m : 2 * m])
-            yield Levels("the velocity level g_t + g_q v of constraint {}", found[:, end : end + m], of_velocities, BELIEVABLE)
-        if p:
-            yield Levels("k[{}]", found[:, k:k_v], np.abs(found[:, k_v:end].reshape(count, p, n)) @ s_v, bound)
+    def _together(self, problem: Problem, bound: float, v: Matrix, found: Matrix) -> list[Levels]:
+        """Of what machine code has ``found`` at every row."""
+        s_q, s_v, fastest = _sizes(problem, v)
+        of_g, of_k = (np.abs(found[:, part]).reshape(len(found), -1, self.n) for part in (self._g_q, self._k_v))
+        values = found[:, self._g], found[:, self._drift], found[:, self._k]
+        return _of_kinds(values, (of_g @ s_q, of_g @ fastest + np.abs(found[:, self._g_t]), of_k @ s_v), bound)
 
-    def _one_by_one(
-        self, bound: float, sizes: Any, rows: tuple[Vector, Matrix, Matrix], clock: Clock | None
-    ) -> Iterator[Levels]:
+    def _one_by_one(self, problem: Problem, bound: float, rows: Rows, clock: Clock | None) -> list[Levels]:
         """The same in Python."""
-        m, p, count = self._structure.m, self._structure.p, rows[0].size
-        kinds = np.zeros((2, count, 2 * m + p))  # values, sizes: of g, of g_t + g_q v, of k
-        s_q, s_v, fastest = sizes
+        m, (s_q, s_v, fastest) = self.m, _sizes(problem, rows[2])
+        values, sizes = np.zeros((2, rows[0].size, 2 * m + self.p))
         for row, (t, q, v) in enumerate(zip(rows[0].tolist(), *rows[1:], strict=True)):
             if clock is not None and clock.left() < 0.0:
                 break
-            at = self._levels.at(t, q, v)
+            at = self._at.at(t, q, v)
             jacobian = np.abs(at.position_jacobian)
-            kinds[0, row] = np.concatenate([at.position, at.velocity_drift])
-            kinds[1, row, :m] = jacobian @ s_q
-            kinds[1, row, m : 2 * m] = jacobian @ fastest + np.abs(at.time_derivative)
-            kinds[1, row, 2 * m :] = np.abs(at.velocity_jacobian) @ s_v
-        position, velocity, k = np.split(kinds, [m, 2 * m], axis=2)
-        yield Levels("g[{}]", *position, bound)
-        yield Levels("the velocity level g_t + g_q v of constraint {}", *velocity, BELIEVABLE)
-        yield Levels("k[{}]", *k, bound)
+            values[row] = np.concatenate([at.position, at.velocity_drift])
+            of_velocity = jacobian @ fastest + np.abs(at.time_derivative)
+            sizes[row] = np.concatenate([jacobian @ s_q, of_velocity, np.abs(at.velocity_jacobian) @ s_v])
+        return _of_kinds(*(np.split(x, [m, 2 * m], axis=1) for x in (values, sizes)), bound)
+
+
+def _of_kinds(values: Sequence[Matrix], sizes: Sequence[Matrix], bound: float) -> list[Levels]:
+    """Of position constraints, of their velocity level and of velocity constraints, as far as there are any."""
+    names, bounds = ("g[{}]", "the velocity level g_t + g_q v of g[{}]", "k[{}]"), (bound, BELIEVABLE, bound)
+    return [Levels(*one) for one in zip(names, values, sizes, bounds, strict=True) if one[1].size]
 
 
 def _numbers(part: Any) -> Any:
