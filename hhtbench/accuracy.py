@@ -109,7 +109,7 @@ class _Search:
         self.request, self.once, self.kind = request, once, kind
         self.finer = FinerRuns(problem, kind)
         self.finer.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
-        self.finer.known = getattr(solver, "judges_itself", False)
+        self.finer.known = getattr(solver, "heeds_tolerances", False)
         self.last: Solution | None = None  #: of a run that failed
         self.spent: list[Counters] = []
         self.looks = 0  #: evaluations between rows

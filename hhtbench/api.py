@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +12,12 @@ from hhtbench.accuracy import solve_to
 from hhtbench.counting import Clock, handed_over
 from hhtbench.drift import measure_drift
 from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust import doubt_about, frozen, unknown_without_reason, violated
+from hhtbench.trust import check_success
+from hhtbench.trust.judge import judge
 
 
 def solve(
@@ -34,8 +33,8 @@ def solve(
 ) -> Solution:
     """Integrate ``problem`` with ``solver``.
 
-    What a solver from elsewhere returns is looked at before it is believed: shapes, times, counters, constraints.  Whether
-    it obeys the equations of motion between its rows, the bench judges (``hhtbench run``).
+    Every success is checked before it is believed, whoever wrote the solver: shapes, times, counters, constraints.  Whether
+    it obeys the equations of motion between its rows, ``solution.verify()`` finds out, as campaigns do.
 
     Parameters
     ----------
@@ -87,34 +86,24 @@ def solve(
                 found = _once(loaded, chosen, asked, clock)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
-    if found.status is Status.declined:
-        return found
-    message = f"{found.message.rstrip('.')}. {note}" if note else found.message
-    return found.but(message=message, drift_of=partial(measure_drift, loaded))
+    return found.but(message=f"{found.message.rstrip('.')}. {note}") if note else found
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:
-    """One run, declined or judged where the solver does not judge itself."""
+    """One run, declined or checked; ``unreliable`` where it cannot be the success that it reports."""
     reason = solver.accepts(problem, request)
     if reason is not None:
         return _nothing(problem, Status.declined, reason)
     found = solver.solve(problem, request)
-    return found if getattr(solver, "judges_itself", False) else _believed(problem, request, found, clock)
-
-
-def _believed(problem: Problem, request: Request, found: Any, clock: Clock) -> Solution:
-    """``found``, unreliable where it cannot be the success that it reports."""
-    doubt = doubt_about(problem, request, found)
-    if not doubt and found.success:
-        levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-        doubt = unknown_without_reason(levels, problem, found, clock.check)
-        doubt = doubt or violated(levels, problem, request, (found.t, found.q, found.v), clock.check)
-        doubt = doubt or frozen(problem, found.t, found.q, found.v, clock.check)
-    if not doubt:
-        return cast("Solution", found)
-    if isinstance(found, Solution):
-        return replace(found, status=Status.unreliable, message=doubt)
-    return _nothing(problem, Status.unreliable, doubt)
+    try:
+        doubt = check_success(problem, request, found, clock)
+    except BaseException as error:
+        BaseException.__setattr__(error, "partial_solution", found)  # also where the class is frozen
+        raise
+    if not isinstance(found, Solution):
+        return _nothing(problem, Status.unreliable, doubt)
+    tools = {"judge_of": partial(judge, problem, request), "drift_of": partial(measure_drift, problem)}
+    return found.but(status=Status.unreliable, message=doubt, **tools) if doubt else found.but(**tools)
 
 
 def _nothing(problem: Problem, status: Status, message: str) -> Solution:

@@ -349,10 +349,12 @@ class Problem:
 
         That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
         """
+        if t_span is None and q0 is None and v0 is None:
+            return self
         n = self.q0.size
         given: dict[str, Any] = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
         given |= {} if t_span is None else {"t_span": t_span}
-        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None) if given else self
+        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None)
 
 
 class Solver(Protocol):
@@ -360,8 +362,8 @@ class Solver(Protocol):
 
     It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
     ``count(problem, request)`` gives the Counters of an untimed run, ``evaluates(problem)`` says what its residual
-    evaluations are, "residual" or "acceleration", and of which problem.  With a true ``judges_itself`` ``hb.solve`` returns
-    its results as they are; a campaign judges them all the same.
+    evaluations are, "residual" or "acceleration", and of which problem.  Of one with a true ``heeds_tolerances`` two runs
+    that agree show their error, also where they took the same steps.
     """
 
     name: str

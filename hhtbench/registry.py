@@ -56,7 +56,8 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
         The spec cannot be read, a parameter is unknown or given twice, or no Problem came out.
     """
     if isinstance(spec, Problem):
-        _refuse_arguments(f"the problem {spec.name}", parameters)
+        if parameters:
+            _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
     found = parse_spec(spec)
     made = _make("problem", found, parameters)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Vector, check_interval, positive_integer, real_array, real_number, real_vector
 from hhtbench.errors import ProblemError
+from hhtbench.filled import Filled
 
 MOST_STEPS = 2**53  # prescribed: floats count so far
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
@@ -21,7 +22,7 @@ RTOL_CEILING = 0.1  # above it a solution has no correct digit
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class Request(Filled):
     """Tolerances (``rtol, atol``) or steps (``step`` or ``steps``), output times and budgets.
 
     ``step=h`` takes ``N = ceil(span / h)`` equal steps of ``span / N``; ``steps=N`` takes N equal steps;
@@ -45,9 +46,9 @@ class Request:
 
     def __post_init__(self) -> None:
         own = self.__dict__
-        for name, value in own.items():
-            if value is not None and name in CHECKS:
-                own[name] = CHECKS[name](name, value)
+        for name, (default, check) in CHECKS.items():
+            if own[name] is not default:
+                own[name] = check(name, own[name])
         if self.rtol is not None and self.atol is not None and has_zero(self.rtol) and has_zero(self.atol):
             raise ProblemError("rtol and atol must not both be zero; give one of them a positive value.")
         by_error = self.rtol is not None or self.atol is not None
@@ -63,9 +64,8 @@ class Request:
 
 def make_request(**keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
-    unknown = sorted([name for name in keywords if name not in KNOWN])
-    if unknown:
-        raise TypeError(f"unknown request option {', '.join(unknown)}; known: {', '.join(KNOWN)}.")
+    if unknown := keywords.keys() - NAMES:
+        raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(KNOWN)}.")
     return Request(**keywords)
 
 
@@ -73,7 +73,7 @@ def with_tolerance(request: Request) -> tuple[Request, str]:
     """``request``, with ``rtol = 1e-4`` where it has neither tolerances nor steps, and what a message is to say of that."""
     if request.fixed or request.rtol is not None or request.atol is not None:
         return request, ""
-    return replace(request, rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
+    return request.but(rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,15 +212,16 @@ def _switch(name: str, value: Any) -> bool:
 
 
 KNOWN = tuple(f.name for f in fields(Request))
-CHECKS: dict[str, Callable[[str, Any], Any]] = {
-    "rtol": _rtol,
-    "atol": _tolerance,
-    "step": _seconds,
-    "steps": _steps,
-    "t_eval": _output_times,
-    "dense_output": _switch,
-    "keep_steps": _switch,
-    "max_seconds": _seconds,
-    "max_num_steps": positive_integer,
-    "max_evaluations": positive_integer,
+NAMES = set(KNOWN)
+CHECKS: dict[str, tuple[Any, Callable[[str, Any], Any]]] = {  # of what is not the default
+    "rtol": (None, _rtol),
+    "atol": (None, _tolerance),
+    "step": (None, _seconds),
+    "steps": (None, _steps),
+    "t_eval": (None, _output_times),
+    "dense_output": (False, _switch),
+    "keep_steps": (False, _switch),
+    "max_seconds": (None, _seconds),
+    "max_num_steps": (None, positive_integer),
+    "max_evaluations": (None, positive_integer),
 }

@@ -19,7 +19,7 @@ from hhtbench.plotting import plot_solution
 from hhtbench.saved import read_arrays, write_arrays
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
-OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "diagnosis_of")  #: its fields that call functions
+OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
 NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
 
 
@@ -192,6 +192,7 @@ class Solution(Filled):
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
     drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
     diagnosis_of: Callable[[], str] | None = None  #: what :meth:`diagnose` calls, set by the solver; not pickled
+    judge_of: Callable[..., Any] | None = None  #: what :meth:`verify` calls, likewise
     file: str = ""  #: that :meth:`load` read, or ""
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
@@ -247,6 +248,20 @@ class Solution(Filled):
             return ""
         return self.diagnosis_of()
 
+    def verify(self, *, draw: int = 0) -> Any:
+        """Hold everything against the solution that campaigns do: a :class:`hhtbench.trust.judge.Judgement`.
+
+        Short windows are integrated again by a method of the bench's own, which shares no code with any solver; it takes
+        milliseconds to seconds.  ``doubt`` of what is returned says what speaks against the solution, or is empty; ``draw``
+        chooses the rows at which some windows begin.
+        """
+        if self.judge_of is None:
+            raise ValueError(
+                "this solution came without its problem and request, as from a file or a pickle; give them: "
+                "hhtbench.trust.judge.judge(problem, hhtbench.Request(rtol=...), solution)."
+            )
+        return self.judge_of(self, draw=draw)
+
     def plot(self) -> Any:
         """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
 
@@ -282,7 +297,7 @@ class Solution(Filled):
         return cls(**found, file=str(path))
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"drift_of": None, "diagnosis_of": None}
+        return super().__getstate__() | {"drift_of": None, "judge_of": None, "diagnosis_of": None}
 
     def _repr_html_(self) -> str:
         rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]

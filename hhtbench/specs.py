@@ -74,7 +74,10 @@ def parse_spec(text: str) -> Spec:
     text = text.strip()
     if not text.isprintable():
         raise ProblemError(f"a spec must be one line of printable text; got {text!r}.\nFor example: {EXAMPLES}.")
-    match = next(filter(None, (target.match(text) for target in _TARGETS)), None)
+    match = None
+    for target in _TARGETS:
+        if match := target.match(text):
+            break
     if match is None or (match.groupdict().get("name") or "").endswith(".py"):
         raise _bad_target(text)
     parts = match.groupdict()

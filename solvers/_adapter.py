@@ -84,7 +84,7 @@ class Adapter:
     library: ClassVar[str]
     installed: ClassVar[bool] = True
     interpolates: ClassVar[bool] = True  #: whether there is dense output
-    judges_itself: ClassVar[bool] = True  #: its results have passed the checks of :mod:`hhtbench.trust`
+    heeds_tolerances: ClassVar[bool] = True  #: two of its runs that agree need not take different steps
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """The reason why this solver cannot take the problem or request, or None; no function of a system is evaluated."""

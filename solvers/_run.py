@@ -1,4 +1,4 @@
-"""One solve by a foreign library: the equations as guarded callbacks, the accepted steps, the final check."""
+"""One solve by a foreign library: the equations as guarded callbacks, the accepted steps, how it ended."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Ends, Solution, Status
-from hhtbench.trust import doubt_about_motion, unresolved, violated
+from hhtbench.trust import unresolved
 from solvers import forms
 from solvers._dense import OnConstraints, Pieces
 from solvers._ending import empty_solution, solution_of, unrecovered
@@ -76,7 +76,6 @@ class Run:
         self.steps = 0
         self.note = ""  #: what is said of a run beside how it ended
         self.recover: Recover | None = None  #: the code of a solver that finds many rows' multipliers at once
-        self.holds_constraints = False  #: at every row, by projection onto all of them
         self.guard = Guard(self.work, problem.t_span)
         self.pieces: Pieces | None = None  #: dense output, where it was asked for
         self._asked, self._ends = Kept(), Kept()  # rows at t_eval, and ends of steps
@@ -89,12 +88,13 @@ class Run:
         failure = tried_twice(self._begin, self.work, self.now)
         if failure is not None:
             return self._nothing(failure)
-        end = self._end(self._raised(drive))  # held by no frame of its own traceback, so that the run is freed at once
+        end = self._arrived(
+            self._end(self._raised(drive))
+        )  # held by no frame of its own traceback, so that the run is freed at once
         self.work.only_output_is_left()
         rows = self.rows()
         own = own_multipliers(self.form, rows, self.dynamics, self.first)
         held = carried(self.form, rows, self.dynamics)
-        end = self._judged(rows, end)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
         more: dict[str, Any] = {"ends": self._told_ends()}
         if self.pieces is not None and self.steps:
@@ -302,19 +302,13 @@ class Run:
         suspect = self.guard.suspect
         return end if suspect is None or end.status is Status.max_steps else self._explained(end, suspect)
 
-    def _judged(self, rows: Rows, end: Failure) -> Failure:
-        """How the run ended, after a look at what speaks against a success."""
+    def _arrived(self, end: Failure) -> Failure:
+        """How the run ended: no success where the library stopped early, or times do not resolve its steps."""
         if end.status is not Status.success:
             return end
-        doubt = f"end: It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}." if self.t != self.t1 else ""
-        try:
-            doubt = doubt or doubt_about_motion(self.problem, self.request, rows.motion)
-            if not (doubt or self.holds_constraints):
-                doubt = violated(self.levels, self.problem, self.request, rows.motion, self.work.check_time)
-        except BudgetSpent as spent:
-            return budget_failure(spent, self.now)
-        if doubt:
-            return Failure(Status.unreliable, f"{doubt} {Status.unreliable.text}")
+        if self.t != self.t1:
+            text = f"end: It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}. {Status.unreliable.text}"
+            return Failure(Status.unreliable, text)
         coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
         return Failure(Status.time_resolution, coarse) if coarse else end
 

@@ -96,7 +96,7 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
     if atol is None:
         typical, rtol = np.empty(2 * n), 0.0 if request.rtol is None else request.rtol
         typical[:n], typical[n:] = scales.q, scales.v
-        return typical * (rtol if np.ndim(rtol) == 0 else np.resize(rtol, 2 * n))
+        return typical * (rtol if type(rtol) is float else np.resize(rtol, 2 * n))
     if np.shape(atol) not in ((), (n,), (2 * n,)):
         raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)

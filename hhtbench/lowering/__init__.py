@@ -15,7 +15,7 @@ from hhtbench.lowering.dynamics.operations import operations
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
 from hhtbench.lowering.dynamics.reductions import REDUCTIONS
 from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
-from hhtbench.lowering.scalar_compiler import Native, NotNative, native
+from hhtbench.lowering.scalar_compiler import Native, NotNative, at_rows, native
 
 __all__ = [
     "CONSISTENT",
@@ -31,6 +31,7 @@ __all__ = [
     "NotNative",
     "Structure",
     "asymmetry",
+    "at_rows",
     "augment",
     "compile_function",
     "constraint_rank",

@@ -1,6 +1,6 @@
-"""Everything that is held against a success in a campaign: its rows, its steps, the constraints, the equations of motion.
+"""Everything that is held against a success: its rows, its steps, the constraints, the equations of motion.
 
-The adapters of libraries make the cheap checks themselves (:mod:`hhtbench.trust`); here all are made, whoever gave the rows.
+For campaigns, and for ``solution.verify()``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.lowering import derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
@@ -55,11 +55,9 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
     if doubt or not solution.success:
         return Judgement(doubt)
     try:
-        levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-        doubt = _multipliers(levels, solution) or unknown_without_reason(levels, problem, solution)
-        doubt = doubt or violated(levels, problem, request, (solution.t, solution.q, solution.v))
-        if solution.ends is not None and not doubt:
-            doubt = violated(levels, problem, request, (solution.ends.t, solution.ends.q, solution.ends.v))
+        doubt = _multipliers(problem, solution) or unknown_without_reason(problem, solution)
+        for rows in filter(None, (solution, solution.ends)):
+            doubt = doubt or violated(problem, request, (rows.t, rows.q, rows.v), deep=True)
         return Judgement(doubt) if doubt else _motion(problem, request, solution, draw)
     except NotJudged as reason:
         return Judgement("", not_judged=str(reason))
@@ -67,8 +65,9 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
         return Judgement("", not_judged=f"{type(error).__name__}: {error}")
 
 
-def _multipliers(levels: ConstraintLevels, solution: Solution) -> str:
-    for name, wanted in (("lam", levels.structure.m), ("mu", levels.structure.p)):
+def _multipliers(problem: Problem, solution: Solution) -> str:
+    structure = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
+    for name, wanted in (("lam", structure.m), ("mu", structure.p)):
         found = getattr(solution, name).shape[1]
         if found != wanted:
             return f"shapes: {name} has {found} columns; the system has {wanted} such constraints."

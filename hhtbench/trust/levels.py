@@ -2,93 +2,188 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels
+from hhtbench.lowering import ConstraintLevels, Dynamics, NotNative, at_rows, derive, native, route_of, too_large
+from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.trust.sizes import sizes_of
+from hhtbench.trust.sizes import BESIDE
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
-CHECKED_ROWS = 200  # looked at, the last one included: more would cost more than the steps
+CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
+SLOW_ROWS = 20  # of systems without machine code, where a row costs as much as a residual
+NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
+
+Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
+_known = Cache(16)
+
+
+class Levels(NamedTuple):
+    """One kind of constraint at some rows."""
+
+    name: str
+    values: Matrix  #: (k, number of constraints)
+    sizes: Matrix  #: the same, what Jacobians make of typical sizes
+    bound: float  #: the largest violation, in units of its size, that is believed
 
 
 def believable(request: Request) -> float:
     """The largest violation, in units of the typical size, of a solver that does what ``request`` asks."""
-    rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
+    rtol = request.rtol
+    if type(rtol) is not float:
+        rtol = 0.0 if rtol is None else float(np.max(rtol))
     return min(BELIEVABLE, DRIFT * rtol) if rtol > 0.0 else BELIEVABLE
 
 
-def spread(count: int) -> NDArray[np.intp]:
-    """Up to ``CHECKED_ROWS`` of ``count`` rows, evenly spread, the first and the last among them."""
-    return np.linspace(0, count - 1, min(count, CHECKED_ROWS)).round().astype(np.intp)
+def spread(count: int, most: int = CHECKED_ROWS) -> NDArray[np.intp]:
+    """Up to ``most`` of ``count`` rows, evenly spread, the first and the last among them."""
+    few = min(count, most)
+    return np.arange(few) * (count - 1) // max(few - 1, 1)
 
 
 def violated(
-    levels: ConstraintLevels,
     problem: Problem,
     request: Request,
     rows: tuple[Vector, Matrix, Matrix],
-    check_time: Callable[[], None] = lambda: None,
+    *,
+    deep: bool = False,
+    clock: Clock | None = None,
 ) -> str:
-    """The largest violation of the constraints at the rows t (k,), q and v (k, n), in words; "" where it is believable.
+    """Which constraint the rows t (k,), q and v (k, n) leave most, when and by how much; "" where it is believable.
 
-    Raises
-    ------
-    BudgetSpent
-        By ``check_time``, which is called at every row.
+    Parameters
+    ----------
+    deep
+        Check up to ``CHECKED_ROWS`` of systems without machine code too.
+    clock
+        No further row of such a system is checked when its time is over.
     """
-    t, q, v = rows
-    if not levels.structure.constrained or not t.size:
+    dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
+    if not (dynamics.structure.constrained and rows[0].size):
         return ""
-    some = spread(t.size)
+    at: AtRows = _known.find(by_id(dynamics), lambda: AtRows(dynamics))
     try:
-        constraints, velocities = _over_sizes(levels, problem, (t[some], q[some], v[some]), check_time)
+        t, found = at.levels(problem, believable(request), rows, CHECKED_ROWS if deep else SLOW_ROWS, clock)
     except NonFiniteValue as error:
         return f"constraints: {error}."
-    return _beyond("A constraint is", constraints, t[some], believable(request)) or _beyond(
-        "The velocity level of a position constraint, g_t + g_q v, is", velocities, t[some], BELIEVABLE
-    )
+    for levels in found:
+        if doubt := _beyond(levels, t):
+            return doubt
+    return ""
 
 
-def _beyond(what: str, found: Vector, t: Vector, bound: float) -> str:
-    """The largest of ``found`` (k,), in words; "" where it is within ``bound``."""
-    i = int(np.argmax(found))  # the first that is not a number, if there is one
-    if found[i] <= bound:
+def _beyond(levels: Levels, t: Vector) -> str:
+    """The largest violation, as a sentence; "" where it is within the bound."""
+    over = np.abs(levels.values) / np.where(levels.sizes > 0.0, levels.sizes, 1.0)
+    if np.maximum.reduce(over, axis=None) <= levels.bound:
         return ""
+    row, i = np.unravel_index(int(np.argmax(over)), over.shape)  # the first that is not a number, if there is one
     return (
-        f"constraints: {what} violated by up to {found[i]:.2g} of its size, most at t = {t[i]:.17g}; "
-        f"up to {bound:.2g} is believed."
+        f"constraints: {levels.name.format(i)} is violated by up to {over[row, i]:.2g} of its size, most at "
+        f"t = {t[row]:.17g}; up to {levels.bound:.2g} is believed."
     )
 
 
-def _over_sizes(
-    levels: ConstraintLevels, problem: Problem, rows: tuple[Vector, Matrix, Matrix], check_time: Callable[[], None]
-) -> tuple[Vector, Vector]:
-    """The largest of |g| and |k|, and of |g_t + g_q v|, at every row (k,), over what Jacobians make of typical sizes.
+class AtRows:
+    """The constraint levels of one system at many rows: by machine code in one call, else one row after the other."""
 
-    Forms of index 3 and 1 do not keep the velocity level, so its size is that of the velocities which the rows have.
+    def __init__(self, dynamics: Dynamics) -> None:
+        s = dynamics.structure
+        self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
+        self._at = ConstraintLevels(dynamics)
+        self._terms: Callable[[Any, Any, Any], Matrix] | None = None
+        ends = list(accumulate((m, m, m * n, p, p * n, m)))
+        #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
+        self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
+        if route_of(dynamics) != "numpy" and too_large(dynamics) is None:
+            with suppress(NotNative):
+                self._terms = at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
+
+    def levels(
+        self, problem: Problem, bound: float, rows: Rows, slow: int, clock: Clock | None
+    ) -> tuple[Vector, list[Levels]]:
+        """The times of the rows that are checked, and what is not plainly within its bound there."""
+        fast = min(CHECKED_ROWS, max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p))))
+        most = slow if self._terms is None else fast
+        if len(rows[0]) > most:
+            some = spread(len(rows[0]), most)
+            rows = rows[0][some], rows[1][some], rows[2][some]
+        t, q, v = _numbers(rows[0]), _numbers(rows[1]), _numbers(rows[2])
+        if self._terms is None:
+            return t, self._one_by_one(problem, bound, (t, q, v), clock)
+        found = self._terms(t, q, v)
+        return t, [] if self._plainly_hold(problem, bound, found) else self._together(problem, bound, v, found)
+
+    def _plainly_hold(self, problem: Problem, bound: float, found: Matrix) -> bool:
+        """Whether all constraints hold by the declared scales, in a third of the time that it takes to find the largest."""
+        n, m, p, count = self.n, self.m, self.p, len(found)
+        allowed, left = np.empty((n, 2)), 0
+        allowed[:, 0], allowed[:, 1] = problem.scales.q, problem.scales.v
+        allowed *= bound
+        found = np.abs(found)
+        if m:
+            sizes = (found[:, self._g_q].reshape(-1, n) @ allowed).reshape(count, m, 2)
+            left = count * m - np.count_nonzero(found[:, self._g] <= sizes[:, :, 0])
+            left += count * m - np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1])
+        if p:
+            sizes = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
+            left += count * p - np.count_nonzero(found[:, self._k] <= sizes)
+        return not left
+
+    def _together(self, problem: Problem, bound: float, v: Matrix, found: Matrix) -> list[Levels]:
+        """Of what machine code has ``found`` at every row."""
+        s_q, s_v, fastest = _sizes(problem, v)
+        of_g, of_k = (np.abs(found[:, part]).reshape(len(found), -1, self.n) for part in (self._g_q, self._k_v))
+        values = found[:, self._g], found[:, self._drift], found[:, self._k]
+        return _of_kinds(values, (of_g @ s_q, of_g @ fastest + np.abs(found[:, self._g_t]), of_k @ s_v), bound)
+
+    def _one_by_one(self, problem: Problem, bound: float, rows: Rows, clock: Clock | None) -> list[Levels]:
+        """The same in Python."""
+        m, (s_q, s_v, fastest) = self.m, _sizes(problem, rows[2])
+        values, sizes = np.zeros((2, rows[0].size, 2 * m + self.p))
+        for row, (t, q, v) in enumerate(zip(rows[0].tolist(), *rows[1:], strict=True)):
+            if clock is not None and clock.left() < 0.0:
+                break
+            at = self._at.at(t, q, v)
+            jacobian = np.abs(at.position_jacobian)
+            values[row] = np.concatenate([at.position, at.velocity_drift])
+            of_velocity = jacobian @ fastest + np.abs(at.time_derivative)
+            sizes[row] = np.concatenate([jacobian @ s_q, of_velocity, np.abs(at.velocity_jacobian) @ s_v])
+        return _of_kinds(*(np.split(x, [m, 2 * m], axis=1) for x in (values, sizes)), bound)
+
+
+def _of_kinds(values: Sequence[Matrix], sizes: Sequence[Matrix], bound: float) -> list[Levels]:
+    """Of position constraints, of their velocity level and of velocity constraints, as far as there are any."""
+    names, bounds = ("g[{}]", "the velocity level g_t + g_q v of g[{}]", "k[{}]"), (bound, BELIEVABLE, bound)
+    return [Levels(*one) for one in zip(names, values, sizes, bounds, strict=True) if one[1].size]
+
+
+def _numbers(part: Any) -> Any:
+    """``part`` of the rows as float64 that follow one another in every row."""
+    if part.dtype == np.float64 and part.strides[-1] == part.itemsize:
+        return part
+    return np.ascontiguousarray(part, dtype=np.float64)
+
+
+def _sizes(problem: Problem, v: Matrix) -> tuple[Vector, Vector, Vector]:
+    """Typical sizes of q and v, and of the velocities that the rows ``v`` (k, n) have, (n,) each.
+
+    Forms of index 3 and 1 do not keep the velocity level: it is measured by the last.
     """
-    n, m, scales = levels.structure.n, levels.structure.m, problem.scales
-    s_q, s_v = np.full(n, scales.q, dtype=np.float64), np.full(n, scales.v, dtype=np.float64)
-    fastest = sizes_of(problem, *rows[1:])[n:]
-    worst = np.zeros((2, rows[0].size))
-    for row, (t, q, v) in enumerate(zip(rows[0].tolist(), *rows[1:], strict=True)):
-        check_time()
-        at = levels.at(t, q, v)
-        values = np.concatenate([at.position, at.velocity])
-        sizes = np.concatenate([np.abs(at.position_jacobian) @ s_q, np.abs(at.velocity_jacobian) @ s_v])
-        worst[0, row] = _largest(values, sizes)
-        worst[1, row] = _largest(at.velocity_drift[:m], np.abs(at.position_jacobian) @ fastest + np.abs(at.time_derivative))
-    return worst[0], worst[1]
-
-
-def _largest(values: Vector, sizes: Vector) -> float:
-    """The largest |value| over its size; where that is zero, of the value itself; 0 where there are none."""
-    return float(np.max(np.abs(values) / np.where(sizes > 0.0, sizes, 1.0), initial=0.0))
+    s_q, s_v = np.zeros((2, problem.q0.size))
+    s_q += problem.scales.q
+    s_v += problem.scales.v
+    fastest = np.maximum(np.maximum.reduce(np.abs(v), axis=0), s_v)
+    return s_q, s_v, np.maximum(fastest, BESIDE * np.maximum.reduce(fastest))

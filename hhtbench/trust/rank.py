@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels
+from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
 from hhtbench.trust.levels import spread
@@ -19,26 +18,19 @@ ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints 
 FEW = 20  # rows that tell what singular values are elsewhere
 
 
-def unknown_without_reason(
-    levels: ConstraintLevels, problem: Problem, solution: Solution, check_time: Callable[[], None] = lambda: None
-) -> str:
-    """Which row has nan for a multiplier although no constraint there depends on others, in words; "" where none has.
+def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
+    """Which row has nan for a multiplier although no constraint there depends on others; "" where none has.
 
-    Looked at are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
-    run, beside the largest of the same order at a few rows and at the start.
-
-    Raises
-    ------
-    BudgetSpent
-        By ``check_time``, which is called at every row that is looked at.
+    Compared are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
+    run, with the largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
     """
     unknown = np.flatnonzero(solution.unknown)
     if not unknown.size:
         return ""
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
     size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
 
     def rows_at(i: int) -> Matrix:
-        check_time()
         rows = levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows
         return _full(rows) * size
 
@@ -50,6 +42,8 @@ def unknown_without_reason(
         elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
         some = elsewhere > ALWAYS * elsewhere[0]
         for i in unknown[spread(unknown.size)].tolist():
+            if clock is not None and clock.left() < 0.0:
+                return ""
             least = float(np.min(_singular_values(rows_at(i) / over)[some] / elsewhere[some]))
             if least > LOST:
                 return (

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import Dynamics, NotNative, route_of, unreduced
+from hhtbench.lowering import Dynamics, NotNative, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
@@ -72,7 +72,6 @@ class CompiledSteps:
         run, count = self.run, FIRST
         run.tells_no_steps()
         run.recover = recover.following(self.z)
-        run.holds_constraints = unreduced(run.dynamics) is run.dynamics
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
         while run.unfinished():

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any, ClassVar
-
-import numpy as np
 
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
-from hhtbench.request import Request, plan_steps
+from hhtbench.request import Request, has_zero, plan_steps
 from hhtbench.result import Solution, Status
-from solvers._start import absolute_tolerances
+from solvers._start import Place, absolute_tolerances
 from solvers.hht.options import make_options
 from solvers.hht.run.engine import NotTaken
 from solvers.hht.solver import HHT
+
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: of a request, where the integrator has them
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class HHTSolver:
     integrator: type[HHT] = HHT
     events: Any = None
     smooth_error: ClassVar[bool] = True  #: a smooth function of step and tolerance: two runs extrapolate to a better one
-    judges_itself: ClassVar[bool] = True  #: its steps hold the constraints, and its rows are those that were asked for
+    heeds_tolerances: ClassVar[bool] = True  #: two of its runs that agree need not take different steps
 
     def __eq__(self, other: object) -> bool:
         """Whether they solve alike: an option that is written out is the same as the default that it is."""
@@ -43,10 +44,10 @@ class HHTSolver:
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Declines requests without steps and without tolerances."""
-        known = tuple(f.name for f in fields(self.integrator.kind))
-        unknown = sorted(set(request.options) - set(known))
-        if unknown:
-            return f"unknown option {', '.join(unknown)}; known: {', '.join(known)}"
+        if request.options:
+            known = tuple(f.name for f in fields(self.integrator.kind))
+            if unknown := sorted(set(request.options) - set(known)):
+                return f"unknown option {', '.join(unknown)}; known: {', '.join(known)}"
         if declined := self.integrator.declined(problem, request, {**self.options, **request.options}):
             return declined
         return self._lacks_accuracy(request)
@@ -55,22 +56,20 @@ class HHTSolver:
         """What ``request`` does not say of steps and tolerances; None: nothing."""
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
-        if request.atol is None and request.rtol is not None and np.any(np.asarray(request.rtol) == 0):
+        if request.atol is None and request.rtol is not None and has_zero(request.rtol):
             return "rtol = 0 leaves no tolerance; give atol too"
         return None
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem`` over its interval."""
-        if self._lacks_accuracy(request):
-            raise ProblemError(f"{self._lacks_accuracy(request)}.")
-        options = {**self.options, **request.options}
-        asked: dict[str, Any] = {name: value for name, value in vars(request).items() if name != "options"}
-        if request.rtol is not None and request.atol is None:
-            asked["atol"] = absolute_tolerances(problem, request)
-        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-        integrator = self.integrator(problem.system, events=self.events, **options)
+        if reason := self._lacks_accuracy(request):
+            raise ProblemError(f"{reason}.")
+        atol = request.atol if request.rtol is None or request.atol is not None else absolute_tolerances(problem, request)
+        integrator = self.integrator(problem.system, events=self.events, **{**self.options, **request.options})
+        t0, t1 = problem.t_span
+        place, guesses = Place(t0, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         try:
-            return integrator.solve(problem.t_span, problem.q0, problem.v0, **guesses, **asked)
+            return integrator.solve_from(place, t1, guesses, request.but(atol=atol, options=NO_OPTIONS))
         except NotTaken as reason:
             left: Solution = reason.partial_solution  # type: ignore[attr-defined]
             return left.but(status=Status.declined, message=str(reason))

@@ -104,11 +104,17 @@ class HHT:
         asked, note = with_tolerance(make_request(**request))
         t0, t1 = end_times(tspan)
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
-        steps = planned(asked, place.q.size, t0, t1)
-        with self._alone(), timed(asked.max_seconds, began) as clock:
-            integration = Integration(self, asked, steps, t1, place, guesses, clock)
-            found = solved(integration.solution, integration.left_over)
+        found = self.solve_from(place, t1, guesses, asked, began)
         return found.but(message=f"{found.message.rstrip('.')}. {note}") if note else found
+
+    def solve_from(
+        self, place: Place, t1: float, guesses: Guesses, request: Request, began: float | None = None
+    ) -> Solution:
+        """:meth:`solve` of numbers that were checked before, to ``t1`` [s]; ``began``: when the call did."""
+        steps = planned(request, place.q.size, place.t, t1)
+        with self._alone(), timed(request.max_seconds, began) as clock:
+            integration = Integration(self, request, steps, t1, place, guesses, clock)
+            return solved(integration.solution, integration.left_over)
 
     def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""

@@ -112,4 +112,4 @@ def components(name: str, value: Any, n: int) -> Vector:
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (n,), (2 * n,)):
         raise ProblemError(f"{name} must be a number, ({n},) for q and v alike, or ({2 * n},); got shape {given.shape}.")
-    return np.resize(given, 2 * n)
+    return given.copy() if given.ndim and given.size == 2 * n else np.resize(given, 2 * n)

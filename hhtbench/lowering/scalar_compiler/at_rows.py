@@ -1,0 +1,69 @@
+"""Machine code of ``f(t, q, v)`` at many rows in one call from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering.caching import kept_on_disk
+from hhtbench.lowering.scalar_compiler.compiler import Native
+from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
+
+ENTRY = "hhtbench_at_rows"
+# The loop does not depend on the function: it finds its address, and those of the arrays with their strides, in a block.
+WORDS = ("function", "parameters", "count", "out", "out_stride", "t", "t_stride", "q", "q_stride", "v", "v_stride")
+POINTERS = "function", "parameters", "out", "t", "q", "v"
+
+
+def at_rows(native: Native) -> Callable[[Any, Any, Any], Any]:
+    """What gives ``native`` of one time, coordinates and velocities at the rows t (k,), q and v (k, n); (k, size).
+
+    The rows are arrays of float64; those of q and v may be parts of longer ones.
+    """
+    loop, size = caller(_loop()), native.size
+    function, parameters = native.pair
+
+    def call(t: Any, q: Any, v: Any, _kept: Any = native) -> Any:
+        count = len(t)
+        out = np.empty((count, size))
+        words = [function, parameters, count]
+        for array in (out, t, q, v):
+            words += array.__array_interface__["data"][0], array.strides[0]
+        block = np.array(words)
+        loop(block.__array_interface__["data"][0])
+        return out
+
+    return call
+
+
+@cache
+def _loop() -> int:
+    """The address of the loop over rows."""
+    text = _assembly()
+    code = kept_on_disk(f"{host()}\0{text}".encode(), "code", lambda: generate(text, "", 0))
+    return load(code, ENTRY)[0]
+
+
+def _assembly() -> str:
+    lines = [f"define void @{ENTRY}(ptr %block) nounwind {{", "start:"]
+    for i, name in enumerate(WORDS):
+        kind = "ptr" if name in POINTERS else "i64"
+        lines += [f"  %at.{name} = getelementptr i64, ptr %block, i64 {i}", f"  %{name} = load {kind}, ptr %at.{name}"]
+    lines += ["  %any = icmp sgt i64 %count, 0", "  br i1 %any, label %row, label %end", "row:"]
+    lines.append("  %i = phi i64 [ 0, %start ], [ %next, %row ]")
+    for name in ("out", "t", "q", "v"):
+        lines.append(f"  %{name}.offset = mul i64 %i, %{name}_stride")
+        lines.append(f"  %{name}.row = getelementptr i8, ptr %{name}, i64 %{name}.offset")
+    lines += [
+        "  call void %function(ptr %out.row, ptr %parameters, ptr %t.row, ptr %q.row, ptr %v.row)",
+        "  %next = add i64 %i, 1",
+        "  %more = icmp slt i64 %next, %count",
+        "  br i1 %more, label %row, label %end",
+        "end:",
+        "  ret void",
+        "}",
+    ]
+    return "\n".join(lines)
