@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from hhtbench import load_verification
 from hhtbench.result import Status
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from solvers.hht import HHT
 from solvers.hht.verify import weights
 from solvers.hht.verify.measure import Run
 
@@ -33,6 +36,19 @@ def test_local_errors_of_a_pendulum_follow_their_formula(monkeypatch):
     assert weights.local_errors(5e-4).passed
     monkeypatch.setattr(weights, "LEADING", 1e-4)
     assert not weights.local_errors(5e-4).passed, "the leading term is not all of the error"
+
+
+@pytest.mark.parametrize(
+    ("method", "symmetric"),
+    [({"b": 0.0}, True), ({"b": 0.2}, True), ({"b": 1.0}, True), ({"b": 0.2, "reaction": "predictor"}, False)],
+    ids=str,
+)
+def test_without_damping_the_implicit_step_leads_there_and_back_for_every_b(method, symmetric):
+    """It is symmetric: exchanging its ends and the sign of h gives the same equations."""
+    system, (q0, v0) = DoublePendulum(ratio=2.0), DoublePendulum.bent(0.5, 1.5)
+    there = HHT(system, alpha=0.0, **method).solve((0.0, 0.5), q0, v0, steps=100)
+    back = HHT(system, alpha=0.0, **method).solve((0.5, 0.0), there.q[-1], there.v[-1], steps=100)
+    assert bool(np.abs(back.q[-1] - q0).max() < 1e-11) is symmetric
 
 
 def test_of_one_problem_steps_at_equal_error_are_fewer_with_both_kinds_of_steps():
