@@ -39,14 +39,14 @@ class HHTOptions:
     b
         Weight of the end reaction in the position, not 1/2.  The default 0 costs least a step and alone is symplectic at
         alpha = 0: for long conservative runs.  0.2 takes 0.7 times the steps at equal error in the median of problems with
-        position constraints (a pendulum an eighth, a mechanism whose forces work against its constraints up to three times
+        position constraints (a pendulum a seventh, a mechanism whose forces work against its constraints up to three times
         as many); a step costs 1.0 to 1.9 times as much (THEORY.md 11, ``hhtbench verify b``).
     reaction
         Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Not the
         last two for steep friction in long steps: velocities ring there (THEORY.md 13).
     extrapolate_reaction
         Count the reaction of the last step's multipliers as a force, so that alpha damps vibrations that constraint forces
-        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, ``hhtbench verify tension``).  Not
+        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, ``hhtbench verify b``).  Not
         with alpha = 0, b near 1/2, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of
         b = 1.
     rescale_a

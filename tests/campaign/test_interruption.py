@@ -76,7 +76,7 @@ def _count(store: Path) -> int:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="children are read from /proc")
-@pytest.mark.parametrize("command", ["study stability --only long_run", "verify tension --jobs 2"])
+@pytest.mark.parametrize("command", ["study stability --only long_run", "verify control --jobs 2"])
 def test_studies_end_at_once_with_all_their_processes(command: str, outside: Path):
     """They waited for all that was left to do, twenty minutes."""
     runner = started(outside, *command.split())

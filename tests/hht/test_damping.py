@@ -12,7 +12,7 @@ from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify import damping, vibration
-from solvers.hht.verify.damping import long_run, one_step, overshoot, rho_inf, ringing, stiff, swing
+from solvers.hht.verify.damping import one_step, overshoot, rho_inf, ringing, swing
 from solvers.hht.verify.study import ALPHAS
 from solvers.hht.verify.vibration import (
     closed_invariants,
@@ -28,8 +28,9 @@ from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
 
 IMPLICIT = {"b": 0.0, "reaction": "implicit"}
 HALF = {"b": 0.25, "reaction": "implicit"}
+STRONG = {**IMPLICIT, "alpha": -0.3}
 CASES = ((1e-2, 0.0), (1.0, 0.05), (1e2, 0.0), (1e3, 0.05))
-SCENES = ("guided", "driven", "rolling", "mixed")
+SCENES = ("guided", "rolling", "mixed")
 
 
 def amplification_matrix(alpha, frequency, zeta):
@@ -163,13 +164,12 @@ def test_one_step_on_the_oscillator_is_the_closed_amplification_matrix_entry_by_
 @pytest.mark.parametrize("name", SCENES)
 def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_matrix(name, method):
     """The extended form damps the force part alone: reactions do not enter the tangential motion."""
-    cases = CASES if name != "driven" else CASES[:3]
-    assert all(row.passed for row in one_step(name, (-0.3,), method, cases))
+    assert all(row.passed for row in one_step(name, (-0.3,), method, CASES))
     measured = measured_matrix(make_scene(name), {**method, "alpha": -0.3}, 3.0, 0.05)
     np.testing.assert_allclose(measured, amplification_matrix(-0.3, 3.0, 0.05), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("name", ["guided", "mixed", "driven"])
+@pytest.mark.parametrize("name", ["guided", "mixed"])
 def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
     """Otherwise the reactions would have nothing to take up and the claim would be that of the oscillator."""
     made = make_scene(name)
@@ -184,18 +184,18 @@ def test_rho_inf_is_the_measured_radius_at_infinite_frequency(rho):
 
 
 @pytest.mark.parametrize("alpha", [0.0, -0.3])
-def test_long_run_has_the_damping_and_period_of_the_eigenvalues_and_of_the_series(alpha):
-    rows = [row for frequency, periods in ((0.05, 10), (0.1, 20)) for row in long_run(alpha, frequency, periods)]
+def test_a_long_run_has_the_damping_and_period_of_the_eigenvalues_and_of_the_series(alpha):
+    rows = [
+        row
+        for x, periods in ((0.05, 10), (0.1, 20))
+        for row in swing("oscillator", {**IMPLICIT, "alpha": alpha}, x, periods)
+    ]
     assert [row.passed for row in rows] == [True] * 4
 
 
-def test_guided_vibration_has_the_damping_and_period_of_the_oscillator():
-    assert all(swing(name, {**HALF, "alpha": -0.3}).passed for name in ("guided", "mixed"))
-
-
-def test_bead_on_a_circle_has_the_damping_and_elongation_of_the_oscillator():
-    """Its own period is 4 K(sin^2 A) / w: theta = 2 phi is a pendulum."""
-    assert swing("bead", {**HALF, "alpha": -0.3}, 0.0, 20, damping.BENT).passed
+def test_a_bead_on_a_circle_has_the_damping_and_elongation_of_the_oscillator():
+    """Its own period is 4 K(sin^2 A) / w, with theta = 2 phi a pendulum: 2.5e-7 longer than that of small swings."""
+    assert [row.passed for row in swing("bead", {**HALF, "alpha": -0.3}, 0.1, 20)] == [True, True]
 
 
 def test_overshoot_is_that_of_the_limit():
@@ -213,35 +213,17 @@ def test_tangential_error_in_a0_is_seen(monkeypatch):
     assert not ringing("guided", (IMPLICIT,)).passed
 
 
-def test_stiff_springs_across_are_right_or_told(monkeypatch):
-    assert stiff("guided", 1e4).passed
-    monkeypatch.setattr(damping, "measured_matrix", lambda *_: np.diag([1.0, 0.5, 0.2]))
-    assert not stiff("guided", 1e4).passed
-
-
-def _refused(*_):
-    raise RuntimeError("Newton's iteration did not converge")
-
-
-def test_told_failure_is_no_wrong_step(monkeypatch):
-    monkeypatch.setattr(damping, "measured_matrix", _refused)
-    row = stiff("guided", 1e8)
-    assert row.passed
-    assert row.measured == "0.0e+00, 5"
-
-
 @pytest.mark.parametrize(
     ("weight", "factor", "rows"),
     [
         ("beta", 1.0001, lambda: one_step("oscillator", (-0.3,), IMPLICIT, CASES)),
         ("gamma", 1.0001, lambda: one_step("guided", (-0.3,), HALF, CASES)),
-        ("beta", 1.01, lambda: long_run(-0.3, 0.1, 20)[1:]),
-        ("gamma", 1.01, lambda: long_run(-0.3, 0.1, 20)[:1]),
-        ("gamma", 1.01, lambda: [swing("guided", {**HALF, "alpha": -0.3})]),
-        ("gamma", 1.01, lambda: [swing("bead", {**HALF, "alpha": -0.3}, 0.0, 20, damping.BENT)]),
+        ("beta", 1.01, lambda: swing("oscillator", STRONG, 0.1, 20)[1:]),
+        ("gamma", 1.01, lambda: swing("oscillator", STRONG, 0.1, 20)[:1]),
+        ("gamma", 1.01, lambda: swing("bead", {**HALF, "alpha": -0.3}, 0.1, 20)[:1]),
         ("beta", 1.01, lambda: [rho_inf(0.8), overshoot(-0.3)]),
     ],
-    ids=["matrix", "constrained matrix", "elongation", "damping", "constrained swing", "bead", "rho_inf and overshoot"],
+    ids=["matrix", "constrained matrix", "elongation", "damping", "bead", "rho_inf and overshoot"],
 )
 def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, factor, rows):
     monkeypatch.setattr(Coefficients, weight, wrong(weight, factor))
@@ -256,11 +238,11 @@ def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
     assert damping.verify_damping().passed
     forget_code(monkeypatch)
     monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
-    told = []
-    evidence = damping.verify_damping(lambda *counted: told.append(counted))
+    progress = []
+    evidence = damping.verify_damping(lambda *counted: progress.append(counted))
     assert not evidence.passed
     assert "overshoot" in evidence.summary
-    assert told == [("studies", 0, 2), ("studies", 1, 2), ("studies", 2, 2)]
+    assert progress == [("studies", 0, 2), ("studies", 1, 2), ("studies", 2, 2)]
 
 
 def test_curves_show_measured_marks_on_closed_lines(monkeypatch):

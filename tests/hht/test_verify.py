@@ -125,11 +125,11 @@ def test_a_wrong_weight_is_seen_as_a_lost_order(monkeypatch, factor):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_rows_come_in_the_order_of_the_studies_whatever_the_number_of_processes(jobs):
     studies = [(below_row, "first", "a study of one row", 1.0, 2.0), (paper.drift, TEST1, 20, paper.DAMPINGS[:2])]
-    told = []
-    evidence = verify("two studies", studies, lambda *counted: told.append(counted), jobs)
+    progress = []
+    evidence = verify("two studies", studies, lambda *counted: progress.append(counted), jobs)
     assert [row.id for row in evidence.rows] == ["first", "drift/jay_negrut_test1", "drift/jay_negrut_test1"]
     assert evidence.passed
-    assert told == [("studies", done, 2) for done in range(3)]
+    assert progress == [("studies", done, 2) for done in range(3)]
 
 
 def test_slope_reads_a_power_law():

@@ -25,7 +25,7 @@ from hhtbench.request import Request
 from solvers.hht.adapter import solver
 from solvers.hht.run import functions, idle
 from solvers.hht.step.newton import NewtonOptions
-from solvers.hht.verify.control import known_motion, weighted_error
+from solvers.hht.verify.measure import known_motion, weighted_error
 
 TOLERANCES = (1e-3, 1e-5)
 MOST = 3.5  # evaluations a step, mean over the problems at the first tolerance

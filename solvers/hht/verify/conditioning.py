@@ -15,7 +15,7 @@ from solvers.hht.equations.methods import equations_of
 from solvers.hht.loops import memory as mem
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import guesses, step_by_hand
-from solvers.hht.verify.study import NAMES, Method, below_row, shown_row
+from solvers.hht.verify.study import Method, below_row, named, shown_row
 
 LENGTHS = tuple(10.0**-k for k in range(2, 8))  # [s]
 FLAT = 1.05  # largest over least: h times rates of the motion, 0.015 measured at most
@@ -42,11 +42,11 @@ def newton_matrix(name: str, h: float, **method: Any) -> Matrix:
 def conditions(name: str, method: Method) -> list[Row]:
     """Largest over least condition, and all of them."""
     found = [float(np.linalg.cond(newton_matrix(name, h, **method))) for h in LENGTHS]
-    id, said = f"condition/{name}", ", ".join(f"{k} = {NAMES.get(v, v) if k == 'alpha' else v}" for k, v in method.items())
-    claim = f"{said}: condition of Newton's matrix, h = 1e-2 to 1e-7 s, largest over least"
-    listed = {f"h = {h:g}": x for h, x in zip(LENGTHS, found, strict=True)}
-    shown = shown_row(id, f"{said}: the condition", listed)
-    return [below_row(id, claim, max(found) / min(found), FLAT), shown] if name in JUDGED else [shown]
+    id, claim = f"condition/{name}", f"{named(method)}: condition of Newton's matrix, h = 1e-2 to 1e-7 s"
+    shown = shown_row(id, claim, {f"h = {h:g}": x for h, x in zip(LENGTHS, found, strict=True)})
+    if name not in JUDGED:
+        return [shown]
+    return [below_row(id, f"{claim}, largest over least", max(found) / min(found), FLAT), shown]
 
 
 CONDITIONS = tuple((conditions, name, method) for name in (*JUDGED, *SHOWN) for method in CONDITIONED)

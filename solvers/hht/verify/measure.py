@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, derive
 from hhtbench.protocol import Motion, Problem
+from hhtbench.request import Request
 from hhtbench.result import Solution, Status
+from solvers.hht.adapter import solver
 from solvers.hht.solver import HHT
 from solvers.hht.step.state import State
 from solvers.hht.verify.study import slope
+
+RIGID = "stiff_spring_pendulum(stiffness=inf)"  # differs from k = 1e10 by 1e-9 in q and 1e-5 in v
+FLOOR = 1e-11  # weighted errors below it are roundoff and limits of references, not of steps
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,71 @@ def known_at(problem: Problem, name: str, t: float) -> Vector:
     if rows.size != 1:
         raise ProblemError(f"{problem.name}: its reference has no row at t = {t:g} s; build it again with that time.")
     return np.asarray(reference[name][rows[0]], dtype=np.float64)
+
+
+def known_motion(problem: Problem) -> tuple[Vector, Matrix]:
+    """Times [s] (k,) and [q, v] (k, 2n) of the closed solution or the reference."""
+    if problem.exact is None and problem.reference is None:
+        problem = load_problem(RIGID)
+    if problem.exact is not None:
+        times = np.linspace(*problem.t_span, 21)
+        motions = [problem.exact(float(t)) for t in times]
+        return times, np.array([np.concatenate([np.asarray(x.q), np.asarray(x.v)]) for x in motions])
+    reference = problem.reference or {}
+    return np.asarray(reference["t"]), np.hstack([reference["q"], reference["v"]])
+
+
+def typical_sizes(problem: Problem) -> Vector:
+    """Of q and v, (2n,)."""
+    n = problem.q0.size
+    return np.concatenate([np.broadcast_to(problem.scales.q, n), np.broadcast_to(problem.scales.v, n)])
+
+
+def weighted_error(problem: Problem, found: Matrix, known: Matrix) -> float:
+    """Largest RMS norm over the times of the error over (|x| + scale): what rtol and atol ask for, over the tolerance."""
+    weighted = (found - known) / (np.abs(known) + typical_sizes(problem))
+    return float(np.sqrt(np.mean(weighted**2, axis=1)).max())
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run over the whole interval of a problem with known motion."""
+
+    spec: str
+    tolerance: float  #: NaN with prescribed steps
+    error: float | None  #: largest weighted error over the known times; None where the end was not reached
+    status: Status
+    accepted: int
+    rejected: int
+
+    @property
+    def steps(self) -> int:
+        """Accepted and rejected ones."""
+        return self.accepted + self.rejected
+
+    @property
+    def ratio(self) -> float | None:
+        """Achieved over requested error; None where there is no error above roundoff."""
+        return None if self.error is None or self.error <= FLOOR else self.error / self.tolerance
+
+    def __str__(self) -> str:
+        if self.error is None:
+            return self.status.label
+        return "roundoff" if self.ratio is None else f"{self.ratio:.2g}"
+
+
+def run(spec: str, request: Request, **method: Any) -> Run:
+    """``spec`` by HHT with the options ``method``, as the bench runs it."""
+    problem, hht = _loaded(spec), solver(**method)
+    times, known = known_motion(problem)
+    tolerance = math.nan if request.rtol is None else request.rtol
+    if hht.accepts(problem, request) is not None:
+        return Run(spec, tolerance, None, Status.declined, 0, 0)
+    solution = hht.solve(problem, replace(request, t_eval=times))
+    c = solution.counters
+    error = weighted_error(problem, np.hstack([solution.q, solution.v]), known) if solution.success else None
+    rejected = (c.steps_rejected_error or 0) + (c.steps_rejected_newton or 0)
+    return Run(spec, tolerance, error, solution.status, c.steps_accepted or 0, rejected)
 
 
 def guesses(problem: Problem) -> dict[str, Any]:
@@ -173,10 +244,15 @@ def alternating(case: Case, periods: int) -> Vector:
     return np.tile([h / 3, 2 * h / 3], periods)
 
 
+def violations(problem: Problem, t: Vector, q: Matrix, v: Matrix) -> tuple[float, float]:
+    """Largest scaled position and velocity residual of the rows ``q``, ``v`` (k, n) at ``t`` (k,)."""
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
+    found = [levels.at(float(time), *state) for time, *state in zip(t, q, v, strict=True)]
+    position = max((float(np.max(at.scaled_position(problem.scales.q), initial=0.0)) for at in found), default=0.0)
+    return position, max((float(np.max(at.scaled_velocity(problem.scales.v), initial=0.0)) for at in found), default=0.0)
+
+
 def scaled_drift(problem: Problem, solution: Solution) -> tuple[float, float]:
-    """Largest scaled position and velocity residual over the steps of ``solution``; rows between them are moved, (H47)."""
+    """:func:`violations` of the ends of the steps: rows between them are moved onto the constraints, (H47)."""
     steps: Any = solution.interpolant or solution
-    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
-    found = [levels.at(float(t), q, v) for t, q, v in zip(steps.t, steps.q, steps.v, strict=True)]
-    position = max(float(np.max(at.scaled_position(problem.scales.q), initial=0.0)) for at in found)
-    return position, max(float(np.max(at.scaled_velocity(problem.scales.v), initial=0.0)) for at in found)
+    return violations(problem, steps.t, steps.q, steps.v)

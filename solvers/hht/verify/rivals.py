@@ -27,6 +27,7 @@ METHODS: dict[str, tuple[type[HHT], Method]] = {
     "index3": (GeneralisedAlphaIntegrator, {"form": "index3"}),
     "hht_i3": (HHTI3Integrator, {}),
     "rattle": (RattleIntegrator, {}),
+    "undamped hht": (HHT, {"alpha": 0.0, "b": 0.0}),
     "ggl from v'": (GeneralisedAlphaIntegrator, {"start": "f0"}),
     "index3 from v'": (GeneralisedAlphaIntegrator, {"form": "index3", "start": "f0"}),
     "index3 corrected": (GeneralisedAlphaIntegrator, {"form": "index3", "start": "corrected"}),
@@ -38,9 +39,10 @@ BOTH_LEVELS, POSITIONS = ("hht", "ggl", "extended", "rattle"), ("index3", "hht_i
 BEGIN_WELL = ("hht", "ggl", "extended", "index3 corrected", "rattle")
 BEGIN_BADLY = ("ggl from v'", "index3", "index3 from v'", "hht_i3")
 QUANTITIES = ("q", "v", "lam")
+Names = tuple[str, ...]
 MARGIN = 0.1  # of an order
 ROUNDOFF = 1e-12  # scaled, of a level that a method holds
-SOME = 5  # first and last steps that are looked at one by one: errors of multipliers may alternate
+SOME = 5  # first and last steps whose largest error counts: errors of multipliers may alternate
 RATES = (0.0, 0.3, 0.5, 0.8, 1.0)  # rho_inf
 FREQUENCIES = tuple(np.logspace(-2, 4, 25).tolist())  # w h
 SIMPLE = 1e-10  # of a spectral radius: roundoff of nearly double roots
@@ -53,7 +55,6 @@ class Case:
     """A problem between two times [s] at which its motion is known, and numbers of steps."""
 
     name: str
-    what: str
     span: tuple[float, float]
     counts: tuple[int, ...]
 
@@ -68,20 +69,18 @@ class Case:
     def known(self, t: float) -> dict[str, Vector]:
         """q, v and lam at ``t`` [s], by the closed solution or a row of the reference."""
         p = self.problem
-        if p.exact is None:
-            return {name: known_at(p, name, t) for name in QUANTITIES}
-        at = p.exact(t)
-        return {name: np.asarray(getattr(at, name)) for name in QUANTITIES}
+        at = p.exact(t) if p.exact else None
+        return {name: known_at(p, name, t) if at is None else np.asarray(getattr(at, name)) for name in QUANTITIES}
 
 
-SWING = Case("simple_pendulum", "closed solution", (0.3, 1.3), (200, 400, 800))
+SWING = Case("simple_pendulum", (0.3, 1.3), (200, 400, 800))
 CASES = (
     SWING,
-    Case("heavy_top", "variable mass", (0.0, 0.1), (200, 400, 800)),
-    Case("stiff_spring_pendulum(stiffness=1e4)", "stiff", (0.0, 1.0), (2000, 4000, 8000)),
-    Case("sundials_slider_crank", "damper and drive", (0.0, 10.0), (1000, 2000, 4000)),
+    Case("heavy_top", (0.0, 0.1), (200, 400, 800)),  # its mass varies
+    Case("stiff_spring_pendulum(stiffness=1e4)", (0.0, 1.0), (2000, 4000, 8000)),
+    Case("sundials_slider_crank", (0.0, 10.0), (1000, 2000, 4000)),  # with a damper and a drive
 )
-KNIFE = Case("knife_edge", "constraint on a velocity", (0.0, 1.0), (200, 400, 800))
+KNIFE = Case("knife_edge", (0.0, 1.0), (200, 400, 800))  # its constraint holds a velocity
 FIRST_ORDER = {"heavy_top": ("hht_i3",)}  # M a at one end and forces at two are no equation of order two where M varies
 
 
@@ -98,13 +97,6 @@ def integrate(case: Case, method: str, steps: Vector) -> Solution:
     return solved(f"{case} by {method}", kind(p.system, **options), (t0, t0 + steps.sum()), q, v, steps=steps, **guesses(p))
 
 
-def multipliers(solution: Solution) -> Matrix:
-    """At the ends of all steps but the last, (k - 1, m): between those of two stages, of second order."""
-    data: Any = solution.steps_data
-    before, after = data.h[:-1, None], data.h[1:, None]
-    return (after * data.lam_end[:-1] + before * data.lam_start[1:]) / (before + after)
-
-
 def lengths(case: Case, count: int, *, alternating: bool = False) -> Vector:
     """``count`` steps to the end of ``case``, equal ones or 1:2, and one beyond."""
     h = (case.span[1] - case.span[0]) / count
@@ -113,8 +105,14 @@ def lengths(case: Case, count: int, *, alternating: bool = False) -> Vector:
 
 
 def errors(case: Case, solution: Solution, steps: Iterable[int]) -> dict[str, float]:
-    """The largest 2-norms of the errors of q, v and lam after each of ``steps``, numbers of steps."""
-    lam, worst = multipliers(solution), dict.fromkeys(QUANTITIES, 0.0)
+    """The largest 2-norms of the errors of q, v and lam after each of ``steps``, numbers of steps.
+
+    Multipliers at the ends of steps lie between those of two stages, which makes them of second order.
+    """
+    data: Any = solution.steps_data
+    before, after = data.h[:-1, None], data.h[1:, None]
+    lam = (after * data.lam_end[:-1] + before * data.lam_start[1:]) / (before + after)
+    worst = dict.fromkeys(QUANTITIES, 0.0)
     for k in steps:
         t = float(solution.t[k])
         known = case.known(case.span[1] if np.isclose(t, case.span[1], rtol=1e-12) else t)
@@ -123,40 +121,27 @@ def errors(case: Case, solution: Solution, steps: Iterable[int]) -> dict[str, fl
     return worst
 
 
-def orders(case: Case, method: str, *, alternating: bool = False) -> dict[str, float]:
-    """Of q, v and lam at the end of ``case``, by halving the steps; ``alternating``: 1:2, and over the last steps."""
+def orders(case: Case, method: str, names: Names = QUANTITIES, *, alternating: bool = False) -> dict[str, float]:
+    """Of ``names`` at the end of ``case``, by halving the steps; ``alternating``: 1:2, and over the last steps."""
     found = []
     for count in case.counts:
         solution = integrate(case, method, lengths(case, count, alternating=alternating))
         found.append(errors(case, solution, range(count - SOME + 1 if alternating else count, count + 1)))
-    return {name: slope([1.0 / count for count in case.counts], [at[name] for at in found]) for name in QUANTITIES}
+    return {name: slope([1.0 / count for count in case.counts], [at[name] for at in found]) for name in names}
 
 
-def constant_steps(case: Case) -> list[Row]:
-    """Orders of all methods with constant steps."""
-    found, rows = {method: orders(case, method) for method in ALL}, []
-    for name in QUANTITIES:
+def constant_steps(case: Case, methods: Names, names: Names = QUANTITIES) -> list[Row]:
+    """Orders of ``methods`` with constant steps."""
+    found, rows = {method: orders(case, method, names) for method in methods}, []
+    for name in names:
         of = {method: at[name] for method, at in found.items()}
         slow = {method: of.pop(method) for method in FIRST_ORDER.get(case.name, ())}
-        claim = f"{case} ({case.what}), constant steps: order of {name} at t = {case.span[1]:g}"
+        claim = f"{case}, constant steps: order of {name} at t = {case.span[1]:g}"
         rows.append(order_row(f"order/{case}/{name}", claim, of, 2.0, MARGIN))
         if slow:
             one = f"{claim}; its equations are of order one there"
             rows.append(order_row(f"order/{case}/{name}", one, slow, 1.0, MARGIN))
     return rows
-
-
-def velocity_constraints(case: Case) -> Row:
-    """Orders of q and v where constraints hold velocities, which of the field's methods the extended form alone takes."""
-    of = {}
-    for method in ("hht", "extended"):
-        runs = [(count, integrate(case, method, lengths(case, count))) for count in case.counts]
-        wanted = {name: case.known(case.span[1])[name] for name in ("q", "v")}
-        for name, end in wanted.items():
-            sizes = [float(np.linalg.norm(getattr(solution, name)[count] - end)) for count, solution in runs]
-            of[f"{method} {name}"] = slope([1.0 / count for count in case.counts], sizes)
-    claim = f"{case} ({case.what}), constant steps: orders at t = {case.span[1]:g}"
-    return order_row(f"order/{case}", claim, of, 2.0, MARGIN)
 
 
 def drift(case: Case) -> list[Row]:
@@ -165,29 +150,27 @@ def drift(case: Case) -> list[Row]:
     found = {m: [scaled_drift(case.problem, integrate(case, m, each)) for each in steps] for m in ALL}
     position = max(at[0] for each in found.values() for at in each)
     velocity = max(at[1] for method in BOTH_LEVELS for at in found[method])
-    left = {m: slope([1.0 / k for k in case.counts], [at[1] for at in found[m]]) for m in POSITIONS}
+    left, id = {m: slope([1.0 / k for k in case.counts], [at[1] for at in found[m]]) for m in POSITIONS}, f"drift/{case}"
     return [
-        below_row(f"drift/{case}", f"{case}: position residual of all methods", position, ROUNDOFF),
-        below_row(f"drift/{case}", f"{case}: velocity residual of {', '.join(BOTH_LEVELS)}", velocity, ROUNDOFF),
-        shown_row(f"drift/{case}", f"{case}: order of the velocity residual that holding positions alone leaves", left),
+        below_row(id, f"{case}: position residual of all methods", position, ROUNDOFF),
+        below_row(id, f"{case}: velocity residual of {', '.join(BOTH_LEVELS)}", velocity, ROUNDOFF),
+        shown_row(id, f"{case}: order of the velocity residual where positions alone are held", left),
     ]
 
 
 def first_steps(case: Case) -> list[Row]:
     """Orders of the multipliers' worst error in the first steps, by how the start is made."""
-    worst: dict[str, list[float]] = {}
+    of, sizes = dict[str, float](), list[str]()
     for method in (*BEGIN_WELL, *BEGIN_BADLY):
-        for count in case.counts:
-            solution = integrate(case, method, lengths(case, count)[: SOME + 1])
-            worst.setdefault(method, []).append(errors(case, solution, range(1, SOME + 1))["lam"])
-    of = {method: slope([1.0 / count for count in case.counts], at) for method, at in worst.items()}
-    sizes = ", ".join(f"{method} {at[-1]:.1e}" for method, at in worst.items())
-    h = (case.span[1] - case.span[0]) / case.counts[-1]
-    claim = f"{case} from t = {case.span[0]:g}: worst error of lam in the first {SOME} steps"
+        runs = [integrate(case, method, lengths(case, count)[: SOME + 1]) for count in case.counts]
+        worst = [errors(case, solution, range(1, SOME + 1))["lam"] for solution in runs]
+        of[method] = slope([1.0 / count for count in case.counts], worst)
+        sizes.append(f"{method} {worst[-1]:.1e}")
+    claim, id = f"{case} from t = {case.span[0]:g}: worst error of lam in the first {SOME} steps", f"first/{case}"
     return [
-        order_row(f"first/{case}", f"{claim}, its order", {method: of[method] for method in BEGIN_WELL}, 2.0, MARGIN),
-        order_row(f"first/{case}", f"{claim}, its order", {method: of[method] for method in BEGIN_BADLY}, 1.0, MARGIN),
-        shown_row(f"first/{case}", f"{claim}, h = {h:g}", sizes),
+        order_row(id, f"{claim}, its order", {method: of[method] for method in BEGIN_WELL}, 2.0, MARGIN),
+        order_row(id, f"{claim}, its order", {method: of[method] for method in BEGIN_BADLY}, 1.0, MARGIN),
+        shown_row(id, f"{claim}, {case.counts[-1]} steps a span", ", ".join(sizes)),
     ]
 
 
@@ -206,14 +189,9 @@ def changing_steps(case: Case) -> list[Row]:
 
 def same_as_hht(case: Case) -> Row:
     """RATTLE and HHT with alpha = 0, b = 0 under a constant force."""
-    p, steps = case.problem, lengths(case, case.counts[0])
-    start = case.known(case.span[0])
-    span = case.span[0], case.span[0] + steps.sum()
-    runs = [
-        solved(str(case), kind(p.system, **options), span, start["q"], start["v"], steps=steps)
-        for kind, options in ((HHT, {"alpha": 0.0, "b": 0.0}), (RattleIntegrator, {}))
-    ]
-    most = max(float(np.abs(getattr(runs[0], name) - getattr(runs[1], name)).max()) for name in ("q", "v"))
+    steps = lengths(case, case.counts[0])
+    first, second = (integrate(case, method, steps) for method in ("undamped hht", "rattle"))
+    most = max(float(np.abs(first.q - second.q).max()), float(np.abs(first.v - second.v).max()))
     claim = f"{case}: q, v of RATTLE less those of HHT with alpha = 0, b = 0"
     return below_row("rattle/constant force", claim, most, ROUNDOFF)
 
@@ -256,8 +234,9 @@ def closed_form(rho: float, frequency: float) -> Matrix:
 
 
 STUDIES: tuple[Study, ...] = (
-    *((study, case) for case in CASES for study in (constant_steps, drift)),
-    (velocity_constraints, KNIFE),
+    *((constant_steps, case, ALL) for case in CASES),
+    (constant_steps, KNIFE, ("hht", "extended"), ("q", "v")),
+    *((drift, case) for case in CASES),
     (first_steps, SWING),
     (changing_steps, replace(SWING, counts=(800, 1600, 3200))),
     (same_as_hht, SWING),

@@ -20,13 +20,18 @@ ALPHAS = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
 NAMES = {0.0: "0", -0.05: "-0.05", -0.15: "-0.15", -0.3: "-0.3", -1.0 / 3.0: "-1/3"}
 
 
+def named(method: Method) -> str:
+    """The options of ``method`` as a claim shows them."""
+    return ", ".join(f"{key} = {NAMES.get(value, value) if key == 'alpha' else value}" for key, value in method.items())
+
+
 def verify(title: str, studies: Iterable[Study], progress: Progress | None, jobs: int) -> Evidence:
     """What all ``studies`` find, in their order.
 
     Parameters
     ----------
     progress
-        Told how many studies are finished, of how many.
+        Called with the number of finished studies and of all.
     jobs
         Worker processes.  The rows do not depend on it.
     """

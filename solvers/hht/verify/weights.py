@@ -1,237 +1,190 @@
-"""``hhtbench verify b``: closed forms, stability, energy, and steps at equal error over b, alpha and the reaction."""
+"""``hhtbench verify b``: what the weight b of the end reaction does to stability, to local errors and to steps.
+
+Beside every b stands the method with extrapolated multipliers, (H55), whose damping has no such limit of stability.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from hhtbench import list_problems
+from hhtbench import list_problems, load_problem
+from hhtbench.arguments import Vector
 from hhtbench.evidence import Curve, Evidence, Plot, Row
+from hhtbench.protocol import Motion
 from hhtbench.request import Request
-from solvers.hht.equations.coefficients import ALPHA
+from hhtbench.result import Status
+from hhtbench.testing.extremes.linkages import DoublePendulum
+from hhtbench.testing.scenes.pendulum import GRAVITY
 from solvers.hht.solver import HHT
-from solvers.hht.verify.control import quartiles
-from solvers.hht.verify.reaction_weight import best, bounds, listed, local_errors, period_plot, periods, symmetry, turning
+from solvers.hht.step.state import State
+from solvers.hht.verify.measure import FLOOR, Run, run, solved, step_by_hand
 from solvers.hht.verify.study import Method, Progress, Study, below_row, collected, run_all, shown_row
-from solvers.hht.verify.work import CONSTANT, CONTROLLED, KINDS, Scene, load, refined, run, steps_at
 
-CHOSEN = 0.2  # between the swings of (H32) and what turns
-DRAWN: tuple[Scene, ...] = (  # seed, masses, dimensions, spin
-    (1, 1, 2, 0.0),
-    (2, 1, 3, 3.0),
-    (3, 2, 2, 0.0),
-    (4, 2, 2, 4.0),
-    (5, 2, 3, 2.0),
-    (6, 3, 2, 0.0),
-    (7, 3, 3, 2.0),
-)
-MAPPED = (0.0, 0.1, 1.0 / 6.0, 0.2, 0.25, 0.3)
-COARSE, FINE = 1e-3, 1e-4  # achieved errors
-FACTOR = 1.3  # in steps: what counts as worse than b = 0
-SAME = 1e-3  # relative: errors in which b has no part
-LONG, LONGER = 100_000, 1_000_000  # steps of the runs whose energy is watched
-ROWS, WINDOW = 2001, 200  # rows of those runs; how many at either end have their means compared
-KEPT = 1e-3  # of the energy of motion: what its mean may change by
-SPARED = 5e-4  # the same at b = 0 after LONGER steps of a chaotic motion
-WATCHED: tuple[tuple[Scene, float], ...] = (((1, 1, 2, 0.0), 0.01), ((2, 1, 3, 3.0), 0.01), ((6, 4, 2, 0.0), 0.0025))
-CHAOTIC: tuple[Scene, float] = ((3, 2, 2, 0.0), 0.01)
-BLIND = ("arevalo_circle", "sundials_slider_crank")  # they gain nothing: is the estimate blind there?
-REACTIONS = ("predictor", "midpoint", "midpoint_predictor")
+WEIGHTS = (0.0, 0.1, 1.0 / 6.0, 0.2, 0.25, 0.3)
+LISTED = ", ".join(f"{b:.3g}" for b in WEIGHTS)
+EXTRAPOLATED = "extrapolated"
+METHODS: dict[str, Method] = {f"b = {b:.3g}": {"b": b} for b in WEIGHTS} | {EXTRAPOLATED: {"extrapolate_reaction": True}}
+CHOSEN = "b = 0.2"  # the weight that the documentation advises
 
-
-@dataclass(frozen=True)
-class Saved:
-    """Of one scene and one kind of steps: steps over those with b = 0 at the same error."""
-
-    over_b: Mapping[float, float]  #: at COARSE, for each b; infinite where only b = 0 reaches it, NaN where that does not
-    fine: float  #: at FINE, with CHOSEN
-    over_alpha: Mapping[float, float]  #: at COARSE, with CHOSEN, for other alphas; constant steps only
-    needed: float  #: steps at COARSE with b = 0
-    asked: str  #: errors over tolerances with b = 0 and with CHOSEN
-
-    def __str__(self) -> str:
-        listed = ", ".join(f"{x:.2f}" for x in self.over_b.values())
-        alphas = "".join(f"; alpha {alpha:g}: {x:.2f}" for alpha, x in self.over_alpha.items())
-        return f"{listed}; at {FINE:g} {self.fine:.2f}{alphas}{self.asked}"
+FAINT = 1e-6  # [m] of a small vibration: its square is roundoff
+ASIDE = 0.005  # relative distance of the tried steps from the limit of stability
+GROWING, DAMPED = 50, 200  # steps after which a vibration has grown, or is damped
+GROWN = 100.0  # times the start: steps below the limit reach 10 times, steps above it 1e4
+TOO_LONG = (2.1, 20.0, 200.0)  # h omega, above the limit of every b here
+LEFT = 0.1  # of a vibration that extrapolated multipliers damp
+LEADING = 0.01  # relative: what the leading term of a local error omits
+ERROR = 1e-3  # both kinds of runs are refined until b = 0 has an error below it
+MAX_SECONDS = 120.0  # of one solve [s]
+KINDS = {
+    "constant steps": tuple(Request(steps=2**k, max_seconds=MAX_SECONDS) for k in range(3, 17)),
+    "error control": tuple(Request(rtol=10.0**-k, max_seconds=MAX_SECONDS) for k in range(2, 7)),
+}
+LIGHT = 1e6  # lower over upper mass of the falling pendulum
+FEWER = 20.0  # times fewer steps than with b = 1 are taken with extrapolated multipliers
 
 
 def verify_b(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """What the weight b of the end reaction does; some minutes on two cores."""
+    """Stability, local errors, a light body, and the steps at equal error of the library; some minutes."""
     began = time.perf_counter()
-    cells = [(scene, kind) for scene in (*DRAWN, *constrained()) for kind in KINDS]
     items = run_all(STUDIES, progress, jobs)
-    found = run_all([(saved, *cell) for cell in cells], progress, jobs)
+    cells = [(name, kind) for kind in KINDS for name in constrained()]
+    found = dict(zip(cells, run_all([(work, *cell) for cell in cells], progress, jobs), strict=True))
     for kind in KINDS:
-        own = {scene: at for (scene, of), at in zip(cells, found, strict=True) if of == kind}
-        items += [*(_row(kind, scene, at) for scene, at in own.items()), *judged(kind, own), drawn_map(kind, own)]
+        own = {name: at for (name, of), at in found.items() if of == kind and at}
+        claim = f"{kind}: steps at error {ERROR:g} over those with b = 0"
+        items += [shown_row(f"{kind}/{name}", f"{name}, {claim}", at) for name, at in own.items()]
+        items += [median_row(kind, list(own.values())), work_plot(kind, list(own.values()))]
     return collected("The weight b of the end reaction", items, began)
 
 
+def stability(ratio: float) -> Row:
+    """Small vibrations of a hanging double pendulum, whose tension is constant, against (H33)."""
+    wrong, methods = list[str](), [*({"b": b} for b in WEIGHTS), {"b": 0.0, "reaction": "midpoint"}]
+    for method in methods:
+        limit = 2.0 / math.sqrt(1.0 - 2.0 * method["b"])  # (H33)
+        for factor in (1.0 - ASIDE, 1.0 + ASIDE):
+            if (growth(ratio, limit * factor, GROWING, alpha=0.0, **method).max() > GROWN) != (factor > 1.0):
+                wrong.append(f"{method} at {factor:g}")
+    claim = f"masses 1 : {ratio:g} hanging, alpha = 0, b = {LISTED}, midpoint: vibrations grow if (h omega)^2 (1 - 2b) > 4"
+    measured = ", ".join(wrong) or "all so"
+    bound = f"not {ASIDE:.1%} below, {ASIDE:.1%} above"
+    return Row(id="stability", claim=claim, measured=measured, bound=bound, passed=not wrong)
+
+
+def damping(alpha: float) -> Row:
+    """Extrapolated multipliers damp the same vibrations in steps far above that limit."""
+    left = [growth(1.0, x, DAMPED, alpha=alpha, extrapolate_reaction=True)[-10:].max() for x in TOO_LONG]
+    claim = f"masses 1 : 1 hanging, alpha = {alpha:g}, extrapolated, h omega = {TOO_LONG}: left after {DAMPED} steps"
+    return below_row("stability/extrapolated", claim, max(left), LEFT)
+
+
+def growth(ratio: float, frequency: float, count: int, **method: Any) -> Vector:
+    """Sizes (count,) after each step with h omega = ``frequency``, over that at the start."""
+    omega = DoublePendulum.fastest(ratio)
+    q0, v0 = DoublePendulum.straight(0.0)
+    mode = np.array([1.0 - omega**2 / GRAVITY, 1.0])  # from r x2'' = -r g (x2 - x1)
+    q0[::2] += FAINT * mode / np.abs(mode).max()
+    hht = HHT(DoublePendulum(ratio=ratio), calc_initcond=True, **method)
+    hht.init_step(0.0, q0, v0, step=frequency / omega)
+    return np.array([np.abs(step_by_hand("hanging", hht).q[::2]).max() for _ in range(count)]) / FAINT
+
+
+def local_errors(h: float) -> Row:
+    """One step of the library's pendulum against (H31); alpha does not enter."""
+    p, off, t0 = load_problem("simple_pendulum"), list[float](), 0.3  # where it has both a position and a velocity
+    (x, u), end = _polar(p.exact(t0)), _polar(p.exact(t0 + h))  # type: ignore[misc]
+    square = float(p.system.g / p.system.L)  # type: ignore[union-attr]
+    pull, push = u**2 + square * math.cos(x), -square * math.sin(x)
+    for b in WEIGHTS:
+        hht, start = HHT(p.system, b=b), p.exact(t0)  # type: ignore[misc]
+        hht.init_step(t0, start.q, start.v, step=h)
+        found = (_polar(step_by_hand(p.name, hht)) - end) / h**3
+        wanted = np.array([(1 - 3 * b) / 6 * pull * u, -push * (pull / 12 + b * u**2 / (2 - 4 * b))])  # (H31)
+        off.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+    claim = f"{p.name}, one step of {h:g} s, b = {LISTED}: local errors of angle and rate less (H31), relative"
+    return below_row("local", claim, max(off), LEADING)
+
+
+def _polar(at: Motion | State) -> Vector:
+    """Angle from below [rad] and its rate [rad/s] of a point on a circle about the origin."""
+    (x, y), (across, up) = at.q, at.v
+    return np.array([math.atan2(x, -y), (up * x - across * y) / (x * x + y * y)])
+
+
+def light_body(rtol: float) -> Row:
+    """A light body between two rods under error control, where b = 0 takes steps as (H33) allows them."""
+    counts = {}
+    for name, method in {"b = 0": {"b": 0.0}, "b = 1": {"b": 1.0}, EXTRAPOLATED: METHODS[EXTRAPOLATED]}.items():
+        hht = HHT(DoublePendulum(ratio=LIGHT), **method)
+        solution = solved(name, hht, (0.0, 1.0), *DoublePendulum.straight(0.5), rtol=rtol, t_eval=[1.0])
+        counts[name] = (solution.counters.steps_accepted or 0) + (solution.counters.steps_rejected_error or 0)
+    text = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+    claim = f"masses 1 : {LIGHT:g} on rods, 1 s, rtol {rtol:g}: steps {text}; extrapolated over b = 1"
+    return below_row("light body", claim, counts[EXTRAPOLATED] / counts["b = 1"], 1.0 / FEWER)
+
+
 def constrained() -> list[str]:
-    """The problems of the library with position constraints and a known motion, as they are by default."""
-    problems = {name: load(name) for name in list_problems()}
-    return [
-        name
-        for name, p in problems.items()
-        if hasattr(p.system, "constraint") and (p.exact is not None or p.reference is not None)
+    """The problems of the library with position constraints and a known motion."""
+    problems = {name: load_problem(name) for name in list_problems()}
+    known = {name: p.exact is not None or p.reference is not None for name, p in problems.items()}
+    return [name for name, p in problems.items() if known[name] and hasattr(p.system, "constraint")]
+
+
+def work(name: str, kind: str) -> dict[str, float]:
+    """Steps at equal error over those with b = 0, for each method; empty where b = 0 does not come below ERROR.
+
+    Errors are of order two in the steps, also under error control, so that steps times the root of the error are compared.
+    Infinite where a run fails, NaN where a method does not take the problem.
+    """
+    for request in KINDS[kind]:
+        plain = run(name, request, **METHODS["b = 0"])
+        if plain.error is not None and plain.error < ERROR:
+            break
+    if plain.error is None or not FLOOR < plain.error < ERROR:
+        return {}
+    return {label: _cost(run(name, request, **method)) / _cost(plain) for label, method in METHODS.items()}
+
+
+def _cost(one: Run) -> float:
+    if one.error is None:
+        return math.nan if one.status is Status.declined else math.inf
+    return one.steps * math.sqrt(one.error)
+
+
+def median_row(kind: str, found: list[dict[str, float]]) -> Row:
+    """The medians over the library; b = 0.2 must take fewer steps than b = 0."""
+    medians = {name: float(np.nanmedian([at[name] for at in found])) for name in METHODS}
+    text = ", ".join(f"{name} {x:.2f}" for name, x in medians.items())
+    claim = f"{kind}, {len(found)} problems: medians of steps at error {ERROR:g} over those with b = 0 ({text}), {CHOSEN}"
+    return below_row(f"{kind}/median", claim, medians[CHOSEN], 1.0)
+
+
+def work_plot(kind: str, found: list[dict[str, float]]) -> Plot:
+    """Quartiles over b."""
+    table = np.array([[at[f"b = {b:.3g}"] for b in WEIGHTS] for at in found])
+    levels = {"lower quartile": 0.25, "median": 0.5, "upper quartile": 0.75}
+    curves = [
+        Curve(label=x, x=WEIGHTS, y=tuple(np.nanquantile(table, level, axis=0, method="nearest")))
+        for x, level in levels.items()
     ]
-
-
-def saved(scene: Scene, kind: str) -> Saved:
-    """With constant steps the errors at equal steps, over b and alpha, count by order two; at CHOSEN both are refined."""
-    ends = {b: refined(scene, kind, {"b": b}, FINE) for b in (0.0, CHOSEN)}
-    needed, fine = (steps_at(ends[0.0], error) for error in (COARSE, FINE))
-    over_b = {b: _over(steps_at(runs, COARSE), needed) for b, runs in ends.items()}
-    over_alpha: dict[float, float] = {}
-    if kind == CONTROLLED:
-        others = {b: refined(scene, kind, {"b": b}, COARSE) for b in MAPPED if b not in ends}
-        over_b |= {b: _over(steps_at(runs, COARSE), needed) for b, runs in others.items()}
-    elif math.isfinite(needed):
-        steps = math.ceil(needed)
-        over_b |= {b: _equal_steps(scene, steps, {"b": b}, {"b": 0.0}) for b in MAPPED if b not in ends}
-        over_alpha = {a: _equal_steps(scene, steps, {"alpha": a, "b": CHOSEN}, {"alpha": a, "b": 0.0}) for a in (0.0, -0.3)}
-    asked = [
-        f"{min(r.over for r in runs):.2g} to {max(r.over for r in runs):.2g}" if runs else "-" for runs in ends.values()
-    ]
-    return Saved(
-        over_b={b: over_b.get(b, math.nan) for b in MAPPED},
-        fine=_over(steps_at(ends[CHOSEN], FINE), fine),
-        over_alpha=over_alpha,
-        needed=needed,
-        asked=f"; error/tolerance {asked[0]}, then {asked[1]}" if kind == CONTROLLED else "",
-    )
-
-
-def _over(steps: float, needed: float) -> float:
-    """``steps`` over those ``needed`` with b = 0; infinite where the error is reached with b = 0 only."""
-    return math.inf if math.isnan(steps) and not math.isnan(needed) else steps / needed
-
-
-def _equal_steps(scene: Scene, steps: int, method: Method, other: Method) -> float:
-    """Steps of ``method`` over those of ``other`` at equal errors, by order two from their errors at equal steps."""
-    found, wanted = run(scene, method, Request(steps=steps)), run(scene, other, Request(steps=steps))
-    return math.sqrt(found.error / wanted.error) if found and wanted else _over(math.nan, 1.0 if wanted else math.nan)
-
-
-def _row(kind: str, scene: Scene, at: Saved) -> Row:
-    name = load(scene).name
-    claim = f"{name}, {kind}: steps at error {COARSE:g} over those with b = 0 ({at.needed:.0f}), b = {listed(MAPPED)}"
-    return shown_row(f"{kind}/{name}", claim, str(at))
-
-
-def judged(kind: str, own: Mapping[Scene, Saved]) -> list[Row]:
-    """The medians over the library, and the problems that take more steps than with b = 0."""
-    rows, library = [], {scene: at for scene, at in own.items() if isinstance(scene, str)}
-    for error, ratios in (
-        (COARSE, {scene: at.over_b[CHOSEN] for scene, at in library.items()}),
-        (FINE, {scene: at.fine for scene, at in library.items()}),
-    ):
-        reached = {scene: ratio for scene, ratio in ratios.items() if not math.isnan(ratio)}
-        worse = {scene: ratio for scene, ratio in reached.items() if ratio > FACTOR}
-        turned = [ratio for ratio in reached.values() if abs(ratio - 1) > SAME]
-        seen = f"{kind}, error {error:g}, b = {CHOSEN:g}, {len(reached)} problems with position constraints"
-        shown = ", ".join(f"{scene} {ratio:.2f}" for scene, ratio in worse.items()) or "none"
-        rows += [
-            shown_row(
-                f"{kind}/median", f"{seen}: median of steps over those with b = 0", f"{_median(reached.values()):.2f}"
-            ),
-            shown_row(
-                f"{kind}/moved", f"{seen}: median of the {len(turned)} where b changes anything", f"{_median(turned):.2f}"
-            ),
-            shown_row(f"{kind}/worse", f"{seen}: more than {FACTOR:g} times the steps", shown),
-        ]
-    others = ", ".join(f"{b:.3g}: {_median(at.over_b[b] for at in library.values()):.2f}" for b in MAPPED)
-    rows.append(shown_row(f"{kind}/medians", f"{kind}, error {COARSE:g}, library: the median for each b", others))
-    others = ", ".join(
-        f"{b:.3g}: {_median(at.over_b[b] for scene, at in own.items() if not isinstance(scene, str)):.2f}" for b in MAPPED
-    )
-    return [*rows, shown_row(f"{kind}/drawn", f"{kind}, error {COARSE:g}, drawn scenes: the median for each b", others)]
-
-
-def _median(ratios: Iterable[float]) -> float:
-    return float(np.nanmedian(list(ratios)))
-
-
-def drawn_map(kind: str, own: Mapping[Scene, Saved]) -> Plot:
-    """Median, quartiles and extremes over b."""
-    table = np.array([[at.over_b[b] for b in MAPPED] for at in own.values()])
-    levels = {"least": 0.0, "lower quartile": 0.25, "median": 0.5, "upper quartile": 0.75, "most": 1.0}
     return Plot(
         id=f"{kind}/map",
         title=f"Steps at equal error over the weight b: {kind}",
-        caption=f"Over those with b = 0, at error {COARSE:g}, of all constrained problems of the library and drawn scenes.",
+        caption=f"Over those with b = 0, at error {ERROR:g}, for the problems of the library with position constraints.",
         x_label="b",
         y_label="steps over those with b = 0",
-        curves=tuple(
-            Curve(label=label, x=MAPPED, y=tuple(np.nanquantile(table, level, axis=0).tolist()))
-            for label, level in levels.items()
-        ),
+        curves=tuple(curves),
         logarithmic=False,
     )
 
 
-def reactions(scene: Scene) -> Row:
-    """Errors at equal steps with the other reactions, as steps at equal errors."""
-    steps = math.ceil(steps_at(refined(scene, CONSTANT, {"b": 0.0}, COARSE), COARSE))
-    methods = {f"predictor, b = {b:g}": {"reaction": "predictor", "b": b} for b in (0.0, CHOSEN, 0.3)}
-    methods |= {name: {"reaction": name, "b": 0.0} for name in REACTIONS[1:]}
-    found = {name: _equal_steps(scene, steps, method, {"b": 0.0}) for name, method in methods.items()}
-    claim = f"{load(scene).name}, {steps} constant steps: steps at equal error over those of implicit, b = 0"
-    return shown_row("reactions", claim, ", ".join(f"{name} {x:.2f}" for name, x in found.items()))
-
-
-def energy(scene: Scene, h: float, steps: int, alphas: Sequence[float]) -> list[Row]:
-    """The change of energy's mean from the first to the last tenth of a long run, over the largest kinetic energy."""
-    rows = []
-    for alpha in alphas:
-        found = {b: energy_change(scene, {"alpha": alpha, "b": b}, h, steps) for b in MAPPED}
-        claim = f"{load(scene).name}, alpha = {alpha:g}, implicit, {steps:,} steps of {h:g} s: change of the mean energy"
-        text = ", ".join(f"b = {b:.3g}: {x:.0e}" for b, x in found.items())
-        worst = float(np.max(np.abs(list(found.values()))))  # NaN where one cannot be followed: no pass
-        rows.append(Row(id="energy", claim=f"{claim} ({text})", measured=worst, bound=f"< {KEPT:g}", passed=worst < KEPT))
-    others = [{"reaction": r, "b": b, "alpha": 0.0} for r, b in (("predictor", 0.0), ("predictor", CHOSEN))]
-    others += [{"reaction": r, "b": 0.0, "alpha": 0.0} for r in REACTIONS[1:]]
-    text = ", ".join(f"{m['reaction']}, b = {m['b']:g}: {energy_change(scene, m, h, steps):.0e}" for m in others)
-    return [
-        *rows,
-        shown_row("energy/reactions", f"{load(scene).name}, alpha = 0, {steps:,} steps of {h:g} s: the same", text),
-    ]
-
-
-def chaotic(scene: Scene, h: float, steps: int) -> Row:
-    """The same of a chaotic motion: symmetric is not symplectic, and energy wanders unless b = 0."""
-    found = {b: energy_change(scene, {"alpha": 0.0, "b": b}, h, steps) for b in (0.0, CHOSEN, 0.3)}
-    text = ", ".join(f"b = {b:.3g}: {x:.0e}" for b, x in found.items())
-    claim = f"{load(scene).name}, alpha = 0, implicit, {steps:,} steps of {h:g} s: change of the mean energy ({text}), b = 0"
-    return below_row("energy/chaotic", claim, abs(found[0.0]), SPARED)
-
-
-def energy_change(scene: Scene, method: Method, h: float, steps: int) -> float:
-    """NaN where the motion cannot be followed."""
-    p = load(scene)
-    rows = np.linspace(0.0, steps * h, ROWS)
-    solution = HHT(p.system, **method).solve((0.0, steps * h), p.q0, p.v0, steps=steps, t_eval=rows)
-    if not solution.success:
-        return math.nan
-    energies = p.system.energies(solution.q, solution.v)  # type: ignore[union-attr]
-    motion = p.system.energies(solution.q, solution.v) - p.system.energies(solution.q, 0 * solution.v)  # type: ignore[union-attr]
-    return float((energies[-WINDOW:].mean() - energies[:WINDOW].mean()) / motion.max())
-
-
 STUDIES: tuple[Study, ...] = (
-    (local_errors, 0.7, 2.0, 5e-4),
-    *((periods, amplitude, 1000) for amplitude in (0.1, math.pi / 2, 2.4)),
-    (best, 1000),
-    (turning, 4000),
-    (symmetry, 3, 200, 0.005),
-    *((bounds, seed, count) for seed, count in ((1, 1), (2, 3), (3, 6))),
-    *((reactions, scene) for scene in DRAWN),
-    *((energy, scene, h, LONG, (0.0, ALPHA)) for scene, h in WATCHED),
-    (chaotic, *CHAOTIC, LONGER),
-    *((quartiles, spec, {"b": b}) for spec in BLIND for b in (0.0, CHOSEN)),
-    (period_plot, (0.1, math.pi / 4, math.pi / 2, 2.4)),
+    *((stability, ratio) for ratio in (1.0, 100.0)),
+    *((damping, alpha) for alpha in (-0.05, -0.3)),
+    (local_errors, 5e-4),
+    (light_body, 1e-3),
 )
