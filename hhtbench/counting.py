@@ -10,11 +10,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hhtbench.errors import BudgetSpent
+from hhtbench.protocol import SIGNATURES
 from hhtbench.result import Counters
 from hhtbench.terminal import told_when_slow
 
 OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
 NOTHING = vars(Counters())  # counted
+INSTEAD = {  # callback -> derivatives that save its differences, the first that is not declared
+    "force": ("force_jacobians",),
+    "constraint": ("constraint_jacobian", "constraint_time_derivative", "constraint_acceleration"),
+    "constraint_jacobian": ("constraint_acceleration",),
+    "velocity_constraint": ("velocity_constraint_jacobian",),
+    "reaction": ("reaction_jacobians",),
+}
+MOST = 0.5  # of the time of a solve: differences that take more are said to
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
 
@@ -30,6 +39,10 @@ class Clock:
     kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
     passed_in: str = ""  #: what was being prepared when the time ended
     work: Work | None = None  #: what counts the callbacks of plain callables while the solve runs
+    kept: dict[Any, Any] = field(default_factory=dict)  #: derivatives by differences at the last places
+    callback: str = ""  #: the last callback of plain callables
+    in_difference: bool = False  #: whether callbacks are called for differences
+    differences: dict[str, float] = field(default_factory=dict)  #: the derivative to declare instead -> [s]
 
     def left(self) -> float:
         """Seconds until the limit."""
@@ -47,6 +60,16 @@ class Clock:
         self.prepared[what] = self.prepared.get(what, 0.0) + seconds
         if -seconds < self.left() < 0.0:
             self.passed_in = f", while {what}, {seconds:.2g} s that cannot be interrupted"
+
+    def note_of_differences(self) -> str:
+        """Which derivative to declare, if differences took most of the time; else empty."""
+        elapsed = time.perf_counter() - self.started - sum(self.prepared.values())
+        share = sum(self.differences.values()) / elapsed
+        name = max(self.differences, key=self.differences.__getitem__, default="")
+        if not share > MOST or not name:
+            return ""
+        call = f"{name}({', '.join(SIGNATURES[name].arguments)})"
+        return f"Differences took {100 * share:.0f} % of the time: declare {call}."
 
     def _note(self) -> str:
         """Where the time went, if much of it went into preparing functions."""
@@ -67,17 +90,50 @@ def check_time() -> None:
 
 
 def note_callback(name: str) -> None:
-    """Before a callback of a NumPy system: the solve that runs here counts those of the force, and may be out of time.
+    """Count a callback of a NumPy system for the solve that runs here, which may be out of time.
 
-    The system's dynamics serve many solves, and so know of none.
+    Counted are those of the force, and all that differences take.  The system's dynamics serve many solves, and so know of
+    none.
     """
     clock = _clock.get()
     if clock is None:
         return
-    if clock.work is not None and name == "force":
+    clock.callback = name
+    if clock.work is not None and (name == "force" or clock.in_difference):
         clock.work.spend_residual()
     else:
         clock.check()
+
+
+def kept_of_solve() -> dict[Any, Any]:
+    """What the solve that runs here keeps of the last places; an empty dictionary outside of a solve."""
+    clock = _clock.get()
+    return {} if clock is None else clock.kept
+
+
+class differencing:
+    """``with differencing(gives):`` around the callbacks of one derivative by differences; ``gives``: what is declared.
+
+    Their time counts as that of the derivative whose declaration would save them.
+    """
+
+    def __init__(self, gives: Callable[[str], bool]) -> None:
+        self._gives, self._clock = gives, _clock.get()
+
+    def __enter__(self) -> None:
+        clock = self._clock
+        if clock is not None and clock.in_difference:
+            self._clock = None  # part of another one
+        elif clock is not None:
+            clock.in_difference, self._began = True, time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        clock = self._clock
+        if clock is not None:
+            clock.in_difference = False
+            names = INSTEAD.get(clock.callback, ())
+            name = next((name for name in names if not self._gives(name)), "")
+            clock.differences[name] = clock.differences.get(name, 0.0) + time.perf_counter() - self._began
 
 
 class uncounted:

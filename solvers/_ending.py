@@ -81,6 +81,7 @@ def solution_of(
             more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
+    note = f"{note} {run.work.clock.note_of_differences()}".strip()
     told = {"status": end.status, "message": sentences(end.message, note), "counters": run.work.counters()}
     return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
 

@@ -95,7 +95,7 @@ def _recovered(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
     rows, rest = dynamics.acceleration_level(t, q, v)
     columns = [dynamics.mass(t, q)]
     if s.m:
-        columns.append(-dynamics.reaction_jacobians(t, q, v, lam)[2])
+        columns.append(-dynamics.reaction_columns(t, q, v, lam))
     if s.p:
         columns.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
     below = xp.concatenate([rows, xp.zeros((s.m + s.p, s.m + s.p))], axis=1)

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.dynamics.differences import NESTED
 
 Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows, its size); None or absent: zero
 
@@ -39,7 +38,7 @@ class Point:
 
     def derivative(self, function: Callable[[Any], Any], x: Any) -> Any:
         """Jacobian of ``function`` at ``x``: automatic, or by differences for plain callables."""
-        return self.dynamics.jacobian(function, x, order=NESTED)
+        return self.dynamics.jacobian(function, x, order=2)
 
 
 def kinematics(at: Point) -> Any:

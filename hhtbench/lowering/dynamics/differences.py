@@ -1,9 +1,10 @@
 """Derivatives from differences for callables that declare none, coloured where a pattern is given.
 
-Three kinds: first order (one extra point a column) where only Newton's convergence depends on it; second-order central
-for the same where the function is made of differences itself, whose noise first order would blow up to 1e-4; fourth-order
-central where the derivative enters the equations and its error is the drift floor.  ``scipy.differentiate`` is
-not used: it adapts its step with tens of evaluations per entry.
+First order (one extra point a column) serves where only Newton's convergence depends on it, second-order central for
+reactions, whose relative error of 4e-11 adds to no drift, and fourth-order central where constraints are measured or
+corrected by the derivative: its error of 1e-12 is the drift floor.  Second derivatives are differences of the function
+itself, never of its differences.  ``scipy.differentiate`` is not used: it adapts its step with tens of evaluations per
+entry.
 """
 
 from __future__ import annotations
@@ -16,22 +17,29 @@ import numpy as np
 from scipy.optimize._numdiff import group_columns
 
 EPS = float(np.finfo(np.float64).eps)
-NESTED = 2  # order for functions that hold a difference error of about 1e-12 themselves
-STEP = {1: 2.0**-26, NESTED: 2.0**-13, 4: 2.0**-10}  # near eps**(1/2), 1e-12**(1/3), eps**(1/5): truncation against noise
+STEP = {1: 2.0**-26, 2: 2.0**-17, 4: 2.0**-10}  # near eps**(1/(order + 1)): truncation against roundoff
+MIXED_STEP = 2.0**-13  # near eps**(1/4) of second differences, whose relative error is 1e-4: for Newton's matrix only
 SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
 COMMON = 1e-2, 1e2  # where the largest coordinate is in between, those near zero may count as of size one
 ALIKE = 1e-4  # relative difference of derivatives by two steps, neither of which is too long or too short
 
 
-def derivative(function: Callable[[Any], Any], x: Any, order: int, pattern: Any = None, *, least: float = 1.0) -> np.ndarray:
+def derivative(
+    function: Callable[[Any], Any],
+    x: Any,
+    order: int,
+    pattern: Any = None,
+    *,
+    least: float = 1.0,
+    step: float | None = None,
+) -> np.ndarray:
     """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1, 2 or 4.
 
-    ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.  ``least``: the size of what
-    is smaller, see :func:`least_size`.
+    ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.  ``least`` is the size of
+    what is smaller, see :func:`least_size`, and ``step`` another relative step than that of the order.
     """
     x = np.asarray(x, dtype=np.float64)
-    steps = STEP[order] * np.maximum(least, np.abs(x))
-    steps = (x + steps) - x  # exactly representable
+    steps = _steps(x, step or STEP[order], least)
     base = function(x) if order == 1 else None
     if pattern is None:
         columns = [_along(function, x, steps * (np.arange(x.size) == j), order, base) / steps[j] for j in range(x.size)]
@@ -79,10 +87,19 @@ def _is_smooth(function: Callable[[Any], Any], q: Any, least: float) -> bool:
     return True
 
 
-def derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
-    """Derivative at 0 of ``function(e)``, a curve through (t + e, q + e v); fourth order."""
-    e = _step_along(STEP[4], t, q, v, least)
-    return _along(function, 0.0, e, 4) / e
+def derivative_along(
+    function: Callable[[float], Any], t: float, q: Any, v: Any, order: int = 4, *, least: float = 1.0
+) -> np.ndarray:
+    """Derivative at 0 of ``function(e)``, a curve through (t + e, q + e v), by differences of ``order`` 2 or 4."""
+    e = _step_along(STEP[4] if order == 4 else MIXED_STEP, t, q, v, least)
+    return _along(function, 0.0, e, order) / e
+
+
+def product(function: Callable[[Any], Any], q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
+    """The Jacobian of ``function`` at ``q`` times ``v`` (n,); fourth order, and as precise for small v as for large."""
+    q = np.asarray(q, dtype=np.float64)
+    e = STEP[4] / (float(np.max(np.abs(v) / np.maximum(least, np.abs(q)))) or 1.0)
+    return _along(lambda s: function(q + s * v), 0.0, e, 4) / e
 
 
 def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
@@ -91,6 +108,40 @@ def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, 
     near = function(e) + function(-e)
     far = function(2 * e) + function(-2 * e)
     return (16 * near - far - 30 * function(0.0)) / (12 * e * e)
+
+
+def second_derivative(
+    function: Callable[[Any], Any], x: Any, weights: Any, pattern: Any = None, *, least: float = 1.0
+) -> np.ndarray:
+    """The matrix (n, n) of second derivatives at ``x`` (n,) of the ``weights`` (rows,) times ``function``.
+
+    With k groups of columns, all n of them without a ``pattern`` (rows, n), it takes (k + 1)(k + 2) / 2 evaluations.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    pattern = np.ones((np.size(weights), x.size)) if pattern is None else pattern
+    rows, columns = np.nonzero(pattern)
+    groups = group_columns(np.asarray(pattern, dtype=bool), np.arange(x.size))
+    count, steps = int(groups.max()) + 1, _steps(x, MIXED_STEP, least)
+    column = np.full((np.size(weights), count), -1)  # of each row in each group
+    column[rows, groups[columns]] = columns
+    moves = [steps * (groups == k) for k in range(count)]
+    base, moved, result = function(x), [function(x + move) for move in moves], np.zeros((x.size, x.size))
+    for a in range(count):
+        for b in range(a + 1):
+            there = (column[:, a] >= 0) & (column[:, b] >= 0)
+            i, j = column[there, a], column[there, b]
+            change = function(x + moves[a] + moves[b]) - moved[a] - moved[b] + base
+            value = (weights * change)[there] / (steps[i] * steps[j])
+            np.add.at(result, (i, j), value)
+            if a != b:
+                np.add.at(result, (j, i), value)
+    return result
+
+
+def _steps(x: Any, relative: float, least: float) -> np.ndarray:
+    """A step for each entry of ``x`` (n,)."""
+    steps: np.ndarray = (x + relative * np.maximum(least, np.abs(x))) - x  # exactly representable
+    return steps
 
 
 def _step_along(relative: float, t: float, q: Any, v: Any, least: float) -> float:
@@ -106,7 +157,7 @@ def _along(function: Callable[[Any], Any], x: Any, step: Any, order: int, base: 
     if order == 1:
         return np.asarray(function(x + step)) - base
     near = np.asarray(function(x + step)) - np.asarray(function(x - step))
-    if order == NESTED:
+    if order == 2 or not near.any():  # it does not depend on what the step changes, as most constraints not on time
         return near / 2
     far = np.asarray(function(x + 2 * step)) - np.asarray(function(x - 2 * step))
     return (8 * near - far) / 12

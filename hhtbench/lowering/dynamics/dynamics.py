@@ -18,7 +18,6 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 
-from hhtbench.lowering.dynamics.differences import NESTED
 from hhtbench.lowering.dynamics.mass import full
 from hhtbench.protocol import WITH_VELOCITY, declared
 
@@ -64,8 +63,8 @@ class Dynamics:
     """The terms of one system's equations of motion; pure functions, but for the counting of callbacks.
 
     Those that a subclass gives by ``call``, and the others as derivatives of them by its ``jacobian`` and ``rate``.  Terms
-    of constraints that are not declared have zero rows and are not called.  Differences are of order 4 where a derivative
-    enters the equations, less where it serves Newton's matrix.
+    of constraints that are not declared have zero rows and are not called.  Differences are of first order where a
+    derivative only serves Newton's matrix.
     """
 
     wraps: ClassVar[bool] = False  #: whether it is a :class:`Wrapper`; of an equinox class ``isinstance`` is slow to tell
@@ -75,6 +74,7 @@ class Dynamics:
     constant_mass: Any  #: M (n, n) [kg, kg m^2] where it is constant, or a ``Diagonal``; None: identity or variable
     inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
     matrices: bool = True  #: whether its functions hold full matrices
+    noise: ClassVar[float] = 0.0  #: relative error of reactions by differences
     least: float = 1.0  #: the size that coordinates near zero count as where one looks beside a place
     gives: Callable[[str], bool]  #: whether the function of that name is called, not derived
     call: Callable[..., Any]  #: (name, *arguments): the value of a function that is given
@@ -85,10 +85,6 @@ class Dynamics:
     def dependencies(self) -> Dynamics:
         """Functions that depend on what these do, of which patterns of derivatives are found."""
         return self
-
-    def _order(self, *names: str) -> int:
-        """Order of differences of a function that comes from the first of ``names`` given, else from differences."""
-        return 1 if any(self.gives(name) for name in names) else NESTED
 
     @unless_given
     def force(self, t: Array, q: Array, v: Array) -> Array:
@@ -132,6 +128,11 @@ class Dynamics:
         """g_q (m, n)."""
         return self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian")
 
+    @unless_given
+    def constraint_rows(self, t: Array, q: Array) -> Array:
+        """g_q (m, n), as accurate as forces, accelerations and Newton's matrix need it."""
+        return self.constraint_jacobian(t, q)
+
     def position_row(self, t: Array, q: Array, x: Array) -> Array:
         """g_q x (m,)."""
         return self.constraint_jacobian(t, q) @ x
@@ -154,8 +155,7 @@ class Dynamics:
     @unless_given
     def constraint_velocity_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """(g_t + g_q v)_q (m, n)."""
-        order = self._order("constraint_jacobian")
-        return self.jacobian(lambda x: self.constraint_velocity(t, x, v), q, "constraint_jacobian", order)
+        return self.jacobian(lambda x: self.constraint_velocity(t, x, v), q, "constraint_jacobian", 1)
 
     @unless_given
     def constraint_acceleration(self, t: Array, q: Array, v: Array) -> Array:
@@ -170,6 +170,11 @@ class Dynamics:
     def velocity_constraint_jacobian(self, t: Array, q: Array, v: Array) -> Array:
         """k_v (p, n)."""
         return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian")
+
+    @unless_given
+    def velocity_constraint_rows(self, t: Array, q: Array, v: Array) -> Array:
+        """k_v (p, n), likewise."""
+        return self.velocity_constraint_jacobian(t, q, v)
 
     def velocity_row(self, t: Array, q: Array, v: Array, x: Array) -> Array:
         """k_v x (p,)."""
@@ -188,19 +193,18 @@ class Dynamics:
     def reaction(self, t: Array, q: Array, v: Array, lam: Array) -> Array:
         """Q (n,) [N, N m] of the position constraints, -g_q^T lam unless declared."""
         if not self.gives("reaction"):
-            return -(lam @ self.constraint_jacobian(t, q))
+            return -(lam @ self.constraint_rows(t, q))
         return self.call("reaction", t, q, v, lam) if self.structure.reaction_uses_v else self.call("reaction", t, q, lam)
 
     def reaction_jacobians(self, t: Array, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array]:
         """Q_q (n, n), Q_v (n, n), None where it is zero, and Q_lam (n, m)."""
         if self.gives("reaction_jacobians"):
             return self._declared_reaction_jacobians(t, q, v, lam)
-        order, by_v = self._order("reaction", "constraint_jacobian"), None
-        by_q = self.jacobian(lambda x: self.reaction(t, x, v, lam), q, "reaction_q", order)
+        by_v, by_q = None, self.jacobian(lambda x: self.reaction(t, x, v, lam), q, "reaction_q", 1)
         if not self.gives("reaction"):
-            return by_q, by_v, -self.constraint_jacobian(t, q).T
+            return by_q, by_v, self.reaction_columns(t, q, v, lam)
         if self.structure.reaction_uses_v:
-            by_v = self.jacobian(lambda x: self.reaction(t, q, x, lam), v, "reaction_v", order)
+            by_v = self.jacobian(lambda x: self.reaction(t, q, x, lam), v, "reaction_v", 1)
         return by_q, by_v, self.jacobian(lambda x: self.reaction(t, q, v, x), lam, order=1)
 
     def _declared_reaction_jacobians(self, t: Array, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array]:
@@ -209,20 +213,25 @@ class Dynamics:
         by_q, by_lam = self.call("reaction_jacobians", t, q, lam)
         return by_q, None, by_lam
 
+    def reaction_columns(self, t: Array, q: Array, v: Array, lam: Array) -> Array:
+        """Q_lam (n, m)."""
+        if self.gives("reaction"):
+            return self.reaction_jacobians(t, q, v, lam)[2]
+        return -self.constraint_rows(t, q).T
+
     @unless_given
     def velocity_reaction(self, t: Array, q: Array, v: Array, mu: Array) -> Array:
         """Q_k (n,) [N, N m] of the velocity constraints, -k_v^T mu unless declared."""
-        return -(mu @ self.velocity_constraint_jacobian(t, q, v))
+        return -(mu @ self.velocity_constraint_rows(t, q, v))
 
     @unless_given
     def velocity_reaction_jacobians(self, t: Array, q: Array, v: Array, mu: Array) -> tuple[Array, Array]:
         """Q_k by v (n, n), None where it is zero, and by mu (n, p)."""
         by_v = None
         if self.structure.velocity_reaction_uses_v:
-            order = self._order("velocity_reaction", "velocity_constraint_jacobian")
-            by_v = self.jacobian(lambda x: self.velocity_reaction(t, q, x, mu), v, "velocity_reaction_v", order)
+            by_v = self.jacobian(lambda x: self.velocity_reaction(t, q, x, mu), v, "velocity_reaction_v", 1)
         if not self.gives("velocity_reaction"):
-            return by_v, -self.velocity_constraint_jacobian(t, q, v).T
+            return by_v, -self.velocity_constraint_rows(t, q, v).T
         return by_v, self.jacobian(lambda x: self.velocity_reaction(t, q, v, x), mu, order=1)
 
     def residual(self, t: Array, q: Array, v: Array, inertia: Array, lam: Array, mu: Array) -> Array:
@@ -241,10 +250,10 @@ class Dynamics:
         """C = [g_q; k_v] (m + p, n) and c (m + p,) [m/s^2, rad/s^2]: C vdot + c is the constraints' last derivative."""
         rows, rest = [self.xp.zeros((0, self.structure.n))], [self.xp.zeros(0)]
         if self.structure.m:
-            rows.append(self.constraint_jacobian(t, q))
+            rows.append(self.constraint_rows(t, q))
             rest.append(self.constraint_acceleration(t, q, v))
         if self.structure.p:
-            rows.append(self.velocity_constraint_jacobian(t, q, v))
+            rows.append(self.velocity_constraint_rows(t, q, v))
             rest.append(self.velocity_constraint_acceleration(t, q, v))
         return self.xp.concatenate(rows), self.xp.concatenate(rest)
 
@@ -276,6 +285,17 @@ class Wrapper(eqx.Module, Dynamics):
     def reaction_jacobians(self, t: Any, q: Any, v: Any, lam: Any) -> tuple[Any, Any, Any]:
         """Likewise."""
         return self.call("reaction_jacobians", t, q, v, lam)
+
+    def reaction_columns(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
+        """Likewise."""
+        return self.call("reaction_columns", t, q, v, lam)
+
+
+def innermost(dynamics: Any) -> Any:
+    """The dynamics that all wrappers are around."""
+    while type(dynamics).wraps:
+        dynamics = dynamics.inner
+    return dynamics
 
 
 def as_declared(dynamics: Dynamics, name: str) -> Callable[..., Any]:

@@ -24,7 +24,7 @@ from jax.core import ShapedArray
 
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import cpython_internals
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared, innermost
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.jax_internals import Primitive
 from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, Signature, declared
@@ -36,6 +36,9 @@ SIGINT = int(signal.SIGINT)
 MOST_PLACES = 64  # in memory at which one function is remembered to have been called: on the stack they vary with its depth
 
 UNDECLARED = {  # sizes of the results of what no user declares
+    "constraint_rows": ("mn",),
+    "constraint_velocity": ("m",),
+    "velocity_constraint_rows": ("pn",),
     "mass_product_jacobian": ("nn",),
     "constraint_velocity_jacobian": ("mn",),
     "velocity_constraint_position_jacobian": ("pn",),
@@ -54,6 +57,11 @@ def functions_of(s: Structure) -> dict[str, Signature]:
     return FUNCTIONS | WITH_VELOCITY if s.reaction_uses_v else FUNCTIONS
 
 
+BY_ROWS = {  # what follows from Jacobians, where these are declared
+    "constraint_rows": "constraint_jacobian",
+    "constraint_velocity": "constraint_jacobian",
+    "velocity_constraint_rows": "velocity_constraint_jacobian",
+}
 SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: of arguments, by letter
 
 
@@ -170,6 +178,7 @@ class Called(eqx.Module, Dynamics):
 
     addresses: Any  #: (functions,) float64 with the bits of their addresses
     callbacks: Callbacks = eqx.field(static=True)
+    noise: float = eqx.field(static=True)  # type: ignore[misc] # of the dynamics
 
     @property
     def system(self) -> Any:
@@ -220,9 +229,11 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
         )
     masses = (None if mass is None else np.asarray(mass) for mass in (dynamics.constant_mass, dynamics.inverse_mass))
     derived = {name for name in ("reaction", "velocity_reaction") if declared(dynamics.system, name) is None}
+    inner = innermost(dynamics)
+    derived |= {name for name, rows in BY_ROWS.items() if inner.gives(rows)}
     bits = np.array(addresses, dtype=np.uint64).view(np.float64)
     own = tuple(name for name in FUNCTIONS if name not in derived and (name != "mass" or s.mass == "variable"))
-    return ForeignDynamics(bits, callbacks, s, own, *masses)
+    return ForeignDynamics(bits, callbacks, inner.noise, s, own, *masses)
 
 
 def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:

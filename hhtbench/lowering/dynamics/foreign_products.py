@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared
+from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared, innermost
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, SIZES, Callbacks, Called, foreign_p
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
@@ -47,10 +47,10 @@ class Part(NamedTuple):
 PARTS = {
     "force_q": Part("force_jacobians", 0, "force_q"),
     "force_v": Part("force_jacobians", 1, "force_v"),
-    "constraint_jacobian": Part("constraint_jacobian", None, "constraint_jacobian"),
+    "constraint_jacobian": Part("constraint_rows", None, "constraint_jacobian"),
     "constraint_velocity_q": Part("constraint_velocity_jacobian", None, "constraint_jacobian"),
     "reaction_q": Part("reaction_jacobians", 0, "reaction_q"),
-    "velocity_constraint_jacobian": Part("velocity_constraint_jacobian", None, "velocity_constraint_jacobian"),
+    "velocity_constraint_jacobian": Part("velocity_constraint_rows", None, "velocity_constraint_jacobian"),
     "velocity_constraint_q": Part("velocity_constraint_position_jacobian", None, "velocity_constraint_q"),
     "velocity_reaction_v": Part("velocity_reaction_jacobians", 0, "velocity_reaction_v"),
     "mass_matrix": Part("mass", None, "mass_matrix"),
@@ -199,7 +199,7 @@ def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
     callbacks = Callbacks(dynamics.system)
     bits = np.array([_address(dynamics, name, patterns, callbacks) for name in NAMES], dtype=np.uint64).view(np.float64)
     structure = replace(s, mass="sparse") if sparse else s
-    return ForeignProducts(bits, callbacks, structure, patterns, mass, inverse, entries)
+    return ForeignProducts(bits, callbacks, innermost(dynamics).noise, structure, patterns, mass, inverse, entries)
 
 
 def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callbacks) -> int:

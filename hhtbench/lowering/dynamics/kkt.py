@@ -50,7 +50,7 @@ def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:
     residual = [dynamics.residual(t, q, v, mass @ vdot, lam, mu), rows @ vdot + rest]
     top = [mass]
     if s.m:
-        top.append(-dynamics.reaction_jacobians(t, q, v, lam)[2])
+        top.append(-dynamics.reaction_columns(t, q, v, lam))
     if s.p:
         top.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
     bottom = [rows, xp.zeros((s.m + s.p, s.m + s.p))]

@@ -13,11 +13,19 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import FLOAT, all_finite, real_values
-from hhtbench.counting import note_callback
+from hhtbench.counting import differencing, kept_of_solve, note_callback
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering.dynamics.differences import derivative, derivative_along, second_derivative_along
+from hhtbench.lowering.dynamics.differences import (
+    EPS,
+    MIXED_STEP,
+    derivative,
+    derivative_along,
+    product,
+    second_derivative,
+    second_derivative_along,
+)
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
-from hhtbench.protocol import SIGNATURES, NumpySystem, declared, signature_of
+from hhtbench.protocol import SIGNATURES, NumpySystem, checked_patterns, declared, full_pattern, signature_of
 
 ROWS = {
     "force": "one entry per coordinate",
@@ -25,6 +33,11 @@ ROWS = {
     "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
     "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
 }
+
+
+MOST_BYTES = 2**20  # of Jacobians that one solve keeps: those of the ends of steps serve their rows
+FEWEST_PLACES = 6  # the start of a step, its stage and its end, each by either order
+NOISE = EPS ** (2 / 3)  # relative error of reactions by differences of second order
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,13 @@ class NumpyDynamics(Dynamics):
     @property
     def xp(self) -> Any:
         return np
+
+    @property
+    def noise(self) -> float:  # type: ignore[override] # depends on what is declared
+        s, gives = self.structure, self.gives
+        position = s.m and not (gives("reaction") or gives("constraint_jacobian"))
+        velocity = s.p and not (gives("velocity_reaction") or gives("velocity_constraint_jacobian"))
+        return NOISE if position or velocity else 0.0
 
     @cached_property
     def functions(self) -> dict[str, Callable[..., Any]]:
@@ -75,12 +95,14 @@ class NumpyDynamics(Dynamics):
         return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
-        return derivative(function, x, order, self.patterns.get(pattern), least=self.least)
+        with differencing(self.gives):
+            return derivative(function, x, order, self.patterns.get(pattern), least=self.least)
 
     @cached_property
     def patterns(self) -> dict[str, Any]:
         """The patterns that are declared, and those of default reactions, which follow."""
-        found = dict(declared(self.system, "sparsity") or {})
+        given = checked_patterns(declared(self.system, "sparsity"))
+        found = {name: full_pattern(pattern) for name, pattern in given.items()}
         for name, of_rows in (("reaction", "constraint_jacobian"), ("velocity_reaction", "velocity_constraint_jacobian")):
             if of_rows in found and not self.gives(name):
                 rows = np.asarray(found[of_rows], dtype=np.float64)
@@ -88,14 +110,96 @@ class NumpyDynamics(Dynamics):
         return found
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v, least=self.least)
+        with differencing(self.gives):
+            return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v, least=self.least)
+
+    def _kept(self, name: str, make: Callable[..., Any], t: Any, *place: Any) -> Any:
+        """What ``make`` gives at a place, remembered of the last places of the solve."""
+        kept, key = kept_of_solve(), (id(self), name, float(t), *(np.asarray(x).tobytes() for x in place))
+        owner, found = kept.pop(key, (None, None))
+        if owner is not self:
+            found = make(t, *place)
+            found.setflags(write=False)
+        kept[key] = self, found  # the last one asked for stands last
+        if len(kept) > max(FEWEST_PLACES, MOST_BYTES // found.nbytes):
+            del kept[next(iter(kept))]
+        return found
+
+    @unless_given
+    def constraint_jacobian(self, t: Any, q: Any) -> Any:
+        """g_q (m, n), whose error of 1e-12 is the drift floor."""
+        return self._kept("constraint_jacobian", super().constraint_jacobian, t, q)
+
+    @unless_given
+    def velocity_constraint_jacobian(self, t: Any, q: Any, v: Any) -> Any:
+        """k_v (p, n), likewise."""
+        return self._kept("velocity_constraint_jacobian", super().velocity_constraint_jacobian, t, q, v)
+
+    @unless_given
+    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
+        """g_t + g_q v (m,): without a declared Jacobian the product by differences along v, which takes four calls."""
+        if self.gives("constraint_jacobian"):
+            return super().constraint_velocity(t, q, v)
+        with differencing(self.gives):
+            along = product(lambda x: self.constraint(t, x), q, v, least=self.least)
+        return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
+
+    @unless_given
+    def constraint_velocity_jacobian(self, t: Any, q: Any, v: Any) -> Any:
+        """(g_t + g_q v)_q (m, n): without a declared Jacobian from second differences of g, for Newton's matrix."""
+        if self.gives("constraint_jacobian"):
+            return super().constraint_velocity_jacobian(t, q, v)
+
+        def velocity(x: Any) -> Any:
+            return derivative_along(lambda e: self.constraint(t + e, x + e * v), float(t), q, v, 2, least=self.least)
+
+        with differencing(self.gives):
+            pattern = self.patterns.get("constraint_jacobian")
+            return derivative(velocity, q, 1, pattern, least=self.least, step=MIXED_STEP)
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
-        return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v, least=self.least)
+        with differencing(self.gives):
+            return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v, least=self.least)
+
+    def constraint_rows(self, t: Any, q: Any) -> Any:
+        """g_q (m, n), without a declared Jacobian with an error of 4e-11, by half the calls."""
+        if self.gives("constraint_jacobian"):
+            return self.constraint_jacobian(t, q)
+        rows = lambda t, q: self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian", 2)  # noqa: E731
+        return self._kept("constraint_rows", rows, t, q)
+
+    def reaction_jacobians(self, t: Any, q: Any, v: Any, lam: Any) -> tuple[Any, Any, Any]:
+        """Q_q (n, n), Q_v, None where it is zero, and Q_lam (n, m): without a declared Jacobian by second differences of g."""
+        if any(map(self.gives, ("reaction", "reaction_jacobians", "constraint_jacobian"))):
+            return super().reaction_jacobians(t, q, v, lam)
+        with differencing(self.gives):
+            pattern = self.patterns.get("constraint_jacobian")
+            by_q = -second_derivative(lambda x: self.constraint(t, x), q, lam, pattern, least=self.least)
+        return by_q, None, self.reaction_columns(t, q, v, lam)
+
+    def velocity_constraint_rows(self, t: Any, q: Any, v: Any) -> Any:
+        """k_v (p, n), like :meth:`constraint_rows`."""
+        if self.gives("velocity_constraint_jacobian"):
+            return self.velocity_constraint_jacobian(t, q, v)
+
+        def rows(t: Any, q: Any, v: Any) -> Any:
+            return self.jacobian(lambda x: self.velocity_constraint(t, q, x), v, "velocity_constraint_jacobian", 2)
+
+        return self._kept("velocity_constraint_rows", rows, t, q, v)
+
+    @unless_given
+    def velocity_reaction_jacobians(self, t: Any, q: Any, v: Any, mu: Any) -> tuple[Any, Any]:
+        """Q_k by v (n, n) and by mu (n, p), like :meth:`reaction_jacobians`."""
+        if self.gives("velocity_reaction") or self.gives("velocity_constraint_jacobian"):
+            return super().velocity_reaction_jacobians(t, q, v, mu)
+        with differencing(self.gives):
+            pattern = self.patterns.get("velocity_constraint_jacobian")
+            by_v = -second_derivative(lambda x: self.velocity_constraint(t, q, x), v, mu, pattern, least=self.least)
+        return by_v, -self.velocity_constraint_rows(t, q, v).T
 
 
 def checked_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:

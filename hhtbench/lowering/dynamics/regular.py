@@ -55,6 +55,8 @@ class ReducedDynamics(Wrapper):
         if name.endswith("reaction_jacobians"):
             *others, by_multipliers = value
             return *others, by_multipliers[:, kept]
+        if name == "reaction_columns":
+            return value[:, kept]
         return value[kept] if "constraint" in name else value
 
 
@@ -137,8 +139,8 @@ class AugmentedDynamics(Wrapper):
 
     def rows(self, t: Any, q: Any) -> Any:
         """C (rows, n) as a function of (t, q)."""
-        at_rest = lambda: self.velocity_constraint_jacobian(t, q, 0.0 * q)  # noqa: E731
-        return self._stacked(lambda: self.constraint_jacobian(t, q), at_rest)
+        at_rest = lambda: self.velocity_constraint_rows(t, q, 0.0 * q)  # noqa: E731
+        return self._stacked(lambda: self.constraint_rows(t, q), at_rest)
 
     def mass(self, t: Any, q: Any) -> Any:
         rows = self.rows(t, q)

@@ -163,7 +163,7 @@ def _matrix_rows(
     if s.m and layout.end_unknown:
         rows.append(_end_reaction_row(dynamics, layout, unknown, known, place, q_x, v_x))
     if s.m:
-        jacobian = dynamics.constraint_jacobian(t1, place.q1)
+        jacobian = dynamics.constraint_rows(t1, place.q1)
         velocity_q = dynamics.constraint_velocity_jacobian(t1, place.q1, place.v1)
         rows.append((2.0 / (h * h)) * (jacobian @ q_x))
         rows.append((velocity_q @ q_x + jacobian @ v_x) / h)
@@ -197,7 +197,7 @@ def _velocity_constraint_rows(
     own = scaled_mass(dynamics, known, t, q)
     reaction = columns(dynamics, layout, row, Rk=own, mu=-accelerate(dynamics, known, by_mu))
     k_q = dynamics.velocity_constraint_position_jacobian(known["t1"], place.q1, place.v1)
-    k_v = dynamics.velocity_constraint_jacobian(known["t1"], place.q1, place.v1)
+    k_v = dynamics.velocity_constraint_rows(known["t1"], place.q1, place.v1)
     return [reaction, (k_q @ q_x + k_v @ v_x) / known["h"]]
 
 
@@ -209,7 +209,7 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
     if s.p:
         q_blocks["Rk"], v_blocks["Rk"] = 0.5 * h * h * eye, h * eye
     if s.m:
-        at_start = dynamics.reaction_jacobians(known["t0"], known["q0"], known["v0"], unknown["lam0"])[2]
+        at_start = dynamics.reaction_columns(known["t0"], known["q0"], known["v0"], unknown["lam0"])
         at_start = accelerate(dynamics, known, at_start)
         q_blocks["lam0"], v_blocks["lam0"] = known["q_R0"] * at_start, known["v_R0"] * at_start
     if s.m and layout.end_unknown:

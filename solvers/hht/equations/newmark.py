@@ -131,7 +131,7 @@ class _Step:
         q_blocks, v_blocks = {"a": terms.q_a * eye}, {"a": terms.v_a * eye}
         if self.first != "lam1" and self.layout.structure.m:
             at = self.start["t"], self.start["q"], self.start["v"], self.unknown[self.first]
-            by_lam = accelerate(d, self.start, d.reaction_jacobians(*at)[2])
+            by_lam = accelerate(d, self.start, d.reaction_columns(*at))
             q_blocks[self.first], v_blocks[self.first] = terms.q_R0 * by_lam, terms.v_R0 * by_lam
         return columns(d, self.layout, None, **q_blocks), columns(d, self.layout, None, **v_blocks)
 

@@ -15,6 +15,7 @@ from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, nat
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.dynamics.dynamics import innermost
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
 from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
@@ -43,6 +44,7 @@ from solvers.hht.step.newton import NewtonOptions
 LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
+NOISE_MARGIN = 8.0  # times the error of a reaction by differences: Newton's increments stop shrinking there
 FULL = "its matrices are full (a NumPy system without patterns, a mass that fills or is singular, or without=zeros)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
@@ -63,7 +65,7 @@ class Functions:
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
-        self.newton = NewtonOptions()
+        self.newton = NewtonOptions(tolerance=max(NewtonOptions.tolerance, NOISE_MARGIN * innermost(dynamics).noise))
         self._sizes = memory_sizes(layout)
         self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
         self._codes: dict[str, Code] = {}
