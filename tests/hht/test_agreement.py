@@ -13,8 +13,10 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.scalar_compiler import compiler
 from problems.stiff_spring_pendulum import problem as stiff_spring
 from solvers.hht import HHT, Event
+from solvers.hht.equations.coefficients import REACTIONS
 from solvers.hht.run import functions, idle
 from solvers.hht.run.stepper import Stepper
+from solvers.hht.verify import rivals
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
 STEPS = 20
@@ -30,12 +32,13 @@ METHODS = [
     {"alpha": -0.1, "start": "shifted"},
     {"alpha": -0.2, "start": "trapezoidal", "rescale_a": False},
 ]
+EXTRAPOLATED = ({}, {"b": 0.2}, *({"reaction": name} for name in REACTIONS[1:]))
 MIXED = ["jay_negrut_pendulum", "andrews", "rolling_disk_incline", "jay_negrut_test1", "knife_edge", "oscillator_chain"]
 
 
-def solve(problem, span=None, options=None, **request):
+def solve(problem, span=None, options=None, kind=HHT, **request):
     guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-    hht = HHT(problem.system, **(options or {}))
+    hht = kind(problem.system, **(options or {}))
     return hht.solve(span or problem.t_span, problem.q0, problem.v0, **guesses, **request)
 
 
@@ -86,16 +89,26 @@ def test_the_library_is_all_there():
 
 
 @pytest.mark.parametrize(
-    ("name", "options"),  # each of one with every second of the other
-    [(name, options) for i, name in enumerate(MIXED) for j, options in enumerate(METHODS) if (i + j) % 2 == 0],
+    ("name", "options"),
+    [
+        *((name, options) for i, name in enumerate(MIXED) for j, options in enumerate(METHODS) if (i + j) % 2 == 0),
+        *(("simple_pendulum", {"extrapolate_reaction": True, **options}) for options in EXTRAPOLATED),
+    ],
     ids=str,
 )
 def test_every_method_moves_the_same(name, options):
+    """Each of the problems with every second of the methods, and extrapolated multipliers."""
     problem = hb.load_problem(name)
     t0, t1 = problem.t_span
     lengths = 1e-4 * (t1 - t0) * np.resize([1.0, 1.0, 0.5, 1.4, 1.4, 1.4], STEPS)
     assert_bits(*both(problem, (t0, t0 + float(lengths.sum())), options, steps=lengths))
     assert_bits(*both(problem, None, options, rtol=1e-3, max_num_steps=STEPS))
+
+
+@pytest.mark.parametrize("name", ["ggl", "index3", "extended", "hht_i3", "rattle"])
+def test_the_methods_of_the_field_move_the_same(name):
+    kind, options = rivals.METHODS[name]
+    assert_bits(*both(hb.load_problem("simple_pendulum"), (0.0, 0.3), options, kind=kind, steps=30))
 
 
 @pytest.mark.parametrize("how", [{"step": 1e-3}, {"rtol": 1e-4}], ids=str)

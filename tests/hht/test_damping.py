@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hhtbench import load_solver
-from hhtbench.errors import ProblemError
 from hhtbench.registry import load_verification
 from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
@@ -77,26 +76,6 @@ def test_rho_inf_makes_the_same_steps_as_its_alpha():
 def test_without_either_alpha_is_its_default():
     assert HHT(pendulum()).options.method().coefficients.alpha == -0.05
     assert HHT(pendulum(), alpha=None, rho_inf=None).options.method().coefficients.alpha == -0.05
-
-
-@pytest.mark.parametrize(
-    "make", [lambda **o: HHT(pendulum(), **o), lambda **o: load_solver("hht", **o)], ids=["HHT", "spec"]
-)
-@pytest.mark.parametrize(
-    ("options", "error", "text"),
-    [
-        ({"alpha": -0.1, "rho_inf": 0.8}, ProblemError, "alpha = -0.1 and rho_inf = 0.8. Give one of them"),
-        ({"alpha": 0.0, "rho_inf": 1.0}, ProblemError, "Give one of them"),
-        ({"rho_inf": 0.49}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 0.49"),
-        ({"rho_inf": 1.01}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 1.01"),
-        ({"rho_inf": -0.5}, ProblemError, r"rho_inf must lie in \[1/2, 1\]"),
-        ({"rho_inf": float("nan")}, ProblemError, "rho_inf must be finite"),
-        ({"rho_inf": "0.8"}, TypeError, "rho_inf must be a real number"),
-    ],
-)
-def test_wrong_rho_inf_is_refused_with_the_range_or_the_conflict(make, options, error, text):
-    with pytest.raises(error, match=text):
-        make(**options)
 
 
 def test_spec_takes_rho_inf():

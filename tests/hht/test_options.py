@@ -16,7 +16,7 @@ MAKERS = {"HHT": lambda **o: HHT(JAX_PENDULUM, **o), "spec": lambda **o: load_so
 
 
 @pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
-@pytest.mark.parametrize("name", ["alfa", "control", "event"])
+@pytest.mark.parametrize("name", ["alfa", "control", "event", "rtol", "step"])
 def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
     with pytest.raises(TypeError, match=rf"does not know {name}; known: alpha, rho_inf, .*, calc_initcond"):
         make(**{name: 1})
@@ -27,6 +27,12 @@ def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
     ("options", "error", "text"),
     [
         ({"alpha": 0.1}, ProblemError, r"alpha must lie in \[-1/3, 0\]; got 0.1"),
+        ({"alpha": -0.1, "rho_inf": 0.8}, ProblemError, "alpha = -0.1 and rho_inf = 0.8. Give one of them"),
+        ({"alpha": 0.0, "rho_inf": 1.0}, ProblemError, "Give one of them"),
+        ({"rho_inf": 0.49}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 0.49"),
+        ({"rho_inf": 1.01}, ProblemError, r"rho_inf must lie in \[1/2, 1\]; got 1.01"),
+        ({"rho_inf": float("nan")}, ProblemError, "rho_inf must be finite"),
+        ({"rho_inf": "0.8"}, TypeError, "rho_inf must be a real number"),
         ({"b": 0.5}, ProblemError, "b must not be 1/2"),
         ({"b": "0"}, TypeError, "b must be a real number"),
         ({"b": 0.1, "reaction": "midpoint"}, ProblemError, "defined for b = 0; got b = 0.1"),

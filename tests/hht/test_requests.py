@@ -1,11 +1,11 @@
-"""Bad requests, intervals and options are refused by name before anything is called."""
+"""Bad requests and intervals are refused by name before anything is called."""
 
 import numpy as np
 import pytest
 
 from hhtbench.protocol import NumpySystem
-from solvers.hht import HHT, solver
-from tests.hht.scenes import Q0, V0, pendulum
+from solvers.hht import HHT
+from tests.hht.scenes import Q0, V0
 
 BAD_REQUESTS = [
     ({"rtol": -1e-6}, "rtol"),
@@ -85,14 +85,6 @@ BAD_SPANS = [
 def test_a_bad_interval_is_refused_by_name_before_any_callback(span):
     with pytest.raises((ValueError, TypeError), match="tspan"):
         HHT(NumpySystem(force=never)).solve(span, Q0, V0, step=0.1)
-
-
-@pytest.mark.parametrize("options", [{"alhpa": -0.1}, {"rtol": 1e-6}, {"step": 0.1}])
-def test_an_unknown_option_of_the_solver_is_a_type_error_that_names_it(options):
-    (name,) = options
-    for make in (lambda **o: HHT(pendulum(), **o), solver):
-        with pytest.raises(TypeError, match=name):
-            make(**options)
 
 
 def test_an_unknown_keyword_of_solve_is_a_type_error_that_lists_the_known_ones():

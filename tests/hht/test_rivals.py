@@ -1,9 +1,7 @@
 """Generalised-alpha, HHT-I3 and RATTLE keep the orders they were published with, in the loop of HHT."""
 
 from dataclasses import replace
-from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,12 +10,9 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request
 from solvers.hht import HHT, Event
-from solvers.hht.equations.discretise import unpack_matrix
-from solvers.hht.equations.methods import equations_of
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.verify import rivals
 from solvers.hht.verify.rivals import METHODS, QUANTITIES, SWING
-from tests.lowering.xla import values
 
 SMALL = replace(SWING, counts=(400, 800))
 TOP = replace(rivals.CASES[1], counts=(200, 400))
@@ -91,31 +86,6 @@ def test_rattle_has_the_period_of_the_leapfrog_where_the_force_depends_on_the_po
     assert rivals.leapfrog().passed
 
 
-@pytest.mark.parametrize(
-    ("method", "name"),
-    [*((method, "sundials_slider_crank") for method in OURS), ("ggl", "heavy_top"), ("hht_i3", "heavy_top")],
-)
-def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, method):
-    """As of HHT: variable mass, forces by velocities, a drive; at random unknowns."""
-    problem, (kind, options) = hb.load_problem(name), METHODS[method]
-    integrator = kind(problem.system, **options)
-    integrator.init_step(problem.t_span[0], problem.q0, problem.v0, step=1e-3)
-    for _ in range(2):
-        assert integrator.step() is hb.Status.success
-    engine = integrator._engine
-    layout, static = engine.layout, (engine.dynamics, engine.method, engine.layout)
-    unknowns, given = np.split(integrator.state.factorised.at, [layout.size])
-    x, given = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size)), jnp.asarray(given)
-    equations = equations_of(engine.method)
-    whole = partial(equations.residual_and_ends, *static)
-    assembled = partial(equations.residual_and_matrix, *static)
-    both, ends, wanted = values((assembled, whole, jax.jacfwd(whole)), x, given)
-    residual, blocks = unpack_matrix(layout, both)
-    np.testing.assert_array_equal(residual, ends[: layout.size])
-    sizes = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1e-300)
-    np.testing.assert_allclose(blocks / sizes, wanted / sizes, rtol=0, atol=1e-12)
-
-
 def test_steps_too_short_for_methods_that_hold_positions_alone_are_no_reason_for_shorter_ones():
     """Newton's iteration then stops at the roundoff of positions."""
     solution = hb.solve("andrews", "hht_i3(alpha=-0.05)", steps=1_000_000, max_num_steps=1_000)
@@ -140,17 +110,6 @@ def test_nor_is_roundoff_of_earlier_steps_the_cause_of_a_later_failure(first, la
     while integrator.state.t <= jump + later and statuses[-1] is hb.Status.success:
         statuses.append(integrator.step())
     assert statuses[-1] is hb.Status.newton_failed, integrator.message
-
-
-@pytest.mark.parametrize("method", OURS)
-def test_compiled_and_plain_loops_make_the_same_steps(method):
-    problem, (kind, options) = hb.load_problem("simple_pendulum"), METHODS[method]
-    runs = [kind(problem.system, engine=e, **options).solve((0.0, 0.3), problem.q0, problem.v0, steps=30) for e in ENGINES]
-    for name in ("q", "v", "lam"):
-        np.testing.assert_allclose(getattr(runs[0], name), getattr(runs[1], name), rtol=1e-11, atol=1e-12)
-
-
-ENGINES = ("compiled", "python")
 
 
 @pytest.mark.parametrize("method", OURS)

@@ -63,7 +63,8 @@ def verify_b(progress: Progress | None = None, jobs: int = 1) -> Evidence:
 
 def stability(ratio: float) -> Row:
     """Small vibrations of a hanging double pendulum, whose tension is constant, against (H33)."""
-    wrong, methods = list[str](), [*({"b": b} for b in WEIGHTS), {"b": 0.0, "reaction": "midpoint"}]
+    methods: list[Method] = [*({"b": b} for b in WEIGHTS), {"b": 0.0, "reaction": "midpoint"}]
+    wrong = list[str]()
     for method in methods:
         limit = 2.0 / math.sqrt(1.0 - 2.0 * method["b"])  # (H33)
         for factor in (1.0 - ASIDE, 1.0 + ASIDE):
