@@ -175,7 +175,7 @@ class Solution(Filled):
     t: Vector  #: (n_t,) [s]
     q: Matrix  #: (n_t, n)
     v: Matrix  #: (n_t, n)
-    lam: Matrix  #: (n_t, m) multipliers of the position constraints; nan, as mu, beside a singular position (HHT, (H51))
+    lam: Matrix  #: (n_t, m) multipliers of the position constraints
     mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
     status: Status
     message: str  #: what happened, where, and what to do

@@ -29,7 +29,6 @@ ADVICE = (
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
-Check = Callable[[Any], str]  # told which rows have multipliers of this level: takes away what is wrong, and says so
 
 
 class OwnMultipliers(NamedTuple):
@@ -61,7 +60,6 @@ def solution_of(
     note: str = "",
     *,
     carried: Mapping[str, Matrix] | None = None,
-    check: Check | None = None,
     **more: Any,
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
@@ -69,7 +67,7 @@ def solution_of(
     ``note`` ends its message; ``more`` are other fields of it, and ``_read(name)`` gives those that are made when read.
     """
     with run.work.for_output():
-        found = whole = recover_multipliers(run, rows, own, recover_many, check)
+        found = whole = recover_multipliers(run, rows, own, recover_many)
         if unreduced(run.dynamics) is not run.dynamics:
             steps = more.get("interpolant") or more.get("_read", {}.get)("interpolant")
             whole = _of_all_constraints(run, rows, found, steps)
@@ -99,20 +97,18 @@ def _noted(end: Failure, found: Recovered) -> Failure:
     return Failure(end.status, sentences(end.message, found.note))
 
 
-def recover_multipliers(
-    run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None, check: Check | None = None
-) -> Recovered:
+def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
     """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
 
     Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
-    where it is not finite.  What is found is given to ``check``.
+    where it is not finite.
     """
     if not run.dynamics.structure.constrained:
         return Recovered(own.lam, own.mu)
     times = rows[0]
     done = _together(recover_many, times.size)
     found = _one_by_one(run, rows, own, done, times.size if recover_many is None else AGAIN)
-    note = f"{found.note} {check(done) if check else ''}".strip()
+    note = found.note
     if found.instead is None and np.count_nonzero(done) < done.size:  # in a fifth of the time of all()
         undetermined = times[~done]
         first = f"The acceleration level determines no multipliers at {undetermined.size} times, first at "

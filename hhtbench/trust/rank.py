@@ -13,7 +13,7 @@ from hhtbench.result import Solution
 from hhtbench.trust.levels import spread
 from hhtbench.trust.sizes import sizes_of
 
-LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known; (H51) gives them up at 1e-3
+LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
 ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
 FEW = 20  # rows that tell what singular values are elsewhere
 

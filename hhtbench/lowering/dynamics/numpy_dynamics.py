@@ -173,7 +173,7 @@ class NumpyDynamics(Dynamics):
         return self._kept("constraint_rows", rows, t, q)
 
     def reaction_jacobians(self, t: Any, q: Any, v: Any, lam: Any) -> tuple[Any, Any, Any]:
-        """Q_q (n, n), Q_v, None where it is zero, and Q_lam (n, m): without a declared Jacobian by second differences of g."""
+        """Q_q (n, n), Q_v (None where it is zero), Q_lam (n, m); second differences of g without a declared Jacobian."""
         if any(map(self.gives, ("reaction", "reaction_jacobians", "constraint_jacobian"))):
             return super().reaction_jacobians(t, q, v, lam)
         with differencing(self.gives):

@@ -18,7 +18,6 @@ from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.memory import copied
-from solvers.hht.run.beside import Beside, restore_moved, some_of
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
@@ -50,15 +49,12 @@ def projection_of(engine: Engine) -> Callable[[Any], OnConstraints]:
 
 
 def _projection(dynamics: Dynamics, functions: Functions | None, steps: Any, *, held: bool) -> OnConstraints:
-    beside = Beside(dynamics, some_of(steps.t, steps.q, steps.v))
-    return OnConstraints(dynamics, partial(_put_later, beside, functions), steps, held=held)
+    return OnConstraints(dynamics, partial(_put_later, dynamics, functions), steps, held=held)
 
 
-def _put_later(beside: Beside, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> str:
-    """:func:`put` without the counts and budgets of the run, where that leaves a digit; what is to be said of it."""
-    before = q.copy(), v.copy()
-    unmet = put(beside.dynamics, functions, t, q, v, sizes)
-    return f"{unmet} {restore_moved(beside, t, (q, v), before)}".strip()
+def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> str:
+    """:func:`put` without the counts and budgets of the run; what is to be said of it."""
+    return str(put(dynamics, functions, t, q, v, sizes))
 
 
 def put(

@@ -23,7 +23,6 @@ from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
-from solvers.hht.run.beside import settle
 from solvers.hht.run.causes import diagnosed, explained, growing_vibration, unresolved_forces
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
@@ -97,22 +96,14 @@ class Integration:
         engine = stepper.engine
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        before = (rows.q, rows.v) if rows.between is None else (rows.q.copy(), rows.v.copy())
         unmet, own, carried = self._put_on_constraints(engine, rows), own_multipliers(rows), None
-        steps = own.lam.copy(), own.mu.copy()
         if self.request.t_eval is None and engine.structure.constrained:
-            carried = dict(zip(("lam", "mu"), padded(engine.dynamics, *steps), strict=True))
-
-        def check(done: Any) -> str:
-            return settle(engine.dynamics, self.place, rows, before, np.hstack(steps), done)
-
+            carried = dict(zip(("lam", "mu"), padded(engine.dynamics, own.lam.copy(), own.mu.copy()), strict=True))
         note = " ".join(filter(None, (unmet, *self.history.remarks(), note)))
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
         more = self.history.kept(projection_of(engine)) | self._diagnosis(end)
-        if engine.method.coefficients.both_levels and rows.t.size:
-            more["check"] = check
         motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
@@ -220,7 +211,7 @@ def go_beyond(
     if stepper.events:
         return ends_at(position, "events would not be seen there")
     if often:
-        return ends_at(position, f"the run has stepped over {CROSSED:d} and more already, one every {BETWEEN:d} steps or less")
+        return ends_at(position, f"the run has stepped over {CROSSED} and more already, one every {BETWEEN} steps or less")
     found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
     if isinstance(found, str):
         return ends_at(position, found)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
 from solvers.hht.loops import memory as mem
-from solvers.hht.run.beside import FEW, Beside
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.projecting import put_on_constraints
@@ -222,14 +220,8 @@ class Stepper:
         q, v = (np.atleast_2d(x) for x in output(t))
         if t in output.t or not (self.engine.structure.constrained and self.engine.method.coefficients.both_levels):
             return q[0], v[0], ""
-        at, before = np.array([t]), (q.copy(), v.copy())
-        unmet = put_on_constraints(self.engine, at, q, v, sizes_from(output.q, output.v))
-        found = self._beside.restore(np.zeros(1), FEW, at, (q, v), before)
-        return q[0], v[0], f"{unmet} {found.text(f'at t = {t:.17g}')}".strip()
-
-    @cached_property
-    def _beside(self) -> Beside:
-        return Beside(self.engine.dynamics, (self.engine.place,))
+        unmet = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v))
+        return q[0], v[0], str(unmet)
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
