@@ -28,8 +28,8 @@ def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs:
         from hhtbench.report import write_report
 
     require_folder(json_file)
-    with progress() as told:
-        evidence = load_verification(name)(told.advance, jobs)
+    with progress() as bar:
+        evidence = load_verification(name)(bar.advance, jobs)
     if folder is not None:
         write_report(evidence, folder, f"hhtbench verify {name} --report {shown(folder)}")
     conclude(evidence, json_file)
