@@ -122,8 +122,8 @@ class differencing:
 
     def __enter__(self) -> None:
         clock = self._clock
-        if clock is not None and clock.in_difference:
-            self._clock = None  # part of another one
+        if clock is not None and (clock.in_difference or clock.work is None):
+            self._clock = None  # it is part of another one, or of no motion
         elif clock is not None:
             clock.in_difference, self._began = True, time.perf_counter()
 

@@ -91,7 +91,7 @@ class Status(enum.Enum):
 class Counters(Filled):
     """Work done; None means not reported, never zero instead.
 
-    One residual evaluation is one point (t, q, v) where F is evaluated, those for differences included.  Those that
+    One residual evaluation is one point (t, q, v) where F is evaluated, or another function for differences.  Those that
     output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each; none
     where the functions are in Python), are ``output_evaluations`` and in no other counter, so that work does not depend on
     how much output is asked for.  A budget of evaluations ends with the steps.

@@ -18,7 +18,7 @@ from scipy.optimize._numdiff import group_columns
 
 EPS = float(np.finfo(np.float64).eps)
 STEP = {1: 2.0**-26, 2: 2.0**-17, 4: 2.0**-10}  # near eps**(1/(order + 1)): truncation against roundoff
-MIXED_STEP = 2.0**-13  # near eps**(1/4) of second differences, whose relative error is 1e-4: for Newton's matrix only
+MIXED_STEP = 2.0**-13  # near eps**(1/4), of second differences, whose error of 1e-7 only serves Newton's matrix
 SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
 COMMON = 1e-2, 1e2  # where the largest coordinate is in between, those near zero may count as of size one
 ALIKE = 1e-4  # relative difference of derivatives by two steps, neither of which is too long or too short
@@ -115,7 +115,7 @@ def second_derivative(
 ) -> np.ndarray:
     """The matrix (n, n) of second derivatives at ``x`` (n,) of the ``weights`` (rows,) times ``function``.
 
-    With k groups of columns, all n of them without a ``pattern`` (rows, n), it takes (k + 1)(k + 2) / 2 evaluations.
+    With k groups of columns, all n of them without a ``pattern`` (rows, n), it takes k (k + 3) + 1 evaluations.
     """
     x = np.asarray(x, dtype=np.float64)
     pattern = np.ones((np.size(weights), x.size)) if pattern is None else pattern
@@ -125,12 +125,13 @@ def second_derivative(
     column = np.full((np.size(weights), count), -1)  # of each row in each group
     column[rows, groups[columns]] = columns
     moves = [steps * (groups == k) for k in range(count)]
-    base, moved, result = function(x), [function(x + move) for move in moves], np.zeros((x.size, x.size))
+    twice = lambda move: function(x + move) + function(x - move)  # noqa: E731
+    base, moved, result = 2.0 * function(x), [twice(move) for move in moves], np.zeros((x.size, x.size))
     for a in range(count):
         for b in range(a + 1):
             there = (column[:, a] >= 0) & (column[:, b] >= 0)
             i, j = column[there, a], column[there, b]
-            change = function(x + moves[a] + moves[b]) - moved[a] - moved[b] + base
+            change = 0.5 * (twice(moves[a] + moves[b]) - moved[a] - moved[b] + base)
             value = (weights * change)[there] / (steps[i] * steps[j])
             np.add.at(result, (i, j), value)
             if a != b:

@@ -155,7 +155,7 @@ class NumpyDynamics(Dynamics):
 
         with differencing(self.gives):
             pattern = self.patterns.get("constraint_jacobian")
-            return derivative(velocity, q, 1, pattern, least=self.least, step=MIXED_STEP)
+            return derivative(velocity, q, 2, pattern, least=self.least, step=MIXED_STEP)
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
@@ -173,7 +173,7 @@ class NumpyDynamics(Dynamics):
         return self._kept("constraint_rows", rows, t, q)
 
     def reaction_jacobians(self, t: Any, q: Any, v: Any, lam: Any) -> tuple[Any, Any, Any]:
-        """Q_q (n, n), Q_v (None where it is zero), Q_lam (n, m); second differences of g without a declared Jacobian."""
+        """Q_q (n, n), Q_v, None where it is zero, and Q_lam (n, m), without a declared Jacobian by second differences."""
         if any(map(self.gives, ("reaction", "reaction_jacobians", "constraint_jacobian"))):
             return super().reaction_jacobians(t, q, v, lam)
         with differencing(self.gives):

@@ -140,9 +140,15 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         near = max(reach, BESIDE * last.scale)
         if found is None or not abs(found.t - last.t) <= near:
             return None
-        return _dependent(rows, clear or elsewhere, found)
+        return _dependent(rows, clear or elsewhere, _on_constraints(rows, found))
     except (BudgetSpent, NonFiniteValue, linalg.LinAlgError):
         return None
+
+
+def _on_constraints(rows: UnitRows, place: Place) -> Place:
+    """The nearest place on the constraints: an extrapolated motion may leave them and lose rank where no mechanism is."""
+    q, v = rows.projection.nearest(place.t, place.q, place.v)
+    return replace(place, q=q, v=v) if np.isfinite(q).all() else place
 
 
 def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
