@@ -27,10 +27,7 @@ RUN_ENDS = list(Status)[: list(Status).index(Status.deadline) + 1]  # those afte
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
 ENERGY = 6.0  # times (h rate)^2 of the energies in play: with the speeds that forces could make, times those there are
 TOLERANCES = 50.0  # of error control, over a radian: so many tolerances
-BESIDE, LOST = (
-    "beside a singular position",
-    "is off by",
-)  # in messages: of rows without multipliers; of the end
+LOST = "is off by"  # in messages: of the end
 
 
 def judged(setting: Setting) -> None:
@@ -67,10 +64,8 @@ def trajectory(setting: Setting, s: Solution) -> None:
     expect(s.t.size or not s.success, "success without rows")
     if not s.t.size:
         return
-    aside = beside(s)
     for name in ("t", "q", "v", "lam", "mu"):
         lost = ~np.isfinite(getattr(s, name).reshape(s.t.size, -1)).all(axis=1)
-        lost &= ~aside if name in ("lam", "mu") else True
         expect(not lost.any(), f"row {int(np.argmax(lost))} of {s.t.size}: {name} is not finite")
     ahead = np.diff(s.t) * (1.0 if t1 >= t0 else -1.0)
     expect(np.all(ahead >= 0.0) and (setting.events or np.all(ahead > 0.0)), "times out of order")
@@ -79,12 +74,6 @@ def trajectory(setting: Setting, s: Solution) -> None:
     given = np.array_equal(s.q[0], q0) and np.array_equal(s.v[0], v0)
     expect(given or setting.case.way.options.get("calc_initcond"), "the first row is not the start")
     on_levels(setting, s)
-
-
-def beside(s: Solution):
-    """Which rows (n_t,) have no multipliers, as the message says: they may be off the constraints."""
-    none = np.isnan(np.concatenate([s.lam, s.mu], axis=1)).any(axis=1)
-    return none if BESIDE in s.message else np.zeros(s.t.size, dtype=bool)
 
 
 def some(count: int, most: int = LOOKS):
@@ -98,10 +87,10 @@ def on_levels(setting: Setting, s: Solution) -> None:
     if not (shape.rods or shape.blade) or s.t.size < 2 or (spoil is not None and "constraint" in spoil.where):
         return
     with np.errstate(all="ignore"):
-        aside, limits = beside(s), roundoff(setting, s)
+        limits = roundoff(setting, s)
         for i in some(s.t.size):
             t, last = float(s.t[i]), i == s.t.size - 1
-            if aside[i] or (last and LOST in s.message):
+            if last and LOST in s.message:
                 continue
             for name, off, limit in zip(("q", "v"), judge.off(t, s.q[i], s.v[i]), limits, strict=True):
                 worst = int(np.argmax(off)) if off.size else 0
@@ -110,11 +99,6 @@ def on_levels(setting: Setting, s: Solution) -> None:
                 )
                 most = off.max(initial=0.0)
                 expect(most <= limit, f"{told} by {most:.1e}, {most / limit:.1e} times what may be")
-
-
-def left(s: Solution) -> float:
-    """What share of q or v roundoff leaves in a step, as the message says."""
-    return number(r"Roundoff leaves up to (\S+) of q or v", s)
 
 
 def number(words: str, s: Solution) -> float:
@@ -166,9 +150,7 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
     case, judge, spoil, (size_q, size_v) = setting.case, setting.judge, setting.case.spoil, sizes(setting, s)
     in_q, in_v = rounding(setting, s)
     in_v += NewtonOptions().stagnation * np.abs(np.diff(s.t)).max() * strained(setting, s)
-    if not s.success:  # it has ended for that, and says by how much in the mean of its steps
-        in_v += (s.t.size - 1) * number(r"moves v by (\S+) in a step", s)
-    relative = NewtonOptions().stagnation + left(s)
+    relative = NewtonOptions().stagnation
     if len(judge.distinct) < s.lam.shape[1] + s.mu.shape[1] or not judge.sound:
         relative += CONSISTENT
     if not case.way.declares:
@@ -249,8 +231,6 @@ def multipliers(setting: Setting, s: Solution) -> None:
         if judge.sigma(t, s.q[i]) > CLEAR:
             vdot, _, lam, settled = judge.acceleration(t, s.q[i], s.v[i])
             rows, own = judge.rows(t, s.q[i]), np.concatenate([s.lam[i], s.mu[i]])
-            if BESIDE in s.message and "steps do not resolve" in s.message and np.isnan(own).any():
-                continue  # no step's multipliers are near those of a motion that is none
             mass = formulas.masses(np, judge.shape, judge.p, s.q[i]).max()
             size = mass * np.abs(vdot).max() + (np.abs(rows.T) @ np.abs(lam)).max()
             off = float(np.abs(rows.T @ (own - lam)).max()) / (size + 1e-300)
@@ -284,7 +264,7 @@ def step_error(setting: Setting, s: Solution, i: int, fastest: float) -> float |
         return None
     error, sizes = np.abs(np.concatenate([s.q[i + 1], s.v[i + 1]]) - exact[-1]), np.repeat(judge.sizes, n)
     clock = EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n)  # times are rounded
-    clock += left(s) * sizes + np.repeat(rounding(setting, s), n)
+    clock += np.repeat(rounding(setting, s), n)
     if way.steps:
         in_q, in_v = missed(setting, times, exact, h)
         allowed = np.repeat([in_q, in_v + fastest * in_q], n)

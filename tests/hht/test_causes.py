@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -23,9 +24,7 @@ def engine_of(system: hb.System | hb.NumpySystem, q: list[float], v: list[float]
 
 
 def test_a_spring_between_two_bodies_vibrates_at_the_root_of_stiffness_over_reduced_mass():
-    spring = hb.NumpySystem(
-        mass_matrix=[2.0, 6.0], force=lambda t, q, v: 3e4 * (q[1] - q[0] - 1.0) * np.array([1.0, -1.0])
-    )
+    spring = hb.NumpySystem(mass_matrix=[2.0, 6.0], force=lambda t, q, v: 3e4 * (q[1] - q[0] - 1.0) * np.array([1.0, -1.0]))
     omega, by_reactions = fastest(*engine_of(spring, [0.0, 1.0], [1.0, 1.0]))  # type: ignore[arg-type]
     assert omega == pytest.approx(math.sqrt(3e4 * (1 / 2 + 1 / 6)), rel=1e-3)
     assert by_reactions == 0.0
@@ -76,6 +75,34 @@ def test_contact_that_one_step_jumps_over_is_a_warning():
     coarse, fine = (hb.HHT(floor).solve((0.0, 1.0), [1.0], [0.0], step=h) for h in (1e-2, 1e-5))
     assert "do not resolve the forces" in coarse.message
     assert "do not resolve the forces" not in fine.message
+
+
+class Wall(hb.System):
+    """A bead on a rod between a stiff wall and a flywheel, which feels nothing of it."""
+
+    def force(self, t, q, v):  # type: ignore[no-untyped-def]
+        return jnp.stack([-1e6 * jnp.maximum(q[0] - 1.0, 0.0), 0.0, -1.0])
+
+    def constraint(self, t, q):  # type: ignore[no-untyped-def]
+        return q[2:]
+
+
+@pytest.mark.parametrize("wheel", [0.0, 1e3])
+def test_a_contact_is_found_beside_a_fast_coordinate(wheel: float):
+    """The contact lasts pi ms: steps of 10 ms leave the bead more than 0.1 m from where it bounces to."""
+    coarse = hb.HHT(Wall()).solve((0.0, 2.0), [0.0, 0.0, 0.0], [1.0, wheel, 0.0], step=0.0103)
+    assert coarse.success
+    assert abs(coarse.q[-1, 0] - np.pi * 1e-3) > 0.1
+    assert "forces change v[0]" in coarse.message
+
+
+@pytest.mark.parametrize("load", [1e4, 1e6])
+def test_loads_that_constraints_hold_are_no_warning(load: float):
+    """A point on a circle, pulled outwards by a load that changes in every step: nothing of it is free."""
+    ring = hb.NumpySystem(force=lambda t, q, v: load * np.sin(40.0 * t) * q, constraint=lambda t, q: np.array([q @ q - 1.0]))
+    found = hb.HHT(ring).solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], steps=1000)
+    assert found.success
+    assert "do not resolve" not in found.message
 
 
 @pytest.mark.parametrize("speed", [1.0, 1e-9], ids=["moving", "nearly at rest"])

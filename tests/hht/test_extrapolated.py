@@ -11,7 +11,6 @@ from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients
-from solvers.hht.run.pace import CROWDED
 from solvers.hht.verify.measure import Case, refine, scaled_drift
 from tests.hht.event_scenes import impacts, wall
 from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
@@ -151,37 +150,11 @@ def test_problems_of_every_kind_move_as_without_it(name):
     assert np.max(np.abs(found.q[-1] - wanted.q[-1]) / problem.scales.q) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("options", "angles", "until", "step", "rows"),
-    [
-        ({}, (0.5, 0.501), 0.08, 0.02, {}),
-        ({"b": 0.2}, (0.5, 0.501), 0.2, 0.005, {"t_eval": [0.0, 0.1, 0.2]}),
-        ({"b": 1.0}, (0.5, 0.51), 0.1, 0.05, {}),
-        ({"alpha": -0.02}, (0.5, 0.5), 2.0, 0.05, {}),
-    ],
-)
-def test_a_vibration_that_grows_by_what_extrapolation_errs_by_is_no_success(options, angles, until, step, rows):
-    """Bent rods, or too little damping: the light mass reaches 3 to 2e7 m/s where the motion has 2."""
-    light = DoublePendulum(ratio=1e6)
-    q0 = np.array([np.sin(angles[0]), -np.cos(angles[0]), np.sin(angles).sum(), -np.cos(angles).sum()])
-    solution = HHT(light, **ON, **options).solve((0.0, until), q0, np.zeros(4), step=step, **rows)
-    assert solution.status in (Status.unreliable, Status.newton_failed), solution.message
-    assert "extrapolation" in solution.message
-
-
 @pytest.mark.parametrize("spec", ["car_axis", "hf_linear_constrained", "slider_crank_flexible", "simple_pendulum"])
 def test_coarse_steps_without_such_a_vibration_are_not_doubted(spec):
     """Their multipliers are those of the motion to a third only, as steps are so long or forces so fast."""
     p = hb.load_problem(spec)
     assert HHT(p.system, alpha=-0.3, **ON).solve(p.t_span, p.q0, p.v0, steps=100).success
-
-
-def test_an_alpha_nearer_one_third_is_advised_only_where_there_is_one():
-    ring = hb.NumpySystem(force=lambda t, q, v: 1e8 * q, constraint=lambda t, q: np.array([q @ q - 1.0]))
-    for alpha in (-0.05, -0.1, -1.0 / 3.0):
-        found = HHT(ring, **{**ON, "alpha": alpha}).solve((0.0, 1.0), [1.0, 0.0], [0.0, 1.0], steps=100)
-        assert "what extrapolation errs by" in found.message
-        assert ("alpha nearer" in found.message) == (alpha > -0.3)
 
 
 def test_what_it_does_not_take_is_refused_by_name():
@@ -218,26 +191,6 @@ def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
     assert declined.status is Status.declined
     assert 'Take b = 1, or without="zeros"' in declined.message
     assert declined.t.size == 0
-
-
-@pytest.mark.parametrize("request_", [{}, {"max_num_steps": 3_000}], ids=["arrives", "max_steps"])
-def test_its_steps_that_follow_a_vibration_are_told_to_be_asked_for(request_):
-    """Masses 1e6 apart at 1e-5: the tolerance sees what the start has set going, and the option does not help."""
-    solution = rods(1e6).solve((0.0, 1.0), *STRAIGHT, rtol=1e-5, **request_)
-    assert solution.status is (Status.max_steps if request_ else Status.success)
-    assert "it is part of the motion that the tolerance asks for; loosen the tolerance" in solution.message
-    assert "extrapolate_reaction" not in solution.message and "b = 1" not in solution.message
-
-
-def test_its_steps_of_a_plain_motion_are_not_blamed_on_a_vibration_that_they_resolve():
-    """The slow swing of two rods at 1e-7, h omega = 0.25 for the fast one, which nothing has set going."""
-    fast = DoublePendulum.fastest(1e4)
-    slow2 = (1.0 + 1e4) * GRAVITY**2 / fast**2  # the product of both squares is known
-    v0 = 0.01 * np.array([1.0, 0.0, GRAVITY / (GRAVITY - slow2), 0.0])
-    solution = rods(1e4).solve((0.0, 3.0), DoublePendulum.straight(0.0)[0], v0, rtol=1e-7)
-    assert solution.success and solution.counters.steps_accepted > CROWDED
-    assert 0.02 < fast * 3.0 / solution.counters.steps_accepted < 2.0
-    assert "vibration" not in solution.message
 
 
 @pytest.mark.parametrize("budget", range(1, 12))

@@ -108,22 +108,6 @@ def rise(t):
     return part - np.sin(2.0 * np.pi * part) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize(
-    ("drive", "span", "h"),
-    [(rise, 1.0, 0.05), (rise, 1.0, 0.1), (lambda t: np.cos(100.0 * t), 3.0, np.pi / 100.0)],
-    ids=["within a step", "within less", "half a turn a step"],
-)
-def test_what_a_drive_moves_within_a_step_is_no_leap_and_is_told(drive, span, h):
-    """There is no other position; that was said, and a right solution refused."""
-    driven = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -q[1]]), constraint=lambda t, q: q[:1] - drive(t))
-    solution = hb.HHT(driven).solve((0.0, span), [drive(0.0), 1.0], [0.0, 0.0], step=h)
-    assert solution.success, solution.message
-    assert np.abs(solution.q[:, 0] - [drive(t) for t in solution.t]).max() < 1e-12
-    assert "constraints move q[0] a way of which v at both ends tells nothing" in solution.message
-    finer = hb.HHT(driven).solve((0.0, span), [drive(0.0), 1.0], [0.0, 0.0], step=h / 10)
-    assert finer.success and "tells nothing" not in finer.message
-
-
 @pytest.mark.parametrize("turn", [0.1, 1.0, 2.0, 2.6, 2.9])
 def test_points_that_follow_a_wheel_do_not_leap(turn):
     """By up to 166 degrees in a step."""

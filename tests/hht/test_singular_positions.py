@@ -1,8 +1,5 @@
 """Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
-import itertools
-import re
-from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -13,19 +10,12 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import hhtbench as hb
-from hhtbench.errors import BudgetSpent
-from hhtbench.lowering import derive
 from hhtbench.result import Status
 from hhtbench.testing.extremes import scenes
-from solvers import _ending
 from solvers._start import Failure
 from solvers.hht import run
-from solvers.hht.rivals import HHTI3Integrator
 from solvers.hht.run import solve
-from solvers.hht.run.beside import differences
-from solvers.hht.run.singular import UnitRows
 from solvers.hht.run.stepper import Accepted, Stepper
-from tests.hht.scenes import Q0, SYSTEMS, V0
 from tests.performance import singular
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
@@ -156,25 +146,6 @@ def test_a_failure_far_from_any_singular_position_keeps_its_own_cause(monkeypatc
 CUSP, _ = quad(lambda x: np.sqrt((1.0 + 2.25 * x) / (5.25 - 2.0 * x)), 0.0, 1.0)  # [s], by the energy
 
 
-class Cusp(hb.System):
-    """A bead that is pushed into it."""
-
-    def force(self, t, q, v):
-        return jnp.array([-1.0, 0.0])
-
-    def constraint(self, t, q):
-        return jnp.array([q[1] ** 2 - q[0] ** 3])
-
-
-@pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-6])
-def test_a_bead_that_slides_into_a_cusp_is_told_of_the_lost_rank(rtol):
-    """There sigma falls with the power 3/2 of the time."""
-    solution = hb.HHT(Cusp()).solve((0.0, 3.0), [1.0, 1.0], [-1.0, -1.5], rtol=rtol)
-    assert solution.status is Status.singular_iteration_matrix, solution.message
-    assert "rank 0 of 1 rows" in solution.message
-    assert abs(float(solution.message.split("lose rank at t = ")[1].split(":")[0]) - CUSP) < 10.0 * rtol
-
-
 class Ray(hb.System):
     """A bead pushed out along it, whose angle changes ever less with the position; the force jumps at 1e6 m."""
 
@@ -191,91 +162,11 @@ def test_a_row_that_only_becomes_small_is_not_the_cause_of_a_failure():
     assert solution.status is Status.newton_failed, solution.message
 
 
-def test_where_nothing_has_fallen_no_rank_is_lost():
-    place = run.singular.Place(0.0, BARS.q0, BARS.v0, np.zeros_like(BARS.q0))
-    rows = UnitRows(derive(BARS.system, 0.0, BARS.q0, BARS.v0), place)
-    assert run.singular._told(rows, place, place) is None
-
-
 def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
     """A small part of ``python -m tests.performance.singular``."""
     kinds = singular.counted(1, 4, -0.05) + singular.counted(5, 2, 0.0, (1e-3, 1e-5, 1e-6))
     assert singular.passed(kinds), kinds
     assert kinds["right"] + kinds["across"] == kinds.total(), kinds
-
-
-@pytest.mark.parametrize("rtol", [1e-6, 1e-7, 1e-8])
-def test_rows_beside_a_singular_position_are_not_projected_into_another_motion(rtol):
-    """There both levels determine v up to roundoff over sigma, and multipliers up to that over its square."""
-    beside = ITS_FLAT + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
-    solution = hb.solve(NARROW, rtol=rtol, t_eval=[0.3, *beside, 0.9])
-    assert solution.success, solution.message
-    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, *[True] * 5, False]
-    assert "At 5 rows, first at t = 0.70844" in solution.message
-    errors = [np.abs(v - NARROW.exact(float(t)).v).max() for t, v in zip(solution.t, solution.v, strict=True)]
-    assert max(errors) < 20.0 * rtol
-
-
-def test_rows_that_are_all_beside_a_singular_position_stay_as_interpolated():
-    """A thousand of them, whose looks may take more than a second on a busy machine; their projections are off by 3e-4."""
-    hht = hb.HHT(NARROW.system)
-    for t_eval in ([ITS_FLAT], np.linspace(ITS_FLAT - 1e-7, ITS_FLAT + 1e-7, 1_000)):
-        solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, rtol=1e-6, t_eval=t_eval)
-        assert solution.success, solution.message
-        assert np.isnan(solution.lam).all()
-        assert counted(solution.message) == len(t_eval)
-        assert max(np.abs(v - NARROW.exact(float(t)).v).max() for t, v in zip(t_eval, solution.v, strict=True)) < 20.0 * 1e-6
-    with pytest.warns(UserWarning, match="beside a singular position"):
-        moved = solution(t_eval, project=True)
-    assert np.array_equal(moved.v, solution(t_eval).v)
-
-
-def counted(message):
-    """How many states ``message`` speaks of, those that were found and those that there was no time for."""
-    numbers = [re.search(pattern, message) for pattern in (r"At (\d+) rows", r"beside (\d+) of the states")]
-    return sum(int(number[1]) for number in numbers if number)
-
-
-def test_a_look_that_is_too_dear_is_not_begun_and_its_rows_are_told(looks, monkeypatch):
-    monkeypatch.setattr(run.beside, "seconds_of_look", lambda dynamics: 0.4)
-    zoomed = np.linspace(ITS_FLAT - 1e-7, ITS_FLAT + 1e-7, 40)
-    solution = hb.solve(NARROW, rtol=1e-6, t_eval=zoomed)
-    assert not looks
-    assert solution.message.endswith("No time was left to look for a singular position beside 40 of the states.")
-    with pytest.warns(UserWarning, match="beside 3 of the states"):
-        solution(zoomed, project=True)
-
-
-def test_looks_end_after_a_second_by_the_clock_and_the_rest_stays_as_interpolated(looks, monkeypatch):
-    ticks = itertools.count()
-    monkeypatch.setattr(run.beside, "time", SimpleNamespace(perf_counter=lambda: 0.1 * next(ticks)))
-    solution = hb.solve(NARROW, rtol=1e-6, t_eval=np.linspace(ITS_FLAT - 1e-7, ITS_FLAT + 1e-7, 40))
-    assert len(looks) <= 4 + 10
-    assert np.isnan(solution.lam).all()
-    assert "beside 30 of the states, which stand likewise, without multipliers" in solution.message
-    assert counted(solution.message) == 40
-
-
-@pytest.mark.parametrize("found", [True, False])
-def test_rows_beside_a_singular_position_stay_without_multipliers_where_these_are_found_one_by_one(monkeypatch, found):
-    """Or not, where the matrix of the accelerations is singular."""
-    one = _ending._acceleration_at
-
-    def acceleration(run, t, q, v, guess):
-        return replace(one(run, t, q, v, guess), converged=found or t != ITS_FLAT)
-
-    monkeypatch.setattr(_ending, "_acceleration_at", acceleration)
-    monkeypatch.setattr(solve, "recovered", lambda engine, rows: np.zeros(len(rows), dtype=bool))
-    solution = hb.solve(NARROW, rtol=1e-6, t_eval=[0.3, ITS_FLAT, 0.9])
-    assert np.isnan(solution.lam).all(axis=1).tolist() == [False, True, False]
-    assert "determines no multipliers" not in solution.message
-
-
-def test_rows_of_a_regular_motion_all_have_their_multipliers():
-    problem = hb.load_problem("four_bars(n_windows=1, t_end=0.6)")
-    solution = hb.solve(problem, rtol=1e-3, t_eval=np.linspace(0.0, 0.6, 50))
-    assert np.isfinite(solution.lam).all()
-    assert "interpolated" not in solution.message
 
 
 def test_a_crossing_counts_as_a_step_and_there_are_not_crossings_without_end(failing):
@@ -294,106 +185,6 @@ def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failin
     solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
     assert solution.status is Status.singular_iteration_matrix
     assert "for example rows" in solution.message
-
-
-def test_states_at_events_and_of_dense_output_beside_a_singular_position_stay_as_interpolated():
-    """Their projection would be off by 3e-4; the interpolated ones are by 8e-6."""
-    t = ITS_FLAT + 1e-8
-    hht = hb.HHT(NARROW.system, events=hb.Event(lambda s, q, v: s - t, name="flat"))
-    solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, rtol=1e-6)
-    assert solution.success, solution.message
-    assert "Event 'flat': at t = 0.70845" in solution.message
-    assert "off the constraints by up to" in solution.message
-    assert np.abs(solution.v_events[0][0] - NARROW.exact(t).v).max() < 20.0 * 1e-6
-    with pytest.warns(UserWarning, match="At 1 rows, first at t = 0.70845.*beside a singular position"):
-        moved = solution([0.3, t], project=True)
-    assert np.array_equal(moved.v[1], solution(t).v)
-    assert not np.array_equal(moved.v[0], solution(0.3).v)
-
-
-def test_states_at_events_of_methods_on_the_position_level_are_not_looked_at(looks):
-    """Nothing has moved them."""
-    method = HHTI3Integrator(NARROW.system, events=hb.Event(lambda s, q, v: s - (ITS_FLAT + 1e-8), name="flat"))
-    solution = method.solve((0.0, 0.8), NARROW.q0, NARROW.v0, steps=800)
-    assert solution.t_events[0].size == 1, solution.message
-    assert "flat" not in solution.message
-    assert not looks
-
-
-@pytest.mark.parametrize(("steps", "beside"), [(100, 1e-7), (300, 0.0), (1000, 1e-8)])
-@pytest.mark.parametrize("rows", ["every end", "most ends", "every end, in Python"])
-def test_multipliers_without_a_digit_at_the_end_of_a_step_are_not_told(steps, beside, rows):
-    """They are off by 4 to 1e10 times their size; those of all other ends by less than a thousandth."""
-    times = np.union1d(np.linspace(0.0, 1.0, steps), [ITS_FLAT + beside])
-    hht, lengths = hb.HHT(NARROW.system, engine="python" if "Python" in rows else "compiled"), np.diff(times)
-    solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, steps=lengths)
-    if rows == "most ends":
-        solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, steps=lengths, t_eval=solution.t[5:])
-    assert solution.success, solution.message
-    exact = np.array([NARROW.exact(float(t)).lam for t in solution.t])
-    unknown = np.isnan(solution.lam).any(axis=1)
-    assert f"At {np.count_nonzero(unknown)} rows" in solution.message
-    assert np.abs(solution.t[unknown] - ITS_FLAT).max() < 2e-3
-    assert np.abs(solution.lam - exact)[~unknown].max() < 1e-3 * np.abs(exact).max()
-
-
-@pytest.fixture
-def looks(monkeypatch):
-    """Times of looks at the rank."""
-    found, at = [], UnitRows.at
-    monkeypatch.setattr(UnitRows, "at", lambda self, place: (found.append(place.t), at(self, place))[1])
-    return found
-
-
-@pytest.fixture
-def ending(looks, monkeypatch):
-    """Time budgets end at the look with the number that is put here."""
-    last = [0]
-
-    def check_time():
-        if len(looks) == last[0]:
-            raise BudgetSpent("seconds", 1.0)
-
-    monkeypatch.setattr(run.singular, "check_time", check_time)
-    return last
-
-
-def test_a_budget_that_ends_at_any_look_leaves_no_row_untold(looks, ending):
-    """One look measures the rows, three are for what singular values are elsewhere, and five for the rows beside it."""
-    hht, beside = hb.HHT(NARROW.system), ITS_FLAT + np.array([-1e-6, -1e-8, 0.0, 1e-8, 1e-6])
-    for ending[0] in range(1, 10):
-        looks.clear()
-        solution = hht.solve((0.0, 1.0), NARROW.q0, NARROW.v0, rtol=1e-6, t_eval=[0.3, *beside, 0.9])
-        assert len(looks) == ending[0]
-        assert counted(solution.message) == 5
-        assert f"beside {min(10 - ending[0], 5)} of the states" in solution.message
-        assert np.count_nonzero(np.isnan(solution.lam).any(axis=1)) == (5 if ending[0] > 5 else 0)
-
-
-def test_a_budget_that_ends_at_any_look_at_a_failure_raises_nothing(looks, ending, failing, monkeypatch):
-    asked, position = [], run.singular.singular_position
-    monkeypatch.setattr(run.singular, "singular_position", lambda *given: asked.append(given) or position(*given))
-    hb.HHT(BARS.system, events=[hb.Event(lambda t, q, v: t - 2.0)]).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
-    looks.clear()
-    assert position(*asked[0]) is not None
-    for ending[0] in range(1, len(looks) + 1):
-        looks.clear()
-        assert position(*asked[0]) is None
-
-
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_rows_of_a_regular_motion_cost_no_look(looks, engine):
-    solution = hb.HHT(SYSTEMS["jax"], engine=engine).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=np.linspace(0.0, 0.8, 400))
-    assert np.isfinite(solution.lam).all()
-    assert not looks
-
-
-def test_coarse_rows_of_a_regular_motion_cost_no_look(looks):
-    """Less than ten in each period."""
-    solution = hb.HHT(SYSTEMS["jax"]).solve((0.0, 100.0), Q0, V0, rtol=1e-3, t_eval=np.linspace(0.0, 100.0, 500))
-    assert solution.success
-    assert np.isfinite(solution.lam).all()
-    assert not looks
 
 
 def test_the_last_place_that_is_clear_is_before_the_last_fall_and_not_before_an_earlier_one():
@@ -415,12 +206,3 @@ def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypat
 def test_a_system_whose_looks_take_minutes_is_not_looked_at():
     large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
     assert run.singular.singular_position(large, None, [], 0.0) is None
-
-
-@pytest.mark.parametrize("pole", [1e8, np.inf])
-def test_a_step_whose_own_multipliers_are_a_pole_does_not_hide_rows_that_are_off(pole: float):
-    steps, multipliers = np.full((100, 1), 25.0), np.full((100, 1), 25.0)
-    steps[50], multipliers[60] = pole, 1e3
-    found = differences(multipliers, steps)
-    assert found[60] > 10.0
-    assert (np.delete(found, [50, 60]) == 0.0).all()

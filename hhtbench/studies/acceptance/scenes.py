@@ -66,10 +66,11 @@ def off(scene: Scene, solution: hb.Solution) -> float:
 
 
 def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = ()) -> str:
-    """The fault of an end: "" where the status is one of those ``expected`` and its message has the words."""
+    """The fault of an end: "" where the status is one of those ``expected`` and message or diagnosis have the words."""
     if solution.status not in expected:
         return f"ends with {solution.status.label}: {solution.message[:90]}"
-    missing = [word for word in words if word not in solution.message]
+    text = f"{solution.message} {solution.diagnose()}" if words else ""
+    missing = [word for word in words if word not in text]
     return f"{solution.status.label} does not name {', '.join(missing)}: {solution.message[:90]}" if missing else ""
 
 

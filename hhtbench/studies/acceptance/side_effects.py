@@ -165,7 +165,7 @@ def noise(asked: Asked) -> Finding:
         system = plane(**{name: function}, constraint_time_derivative=lambda t, q: np.zeros(1))
         found = asked.solve(problem(system, Q0, V0), rtol=1e-8, max_num_steps=100_000)
         slowest = max(slowest, time.perf_counter() - began)
-        words = (f"noise: two calls of {name}",) if asked.is_hht else ()
+        words = (f"Calls of {name} with",) if asked.is_hht else ()
         faults[name] = ends(found, hb.Status.step_too_small, hb.Status.max_steps, words=words)
     return every(faults, f"slowest {slowest:.2g} s", in_time=slowest < 5.0)
 

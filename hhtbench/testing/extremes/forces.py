@@ -89,4 +89,4 @@ def contact(seed: int) -> Iterator[Cell]:
         ):
             asked = {**request, "t_eval": [SPAN]}
             given: dict[str, Any] = {"make": make, "request": asked, "expected": motion(most), "small": small}
-            yield Cell(x=stiffness, line=line, cause="steps do not resolve such forces", **given)
+            yield Cell(x=stiffness, line=line, cause="the steps do not resolve the forces", **given)

@@ -21,7 +21,7 @@ from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure, Place
 from solvers._trust import as_arguments
-from solvers.hht.equations.formulas import EPS
+from solvers.hht.equations.formulas import EPS, TINY
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import dense
 from solvers.hht.run.start import make_engine
@@ -202,7 +202,7 @@ def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> 
         suspect &= (bends > UNRESOLVED * largest) & np.isfinite(bends)
     if not np.count_nonzero(suspect):
         return ""
-    row, at = np.unravel_index(np.argmax(np.where(suspect, changes / largest, 0.0)), suspect.shape)
+    row, at = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)
     return (
         f"Warning: in the step to t = {t[row + 2, 0]:.10g} forces change v[{at}] by {changes[row, at]:.2g}, and it is "
         f"{largest[at]:.2g} at most: the steps do not resolve the forces; compare with shorter steps, or with rtol."

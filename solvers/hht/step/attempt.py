@@ -14,7 +14,8 @@ from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import compute_end
 
 LEAP = 1.25  # times what the change of accelerations makes of coordinates in a step: more may be another branch, (H58)
-LEAST_LEAP = 1e-6  # of the largest coordinate: less is no other branch
+LEAST_LEAP = 1e-6  # of the coordinate: less is no other branch
+LEAST_OF_ALL = 1e-8  # of the largest coordinate
 OF_THE_WAY = 0.25  # of the farthest that any coordinate departs from a straight motion: a branch switch is most of it
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -217,10 +218,10 @@ def leaping(z: Any) -> Any:
         bent = abs(h * (end[n + i] - v[i] - h * vdot[i]))
         most, share = max(most, bent), max(share, bent / max(abs(q[i]), abs(end[i]), TINY))
         departed = max(departed, abs(end[i] - q[i] - h * v[i]))
-    factor, least = part(z, mem.CONSTANTS)[mem.LEAST_OFF], max(LEAST_LEAP * typical[0], OF_THE_WAY * departed)
+    factor, least = part(z, mem.CONSTANTS)[mem.LEAST_OFF], max(LEAST_OF_ALL * typical[0], OF_THE_WAY * departed)
     for i in range(n):
         bent, size = abs(h * (end[n + i] - v[i] - h * vdot[i])), max(abs(q[i]), abs(end[i]))
-        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), least):
+        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), LEAST_LEAP * size, least):
             return i
     return -1
 
