@@ -179,10 +179,10 @@ class Stepper:
             output = along(before, now)
             times, values = engine.loops.section(mem.SAMPLE_TIMES).copy(), engine.loops.section(mem.SAMPLE_VALUES).copy()
             end = float(now[0][mem.T_END])
-            found = crossings(self.events, times, values, roundoff, output, engine.work)
-            if at_once := [c for c in found if c.t == before.t and abs(values_before[c.index]) == BESIDE]:
+            seen = crossings(self.events, times, values, roundoff, output, engine.work)
+            if at_once := [c for c in seen if c.t == before.t and abs(values_before[c.index]) == BESIDE]:
                 return self._at_once(before, watch, output, at_once)
-            found = _with_cut(found, cut, end)
+            found = _with_cut(seen, cut, end)
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:

@@ -156,7 +156,7 @@ def _horizon(integrator: IntegratorState, goal: Goal) -> float:
 
 def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
     """Dense output of one step, with the state after a change as its last row, or that alone where no step was made."""
-    rows = (before, accepted.state, after) if accepted.made else (after,)
+    rows: tuple[State, ...] = (before, accepted.state, after) if accepted.made else (after,)
     rows = rows[:2] if after is accepted.state else rows
     return HermiteOutput(*(np.array([getattr(row, name) for row in rows]) for name in ("t", "q", "v")))
 
