@@ -63,7 +63,7 @@ def changed_values(
     change that turns or stops its function leaves the motion on the side from which it came; any other lets it pass.
     """
     known = zip(events, sides, *np.split(values, 2), strict=True)
-    return _paired([_after(*one, state, h, work) for one in known])
+    return _paired([_after(event, side, before, off, state, h, work) for event, side, before, off in known])
 
 
 def _after(
