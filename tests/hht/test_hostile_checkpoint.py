@@ -72,6 +72,7 @@ HOSTILE = {
     "integrator.tally": [{"type": "Counter", "__class__": 1}, {"type": "Counter", "newton_iterations": -1}, {}],
     "integrator.watch.counts": [[0], [0, 0, 0], [0, 0.5]],
     "integrator.watch.changed": [[7], [-1]],
+    "integrator.watch.sides": [[1], [0, 0, 0, 0]],
     "setup": [None, {}, []],
 }
 

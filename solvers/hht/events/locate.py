@@ -18,6 +18,7 @@ from solvers.hht.equations.formulas import EPS, TINY, crosses
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, value_of
 from solvers.hht.events.scan import EXTRA
+from solvers.hht.events.sides import BESIDE
 from solvers.hht.loops.memory import CONVERGED, T_END
 from solvers.hht.step.state import State
 
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
 
 NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
 WIDER = 8.0  # factor between two looks for the other side of an event
-
 CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
+TOGETHER = 8.0  # spacings within which events that change the state happen at one time
 
 Attempt = tuple[Vector, ...]  # what the loops' memory holds of an attempt at a step
 
@@ -43,37 +44,75 @@ class Crossing:
 
 
 def crossings(
-    events: Sequence[Event], times: Vector, values: Vector, output: HermiteOutput, work: Work
+    events: Sequence[Event], times: Vector, values: Vector, roundoff: Vector, output: HermiteOutput, work: Work
 ) -> tuple[Crossing, ...]:
     """Changes of sign along ``output``, which is one step, in order of time, those at one time in the order of the events.
 
-    ``times`` and ``values``: the samples that :func:`~solvers.hht.events.scan.scan` has taken.
+    ``times`` and ``values``: the samples that :func:`~solvers.hht.events.scan.scan` has taken; ``roundoff`` (k,) of the
+    values where the step begins beside a zero.
     """
-    found, first, direction = list[Crossing](), 0, 1.0 if output.t[-1] > output.t[0] else -1.0
-    for index, event in enumerate(events):
-        part = slice(first, first + event.samples + EXTRA)
-        found += _crossings(index, event, times[part], values[part], output, work)
-        first = part.stop
+    found, direction = list[Crossing](), 1.0 if output.t[-1] > output.t[0] else -1.0
+    for index, part in enumerate(_parts(events)):
+        found += _crossings(index, events[index], times[part], values[part], roundoff[index], output, work)
     return tuple(sorted(found, key=lambda crossing: direction * crossing.t))
 
 
-def _crossings(index: int, event: Event, times: Vector, values: Vector, output: HermiteOutput, work: Work) -> list[Crossing]:
+def _parts(events: Sequence[Event]) -> list[slice]:
+    """Where the samples of each event are among those of all."""
+    ends = np.cumsum([event.samples + EXTRA for event in events])
+    return [slice(end - event.samples - EXTRA, end) for event, end in zip(events, ends, strict=True)]
+
+
+def _crossings(
+    index: int, event: Event, times: Vector, values: Vector, roundoff: float, output: HermiteOutput, work: Work
+) -> list[Crossing]:
     found = []
     for i in range(1, times.size):
         before, now = float(values[i - 1]), float(values[i])
         if times[i] == times[i - 1] or not crosses(before, now, event.direction):
             continue
-        bracket = float(times[i - 1]), float(times[i])
-        known = {bracket[0]: before, bracket[1]: now}
+        low, high = float(times[i - 1]), float(times[i])
+        start, side, known = low, int(np.sign(before)), {low: before, high: now}
 
         def value(t: float, known: dict[float, float] = known) -> float:
             return known[t] if t in known else value_of(event, t, *output(t), work)
 
-        t = bracket[1] if now == 0.0 else zero(value, *bracket)
+        if abs(before) == BESIDE:
+            start, low = float(times[0]), _left(value, side, roundoff, low, high)
+            if low == start and event.change is None:
+                continue
+        t = high if now == 0.0 else low if abs(value(low)) == BESIDE else zero(value, low, high)
         end = float(output.t[-1])
         t = end if abs(t - end) <= CLOSE * float(np.spacing(abs(end))) else t
-        found.append(Crossing(index, t, int(np.sign(before)), bracket))
+        found.append(Crossing(index, t, side, (start, high)))
     return found
+
+
+def _left(value: Callable[[float], float], side: int, roundoff: float, low: float, high: float) -> float:
+    """A time in (low, high) at which ``value`` has left its zero at ``low`` to its ``side``; ``low`` where it never has."""
+    width = high - low
+    while abs(width) > CLOSE * float(np.spacing(abs(high))):
+        width /= 2
+        if value(low + width) * side > roundoff:
+            return low + width
+    return low
+
+
+def together(events: Sequence[Event], times: Vector, values: Vector, found: Sequence[Crossing]) -> list[Crossing]:
+    """Changes whose zero follows the step's end within the resolution of its times: they happen there too.
+
+    ``found``: what happens at that end already.  A step to such a zero would be as short as roundoff.
+    """
+    result, known = [], {crossing.index for crossing in found}
+    for index, part in enumerate(_parts(events)):
+        (t0, t1), (before, now), start = times[part][-2:], values[part][-2:], times[part][0]
+        if t0 == t1 or index in known or events[index].change is None:
+            continue
+        soon = TOGETHER * EPS * max(abs(t1), abs(t1 - start))
+        then = now + (now - before) * abs(soon / (t1 - t0))
+        if crosses(now, then, events[index].direction):
+            result.append(Crossing(index, float(t1), int(np.sign(now)), (float(t0), float(t1))))
+    return result
 
 
 def zero(value: Callable[[float], float], low: float, high: float) -> float:

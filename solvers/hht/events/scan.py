@@ -5,24 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.loops import memory as mem
 from solvers.hht.loops.compiled import compiled, crosses, cubic
 from solvers.hht.loops.sections import address, indices, invoke, part
 
-EXTRA = 3  # samples of a step beside those inside: its start, a place just behind it, its end
-LEAVING = 1e-8  # of the step after a start or a change: there the side that the motion leaves to is looked up
-ZERO = 1e-12  # of the largest value in the step: what a start on the zero of an event function may be off
-SPACINGS = 8.0  # of times, at most: that a start on a zero has no better time
+EXTRA = 2  # samples of a step beside those inside: its start and its end
 
 
 @compiled
 def scan(z: Any, counts: Any) -> Any:
-    """CONVERGED where no event function changes its sign in the attempt in the direction asked for, else what happens.
-
-    After a start or a change the values there are not known: one near zero counts as zero, and the motion leaves it
-    without an event.
-    """
+    """CONVERGED where no event function changes its sign in the attempt in the direction asked for, else what happens."""
     directions, times, values = indices(z, mem.DIRECTIONS), part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
     first, found = 0, False
     for e in range(directions.size):
@@ -37,26 +29,25 @@ def scan(z: Any, counts: Any) -> Any:
 
 @compiled
 def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
-    """The values of event ``e`` along the step into the samples from ``first`` on; False where one is not finite."""
-    times, values = part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
+    """The values of event ``e`` along the step into the samples from ``first`` on; False where one is not finite.
+
+    A motion that begins beside a zero stays there as long as the values are roundoff.
+    """
+    times, values, known = part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES), part(z, mem.EVENT_VALUES)
     t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
-    begins, scale = z.i[mem.EVENTS_KNOWN] == 0, 0.0
-    blurred = min(SPACINGS * EPS * abs(t0 / (t1 - t0)), 0.25 / (count - 2))  # of the step
-    for k in range(count):
+    roundoff = known[known.size // 2 + e]
+    times[first], values[first] = t0, known[e]
+    for k in range(1, count):
         at = first + k
-        times[at] = t0 + max(LEAVING, 2.0 * blurred) * (t1 - t0) if k == 1 and begins else t0
-        if k > 1:
-            times[at] = t1 if k == count - 1 else t0 + (k - 1) / (count - 2) * (t1 - t0)
-        if k > 1 or begins:
-            counts[mem.LOOKS] += 1
-            values[at] = value_at(z, e, times[at])
-            if not math.isfinite(values[at]):
-                return False
+        times[at] = t1 if k == count - 1 else t0 + k / (count - 1) * (t1 - t0)
+        counts[mem.LOOKS] += 1
+        values[at] = value_at(z, e, times[at])
+        if not math.isfinite(values[at]):
+            return False
+        if roundoff > 0.0 and abs(values[at]) <= roundoff:
+            values[at] = known[e]
         else:
-            values[at] = part(z, mem.EVENT_VALUES)[e]
-        scale = max(scale, abs(values[at]))
-    if begins and abs(values[first]) <= max(ZERO, blurred) * scale:
-        values[first] = 0.0
+            roundoff = 0.0
     return True
 
 
@@ -80,8 +71,9 @@ def value_at(z: Any, e: Any, t: Any) -> Any:
 @compiled
 def keep_values(z: Any) -> None:
     """The values at the end of the attempt are those at the start of the next."""
-    first, values = 0, part(z, mem.SAMPLE_VALUES)
-    for e in range(indices(z, mem.DIRECTIONS).size):
+    first, values, known = 0, part(z, mem.SAMPLE_VALUES), part(z, mem.EVENT_VALUES)
+    events = indices(z, mem.DIRECTIONS).size
+    for e in range(events):
         first += indices(z, mem.SAMPLES)[e] + EXTRA
-        part(z, mem.EVENT_VALUES)[e] = values[first - 1]
-    z.i[mem.EVENTS_KNOWN] = 1
+        if values[first - 1] != known[e]:  # it has left its zero
+            known[e], known[events + e] = values[first - 1], 0.0

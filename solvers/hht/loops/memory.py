@@ -170,7 +170,7 @@ MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECO
 
 CONSTANTS = floats(lambda s: 4 + len(NEWTON_CONSTANTS))
 EVENT = floats(lambda s: 1)
-EVENT_VALUES = floats(lambda s: s.events)
+EVENT_VALUES = floats(lambda s: 2 * s.events)  # at the last step's end, then the roundoff of those beside zero
 SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
 SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
@@ -217,12 +217,12 @@ FIRST = 2 * (len(_floats) + len(_integers))
 N, M, P, SIZE, O_R0, O_R1, O_LAM0, O_LAM1, O_RK, O_MU = range(FIRST, FIRST + 10)  # O_: offsets of unknowns, -1: absent
 VARIABLE, OWN, RESCALE_A, TRAPEZOIDAL, MAX_ITERATIONS = range(FIRST + 10, FIRST + 15)
 EVALUATIONS, BASE, INTEGER_BASE, KIND, ENDED, FALLBACK, CALLS_PYTHON, NOISY = range(FIRST + 15, FIRST + 23)
-EVENTS_KNOWN, DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, STIFF_FORCES = range(FIRST + 23, FIRST + 31)
+DGETRF, DGETRS, STOPS_EARLY, CONTROLLED, WATCHING, LINEAR, STIFF_FORCES = range(FIRST + 23, FIRST + 30)
 FUNCTIONS = (
     "residual", "matrix", "end", "inverse_mass", "raw", "levels", "early", "early_matrix", "acceleration",
     "factor", "solve", "force", "kkt", "start_levels", "constraints", "inertia", "leap", "answer",
 )  # fmt: skip
-CODE = FIRST + 31
+CODE = FIRST + 30
 C_RESIDUAL, C_MATRIX, C_END, C_INVERSE_MASS, C_RAW, C_LEVELS, C_EARLY, C_EARLY_MATRIX = range(CODE, CODE + 16, 2)
 C_ACCELERATION, C_FACTOR, C_SOLVE, C_FORCE, C_KKT, C_START_LEVELS, C_CONSTRAINTS = range(CODE + 16, CODE + 30, 2)
 C_INERTIA, C_LEAP, C_ANSWER = range(CODE + 30, CODE + 36, 2)

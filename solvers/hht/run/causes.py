@@ -29,7 +29,7 @@ from solvers.hht.step.state import State
 
 MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
 CALLS = 5  # of every function
-ROUNDOFFS = 9  # of q or v: arguments of such calls differ by them at most, and speeds below them are rest
+ROUNDOFFS = 9  # by which arguments of such calls differ at most
 WIDER = 1024.0  # times: values of a smooth function differ so much more where their arguments do
 SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's differences at near arguments are below it
 ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
@@ -38,6 +38,7 @@ BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the v
 STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
 ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
+VISIBLE = 1e-8  # of q: a speed that moves it by less in a step is not reported
 GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
 
 
@@ -186,14 +187,14 @@ def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> 
     """Warning text if forces change v by about its size within one of prescribed steps; empty string otherwise.
 
     Both the accelerations ``a`` (k, n) of forces and the slope of ``v`` must change so: what constraints hold moves nothing.
-    Speeds that move ``q`` by no more than its roundoff in the longest step count as rest.
+    Speeds that move ``q`` by less than ``VISIBLE`` of its size in the longest step count as rest.
     """
     if len(t) < 4:
         return ""
     with np.errstate(all="ignore"):
         largest = np.maximum(v.max(axis=0), -v.min(axis=0))
         changes = np.abs(np.diff(a, axis=0) * h[1:])[1:]
-        moving = largest * float(np.abs(h).max()) > ROUNDOFFS * EPS * float(np.abs(q).max())
+        moving = largest * float(np.abs(h).max()) > VISIBLE * float(np.abs(q).max())
         suspect = (changes > UNRESOLVED * largest) & moving
         if not np.count_nonzero(suspect):
             return ""
@@ -209,7 +210,7 @@ def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> 
     )
 
 
-def growing_vibration(h: Matrix, v: Matrix) -> str:
+def growing_vibration(h: Matrix, q: Matrix, v: Matrix) -> str:
     """Message if a vibration that alternates with prescribed steps has grown by ``GROWTH``; empty string otherwise."""
     if len(v) < 3 * ALTERNATIONS:
         return ""
@@ -217,12 +218,13 @@ def growing_vibration(h: Matrix, v: Matrix) -> str:
         bends = np.diff(np.diff(v, axis=0) / h[1:], axis=0) * np.minimum(np.abs(h[1:-1]), np.abs(h[2:]))
         bends[~np.isfinite(bends)] = 0.0
         sizes, changes = np.abs(bends), np.abs(np.diff(v, axis=0)).max(axis=0)
-    for at in np.flatnonzero(sizes.max(axis=0) > UNRESOLVED * changes).tolist():
+    least = VISIBLE * float(np.abs(q).max()) / float(np.abs(h).max())
+    for at in np.flatnonzero(sizes.max(axis=0) > np.maximum(UNRESOLVED * changes, least)).tolist():
         end = int(sizes[:, at].argmax()) + 1
-        least = EPS * float(np.abs(v[:, at]).max())
+        roundoff = EPS * float(np.abs(v[:, at]).max())
         for lag in (1, 2):  # far beyond (H54) signs change with every second step
             first = max(end - lag, 0) - _alternations(bends[:end, at], lag)
-            if end - lag - first >= ALTERNATIONS and sizes[end - 1, at] > GROWTH * max(sizes[first, at], least):
+            if end - lag - first >= ALTERNATIONS and sizes[end - 1, at] > GROWTH * max(sizes[first, at], roundoff):
                 return (
                     f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}: the steps "
                     "are unstable for it, (H33) and (H53); take shorter steps of even length, or rtol"

@@ -185,7 +185,7 @@ def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
     shapes: list[tuple[Any, dict[str, Any]]] = [
         (s.place, {"q": (n,), "v": (n,)}),
         (s.tolerances, {"rtol": (2 * n,), "atol": (2 * n,)}),
-        (s.watch, {"values": (events,)}),
+        (s.watch, {"values": (2 * events,)}),
         (s.last, {"t": (max(rows, 1),), "q": (rows, n), "v": (rows, n)}),
         *((found, {"q": (n,), "v": (n,)}) for found in s.occurrences),
     ]
@@ -210,6 +210,7 @@ def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
         "tolerances must not be negative": s.tolerances is not None
         and min(s.tolerances.rtol.min(), s.tolerances.atol.min()) < 0.0,
         f"there are {events} events": len(s.watch.counts) != events
+        or len(s.watch.sides) not in (0, events)
         or not all(0 <= i < events for i in (*s.watch.changed, *(found.index for found in s.occurrences))),
         "the last step must end at the state": not t.size or t[-1] != state.t,
     }

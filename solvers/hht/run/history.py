@@ -95,9 +95,9 @@ class History:
         first += int(changed[-1]) if changed.size else 0
         return [self._rows[first : self._count, self._layout.parts[i]] for i in which]
 
-    def lengths_and_speeds(self) -> list[Matrix]:
-        """Lengths h (k, 1) and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        return self._columns(1, 3)
+    def lengths_and_states(self) -> list[Matrix]:
+        """Lengths h (k, 1), q and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
+        return self._columns(1, 2, 3)
 
     def forced(self) -> list[Matrix]:
         """Times t, lengths h (k, 1), q, v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""

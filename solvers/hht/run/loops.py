@@ -133,7 +133,6 @@ class Loops:
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
         self.ready(controlled=controlled, suspicious=suspicious)
-        z.i[mem.EVENTS_KNOWN] = values is not None
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values
         if self.events.events:

@@ -143,7 +143,7 @@ class Integration:
         coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        grown = "" if self.steps is None else growing_vibration(*self.history.lengths_and_speeds())
+        grown = "" if self.steps is None else growing_vibration(*self.history.lengths_and_states())
         return Failure(Status.unreliable, grown) if grown else end
 
     def _nothing(self, failure: Failure) -> Solution:

@@ -18,7 +18,8 @@ from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
-from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings
+from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings, together
+from solvers.hht.events.sides import BESIDE, changed_values, starting_values
 from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
@@ -27,7 +28,6 @@ from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
 
 CUTS = 20  # of one step: each finds an earlier event than the last
-PILED = 1e-5  # of a step: an event that comes again so soon after its own change will not let go, as at the end of bounces
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
 PILED_UP = "let the change end the motion there, or make the event terminal."
@@ -38,8 +38,9 @@ class EventState:
     """What the search for events keeps between two steps."""
 
     counts: tuple[int, ...] = ()  #: occurrences so far
-    values: Vector | None = None  #: (k,) event functions at the last step's end; None: the motion begins here
-    changed: tuple[int, ...] = ()  #: events that made the state it begins from
+    values: Vector | None = None  #: (2k,) event functions at its end, roundoff of those beside a zero; None: a start
+    changed: tuple[int, ...] = ()  #: events that have changed the state at this time
+    sides: tuple[int, ...] = ()  #: (k,) after a change the signs before it, 0 for other events; (): ``values`` hold
 
 
 class Accepted(NamedTuple):
@@ -49,11 +50,11 @@ class Accepted(NamedTuple):
     watch: EventState
     made: int = 0  #: how many
     occurrences: tuple[Occurrence, ...] = ()
-    stopping: tuple[int, ...] = ()  #: events at the end of the last step that end the integration or change the state
+    stopping: tuple[Crossing, ...] = ()  #: at the end of the last step, that end the integration or change the state
     ended: Failure | None = None  #: why there are no more: a failure, or a terminal event
 
 
-Cut = tuple[Attempt, int]  # a step made shorter to end at an event, and the number of that
+Cut = tuple[Attempt, Crossing]  # a step made shorter to end at an event, and that
 
 
 @dataclass(kw_only=True)
@@ -90,6 +91,9 @@ class Stepper:
         lengths, ends = self.plan.ahead(state, stop, len(rows))
         rows = rows if by_error is not None else rows[: lengths.size]
         before = state
+        if self.events and (watch.values is None or watch.sides):
+            h = lengths[0] if state.memory is None else np.copysign(state.memory.h_next, stop - state.t)
+            watch = self._begun(watch, state, float(h))
         state, made, ended = engine.march(state, self.plan, stop, lengths, ends, rows, watch.values)
         self.plan.made(made)
         if made and self.events:
@@ -105,6 +109,14 @@ class Stepper:
             return self._with_events(state, watch, stop, rows)
         return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
 
+    def _begun(self, watch: EventState, state: State, h: float) -> EventState:
+        """``watch`` with the values of the event functions at ``state``, a start or changed, before a step of ``h`` [s]."""
+        if watch.values is None:
+            values = starting_values(self.events, state, h, self.engine.work)
+        else:
+            values = changed_values(self.events, watch.sides, watch.values, state, h, self.engine.work)
+        return replace(watch, values=values, sides=())
+
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
         n = self.engine.structure.n
@@ -118,13 +130,15 @@ class Stepper:
         state, watch, ended = accepted.state, accepted.watch, accepted.ended
         if not accepted.stopping:
             return accepted
-        changing = [self.events[i] for i in accepted.stopping if self.events[i].change is not None]
+        before = {crossing.index: crossing.side for crossing in accepted.stopping}
+        changing = [i for i in sorted(before) if self.events[i].change is not None]
         if changing:
-            changed = self._changed(state, changing)
+            changed = self._changed(state, [self.events[i] for i in changing])
             if isinstance(changed, Failure):
                 return accepted._replace(ended=changed)
-            state, watch = changed, replace(watch, values=None, changed=accepted.stopping)
-        named = [self.events[i].name for i in accepted.stopping if self.events[i].ends(watch.counts[i])]
+            sides = tuple(before[i] if i in changing else 0 for i in range(len(self.events)))
+            state, watch = changed, replace(watch, changed=(*watch.changed, *changing), sides=sides)
+        named = [self.events[i].name for i in sorted(before) if self.events[i].ends(watch.counts[i])]
         if named:
             text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
             ended = Failure(Status.event, text)
@@ -154,12 +168,16 @@ class Stepper:
     def _with_events(self, before: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
         """The step that the loops have tried, up to its first event that stops it."""
         engine, cut = self.engine, None
-        whole = now = engine.attempted()
-        end = float(whole[0][mem.T_END])
+        now = engine.attempted()
+        h, (values_before, roundoff) = float(now[0][mem.T_END]) - before.t, np.split(watch.values, 2)  # type: ignore[arg-type]
         for _ in range(CUTS):
             output = along(before, now)
             times, values = engine.loops.section(mem.SAMPLE_TIMES).copy(), engine.loops.section(mem.SAMPLE_VALUES).copy()
-            found = _with_cut(crossings(self.events, times, values, output, engine.work), cut, float(now[0][mem.T_END]))
+            end = float(now[0][mem.T_END])
+            seen = crossings(self.events, times, values, roundoff, output, engine.work)
+            if at_once := [c for c in seen if c.t == before.t and abs(values_before[c.index]) == BESIDE]:
+                return self._at_once(before, watch, output, at_once)
+            found = _with_cut(seen, cut, end)
             try:
                 earlier = self._cut_first(before, now, found, watch.counts)
             except NotMade as error:
@@ -171,18 +189,24 @@ class Stepper:
                 if cut is not None:
                     self.plan.cut_short()
                 watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
+                stopped = [crossing for crossing, _, stops in self._counted(found, watch.counts) if stops]
+                if stopped:
+                    found += together(self.events, times, values, stopped)
                 return self._passed(state, output, found, watch)
-            (now, index), cut = earlier, earlier
-            t, event = float(now[0][mem.T_END]), self.events[index]
-            again = index in watch.changed and event.change is not None
-            if again and abs(t - before.t) < PILED * abs(end - before.t):  # the event that made `before` comes at once
-                text = f"changes by event {event.name!r} pile up at t = {t:.17g}; {PILED_UP}"
-                return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
+            (now, _), cut = earlier, earlier
             engine.put_back(now)
             if engine.loops.call(look) == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        text = f"in the step from t = {before.t:.17g} with h = {end - before.t:g} each look shows an event before the last"
+        text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
         return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
+
+    def _at_once(self, before: State, watch: EventState, output: HermiteOutput, found: Sequence[Crossing]) -> Accepted:
+        """No step: ``found`` changes ``before``, which is beside its zero, unless it has done so at this time already."""
+        again = [repr(self.events[crossing.index].name) for crossing in found if crossing.index in watch.changed]
+        if again:
+            text = f"changes by event {', '.join(again)} pile up at t = {before.t:.17g}; {PILED_UP}"
+            return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
+        return self._passed(before, output, found, watch)._replace(made=0)
 
     def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
@@ -194,7 +218,7 @@ class Stepper:
                 break
             attempt = StepTo(self.engine, self.events[first.index], first, before, now).attempt()
             if attempt is not None:
-                return attempt, first.index
+                return attempt, first
             found.remove(first)
         return None
 
@@ -212,7 +236,7 @@ class Stepper:
         for crossing, number, _ in counted:
             counts[crossing.index] = number
         events = tuple(Occurrence(c.index, self.events[c.index].name, c.t, *self._state_at(c.t, output)) for c in found)
-        stopping = tuple(sorted({crossing.index for crossing, _, stops in counted if stops}))
+        stopping = tuple(crossing for crossing, _, stops in counted if stops)
         return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
 
     def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
@@ -228,11 +252,11 @@ def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Cr
     """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
     if cut is None:
         return list(found)
-    (_, index), result = cut, list(found)
-    own = [crossing for crossing in result if crossing.index == index]
+    (_, located), result = cut, list(found)
+    own = [crossing for crossing in result if crossing.index == located.index]
     if own:
         result.remove(own[-1])
-    return [*result, replace(own[-1], t=end) if own else Crossing(index, end, 0, (end, end))]
+    return [*result, replace(own[-1] if own else located, t=end)]
 
 
 def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:

@@ -26,7 +26,7 @@ from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
 from solvers.hht.run.march import march
 from solvers.hht.run.singular import cause_of, ends_at, places_of
-from solvers.hht.run.stepper import EventState, Stepper
+from solvers.hht.run.stepper import Accepted, EventState, Stepper
 from solvers.hht.step.state import State
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
@@ -132,7 +132,7 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
         integrator,
         state=after.state,
         watch=after.watch,
-        last=_output(before, accepted.state, after.state),
+        last=_output(before, accepted, after.state),
         occurrences=integrator.occurrences + accepted.occurrences,
         message=message,
     )
@@ -156,9 +156,10 @@ def _horizon(integrator: IntegratorState, goal: Goal) -> float:
     return next((x for x in (goal.tstop, t) if x is not None), integrator.state.t + goal.ahead * HORIZON)
 
 
-def _output(before: State, end: State, after: State) -> HermiteOutput:
-    """Dense output of one step, with the state after a change as its last row."""
-    rows = (before, end) if after is end else (before, end, after)
+def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
+    """Dense output of one step, with the state after a change as its last row, or that alone where no step was made."""
+    rows: tuple[State, ...] = (before, accepted.state, after) if accepted.made else (after,)
+    rows = rows[:2] if after is accepted.state else rows
     return HermiteOutput(*(np.array([getattr(row, name) for row in rows]) for name in ("t", "q", "v")))
 
 
