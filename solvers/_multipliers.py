@@ -19,13 +19,11 @@ from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import NumpySystem, System, declared
 from solvers._start import Guesses, Place, of_dynamics
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import copied, view
-from solvers.hht.run.engine import plain_mass
-from solvers.hht.run.kkt import kkt_of, of_full_matrices
-from solvers.hht.run.loops import GOOD_START
-from solvers.hht.run.rows import FEW, in_blocks
-from solvers.hht.step import acceleration
+from solvers.kernel import acceleration
+from solvers.kernel import memory as mem
+from solvers.kernel.blocks import FEW, in_blocks
+from solvers.kernel.kkt import GOOD_START, kkt_of, of_full_matrices, plain_mass
+from solvers.kernel.memory import copied, view
 
 BLOCK = 256  # rows of the first call
 

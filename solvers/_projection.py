@@ -1,6 +1,6 @@
 """The nearest state on both levels of the constraints in the metric of the mass matrix, (H20): one by one, any system.
 
-For starts, changes by events, and rows and steps that no loop puts there (:mod:`solvers.hht.step.projection`).
+For starts, changes by events, and rows and steps that no loop puts there (:mod:`solvers.kernel.projection`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The loop over steps of an explicit Runge-Kutta method, compiled: stages, projection, error, control, rows of output.
 
 Steps are SciPy's: its error norms, its controller and its first step, so that both can be compared step by step; the error
-is that of the step before its projection.  Accelerations come from the same machine code as HHT's, by way of its memory.
+is that of the step before its projection.  Accelerations come from the same machine code as HHT's, by its memory.
 """
 
 from __future__ import annotations
@@ -11,18 +11,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix, IntArray, entries
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import SOURCES, compiled, spacing
-from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, indices, part, put, view
-from solvers.hht.step.acceleration import acceleration_level
-from solvers.hht.step.projection import onto_constraints
-from solvers.hht.step.stopping import weighted_rms
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import acceleration_level
+from solvers.kernel.compiled import KERNEL, compiled, spacing
+from solvers.kernel.memory import Memory
+from solvers.kernel.projection import onto_constraints
+from solvers.kernel.sections import address, call, finite, indices, part, put, view, weighted_rms
 
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
 
-called = entries(Path(__file__).with_name("compiled"), *SOURCES, Path(__file__))
+called = entries(Path(__file__).with_name("compiled"), *KERNEL, Path(__file__))
 
 
 class Method(NamedTuple):

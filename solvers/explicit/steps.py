@@ -17,11 +17,10 @@ from hhtbench.result import Status
 from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import copied, integer_view, view
-from solvers.hht.run.in_python import acceleration_level
-from solvers.hht.run.kkt import Places, places_of
-from solvers.hht.step.acceleration import recover
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import recover
+from solvers.kernel.kkt import Places, acceleration_level, places_of
+from solvers.kernel.memory import copied, integer_view, view
 
 FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
 SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between

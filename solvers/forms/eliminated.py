@@ -21,10 +21,10 @@ from hhtbench.lowering import AccelerationLevel, Dynamics, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from solvers.forms.underlying import kkt_along
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import view
-from solvers.hht.run.kkt import Entries, kkt_of
-from solvers.hht.step.acceleration import recover
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import recover
+from solvers.kernel.kkt import Entries, kkt_of
+from solvers.kernel.memory import view
 
 FILLED = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy'/dy faster than SuperLU
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache

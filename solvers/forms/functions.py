@@ -32,7 +32,7 @@ from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, VariableMass, ma
 from solvers.forms.eliminated import Differentiated, Eliminated
 from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
 from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_at, rhs_jacobian_function
-from solvers.hht.run.kkt import larger, products_of
+from solvers.kernel.kkt import larger, products_of
 
 CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
 

@@ -12,7 +12,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.lowering import REDUCTIONS
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
-from solvers.hht.linear.analysis import KINDS
+from solvers.kernel.linear.analysis import KINDS
 
 LEAST_DAMPING = -0.02  # alpha above which vibrations grow by what extrapolated multipliers err by
 ENGINES = ("compiled", "python")

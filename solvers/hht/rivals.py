@@ -17,9 +17,9 @@ from solvers.hht.equations.coefficients import ALPHA, Coefficients, Method, alph
 from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.equations.hht_i3 import HHTI3
 from solvers.hht.equations.rattle import Rattle
-from solvers.hht.linear.analysis import KINDS
 from solvers.hht.options import ENGINES, make_options
 from solvers.hht.solver import HHT
+from solvers.kernel.linear.analysis import KINDS
 
 RHO_INF = 0.8  # the default of generalised-alpha, as in the field
 EXTENDED = "extended"

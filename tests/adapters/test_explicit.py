@@ -19,8 +19,8 @@ from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import view
+from solvers.kernel import memory as mem
+from solvers.kernel.memory import view
 from tests.adapters.scenes import numpy_ring, problem
 
 METHODS = tuple(CLASSES)

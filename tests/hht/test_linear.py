@@ -15,10 +15,11 @@ from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.result import Status
 from problems import planar_chain
 from solvers.hht import HHT
-from solvers.hht.linear.analysis import of_pattern
-from solvers.hht.linear.matrix import factor, moved_by, respond, solve, solve_often
-from solvers.hht.linear.order import find_order
-from solvers.hht.loops.memory import (
+from solvers.hht.run import functions, idle
+from solvers.kernel.linear.analysis import of_pattern
+from solvers.kernel.linear.matrix import factor, moved_by, respond, solve, solve_often
+from solvers.kernel.linear.order import find_order
+from solvers.kernel.memory import (
     CALLS_PYTHON,
     CHANGE,
     CODE,
@@ -34,7 +35,6 @@ from solvers.hht.loops.memory import (
     VALUES,
     view,
 )
-from solvers.hht.run import functions, idle
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -11,11 +11,11 @@ import hhtbench as hb
 from hhtbench.lowering import derive
 from hhtbench.lowering.caching import Cache
 from solvers._projection import OneByOne
-from solvers.hht.loops.memory import copied
 from solvers.hht.run import kkt
-from solvers.hht.run.kkt import of_full_matrices
 from solvers.hht.run.projecting import smallest_changes
-from solvers.hht.step.projection import project
+from solvers.kernel.kkt import of_full_matrices
+from solvers.kernel.memory import copied
+from solvers.kernel.projection import project
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

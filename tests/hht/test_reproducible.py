@@ -13,7 +13,7 @@ import pytest
 from hhtbench.protocol import System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.loops.compiled import SOURCES
+from solvers.hht.sources import SOURCES
 from tests.hht.scenes import ALPHAS, GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, gravity, pendulum, same_bits
 from tests.hht.test_jacobians import STIFFNESS, stiff_force
 

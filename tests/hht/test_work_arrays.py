@@ -7,10 +7,10 @@ import pytest
 
 import hhtbench as hb
 from solvers.hht import Event
-from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
 from solvers.hht.run.functions import Functions
 from solvers.hht.run.history import History
+from solvers.kernel import memory as mem
 
 ZEROS = mem.VALUES, mem.ATTEMPT  # where they are entries, and say that nothing was seen
 WORK = [number for number in range(len(mem._floats)) if number not in ZEROS]

@@ -28,7 +28,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_of, state_after
 from solvers.hht.equations.discretise import step_residual_and_matrix
 from solvers.hht.equations.known import Layout
-from solvers.hht.run.kkt import force_and_inverse_mass
+from solvers.kernel.kkt import force_and_inverse_mass
 from tests.lowering.native import in_loops
 from tests.lowering.xla import compiled
 

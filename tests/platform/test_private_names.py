@@ -11,7 +11,7 @@ FOLDERS = ("hhtbench", "solvers", "problems", "tests")
 UNSTABLE = ("jax.extend", "jax.interpreters", "numba.core", "numba.np")  # without an underscore, and yet not stable
 FILES = {
     "jax": {"hhtbench/lowering/jax_internals.py"},
-    "numba": {"hhtbench/lowering/compile/compiled_loops.py", "solvers/hht/loops/intrinsics.py"},
+    "numba": {"hhtbench/lowering/compile/compiled_loops.py", "solvers/kernel/intrinsics.py"},
     "numpy": {"hhtbench/processes.py"},
     "scipy": {"hhtbench/lowering/dynamics/differences.py"},
 }

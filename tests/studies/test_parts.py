@@ -17,7 +17,7 @@ from hhtbench.studies.parts import measure, study
 from hhtbench.studies.parts.measure import Cost, counted, height, left_by, memory_of, operations_of, own, python_of, run
 from hhtbench.studies.parts.scenes import Measured, Scene, Spring
 from hhtbench.studies.parts.study import PARTS, REDUCTIONS, SPHERE, SPRING, Gain, PartCost, Study, difference, line_of
-from solvers.hht.loops import memory as mem
+from solvers.kernel import memory as mem
 
 NAMED = {x.name: x for x in PARTS}
 EMPTY = {  # sections of the loops' memory, by the part whose absence leaves them without a place

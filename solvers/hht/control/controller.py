@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 from solvers.hht.control.estimate import estimate, roundoff
 from solvers.hht.equations.formulas import CERTAIN, NOISE, REMAINDER
 from solvers.hht.events.scan import keep_values, scan
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, fit, growth, representable, spacing
-from solvers.hht.loops.sections import part, put, view
-from solvers.hht.step.acceleration import acceleration_level
+from solvers.hht.sources import fit, growth, representable
 from solvers.hht.step.attempt import accept, attempt
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import acceleration_level
+from solvers.kernel.compiled import compiled, spacing
+from solvers.kernel.sections import part, put, view
 
 NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
 

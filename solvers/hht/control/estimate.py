@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS, GAUSS, ROUNDOFF
-from solvers.hht.linear.matrix import respond
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, cubic, roundoff_of, third_difference
-from solvers.hht.loops.sections import address, call, part, put, view
-from solvers.hht.step.stopping import weigh, weighted_rms
+from solvers.hht.equations.formulas import GAUSS, ROUNDOFF
+from solvers.hht.sources import cubic, roundoff_of, third_difference
+from solvers.hht.step.stopping import weigh
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.linear.matrix import respond
+from solvers.kernel.numbers import EPS
+from solvers.kernel.sections import address, call, part, put, view, weighted_rms
 
 FILTERED = 3.0  # times the error that stiffness leaves of it: what forces answer to the position row's is asked for
 SLIGHT = 1e-4  # of what is allowed: the controller takes no error for less

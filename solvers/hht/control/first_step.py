@@ -6,13 +6,14 @@ import math
 from typing import Any
 
 from solvers.hht.control.controller import ControlOptions
-from solvers.hht.equations.formulas import TINY
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called, compiled, inlined
-from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call_python, finite, indices, largest, part, put
-from solvers.hht.step.acceleration import acceleration_level
-from solvers.hht.step.stopping import spend, weigh, weighted_rms
+from solvers.hht.sources import called
+from solvers.hht.step.stopping import weigh
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import acceleration_level
+from solvers.kernel.compiled import compiled, inlined
+from solvers.kernel.memory import Memory
+from solvers.kernel.numbers import TINY
+from solvers.kernel.sections import address, call_python, finite, indices, largest, part, put, spend, weighted_rms
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step

@@ -12,9 +12,11 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.errors import ProblemError
-from solvers.hht.equations.formulas import CERTAIN, EPS, TINY, relative_tolerance, roundoff_of
+from solvers.hht.equations.formulas import CERTAIN, relative_tolerance, roundoff_of
 from solvers.hht.step.state import State
-from solvers.hht.step.stopping import weigh_part, weighted_rms
+from solvers.hht.step.stopping import weigh_part
+from solvers.kernel.numbers import EPS, TINY
+from solvers.kernel.sections import weighted_rms
 
 AT_REST = 1e-7  # of the speed that forces alone would give: less is the root of their roundoff, 1.5e-8, in balance
 

@@ -11,20 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from solvers.kernel.memory import HIGHEST
+from solvers.kernel.numbers import EPS, TINY
+
 MUCH_SHORTER = 0.01  # of the last step: many growths of 1.5 followed by one such shrink are unstable in the stiff limit
 GAUSS = 0.5 + 0.5 / math.sqrt(3.0)  # of the step: there v of dense output errs most; in the middle not at all
 ROUNDOFF = 0.01  # of the tolerance of v: what roundoff may contribute to it between steps
 THREE_DIGITS = 1e-3  # of accelerations: what roundoff may make of multipliers that are extrapolated
 NOTHING = 1e-300  # a size up to it is none
 REMAINDER = 1e-3  # of the step that was asked for: what is shorter is an end of the interval just ahead
-FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as rank
 NOISE = 30.0  # times: errors made of roundoff vary by so much over the steps of a run
 CERTAIN = 5.0  # times what is allowed: roundoff that no step can be below; with 2.5 times many steps still pass
-EPS = float(np.finfo(np.float64).eps)
 NEGLIGIBLE = 1e-10  # of a step: what the rounding of times may change its length by, many of one length all alike
 SHORT = 1e-8  # of the time in which the fastest motion seen crosses the size of q: g over h^2 keeps half its digits
-TINY = float(np.finfo(np.float64).tiny)
-HIGHEST = 5  # unknowns of earlier steps that are kept, and one more than the degree of an extrapolated guess
 EXTRAPOLATION = tuple(  # weights of this and of k earlier steps: polynomials of degree k
     np.array([-((-1.0) ** j) * math.comb(k + 1, j) for j in range(1, k + 2)]) for k in range(HIGHEST)
 )
@@ -93,11 +92,6 @@ def relative_tolerance(of_q: float, of_v: float) -> float:
 def roundoff_of(q: Any, v: Any, h: float) -> tuple[Any, Any]:
     """Roundoff of q and of v, which in a step of h [s] is also a difference of q over h."""
     return EPS * np.abs(q), np.maximum(EPS * np.abs(v), EPS * np.abs(q) / abs(h))
-
-
-def spacing(x: float) -> float:
-    """Distance from ``x`` >= 0 to the next larger number: x and three quarters of its roundoff round to that."""
-    return max((x + 0.75 * EPS * x) - x, TINY)
 
 
 def representable(t: float, h: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from hhtbench.lowering import Dynamics, Structure
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
+from solvers.kernel.memory import GIVEN, HEAD
 
 
 @dataclass(frozen=True)
@@ -73,10 +74,6 @@ def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any)
     if layout.structure.mass == "sparse":
         values["mass_diagonal"] = dynamics.mass(start["t"], start["q"]).diagonal
     return values
-
-
-GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  # the step; a0 by the weights of a - f, of f and of a1
-HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  # numbers of the state, of which t matters here
 
 
 def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:

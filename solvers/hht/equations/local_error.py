@@ -9,8 +9,8 @@ from solvers.hht.equations.applied import applied_force
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.discretise import scaled_rows
 from solvers.hht.equations.known import Layout, named, start_of, started
+from solvers.kernel.memory import CONTROL_NUMBERS
 
-CONTROL = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  # numbers that step control remembers
 REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
 
 
@@ -30,8 +30,8 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given
     """
     s, xp = dynamics.structure, dynamics.xp
     before, after = started(dynamics, method, layout, given), layout.split(x)
-    memory = dict(zip(CONTROL, remembered, strict=False))
-    memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL) :])
+    memory = dict(zip(CONTROL_NUMBERS, remembered, strict=False))
+    memory |= named(dict.fromkeys(REMEMBERED, s.n), remembered[len(CONTROL_NUMBERS) :])
     after |= _ended(layout, end)
     force = after["f1"] + _reaction(dynamics, method, layout, before, after)
     h, last = before["h"], memory["last"]
@@ -107,10 +107,3 @@ def parabola(last: Any, h: Any, earliest: Any, start: Any, end: Any) -> Any:
     back = -(h**3) / (6 * last * (last + h))
     ahead = h * (2 * h + 3 * last) / (6 * (h + last))
     return back * earliest + (h - back - ahead) * start + ahead * end
-
-
-def levels(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """g, g_t + g_q v, then k, (2 m + p,)."""
-    rows = [dynamics.constraint(t, q), dynamics.constraint_velocity(t, q, v)] if dynamics.structure.m else []
-    rows += [dynamics.velocity_constraint(t, q, v)] if dynamics.structure.p else []
-    return dynamics.xp.concatenate(rows)

@@ -21,7 +21,7 @@ from hhtbench.lowering.dynamics.derive import parameters_of
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers._finite import expect_finite
 from solvers.hht.events.scan import EXTRA
-from solvers.hht.loops.memory import DIRECTIONS, SAMPLES, Memory, integer_view
+from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 NUMBERS = (int, float, str, type(None))
 LIBRARIES = ("jax", "numpy", "math")  # what their modules hold stays

@@ -14,13 +14,14 @@ from scipy.optimize import brentq
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
-from solvers.hht.equations.formulas import EPS, TINY, crosses
+from solvers.hht.equations.formulas import crosses
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, value_of
 from solvers.hht.events.scan import EXTRA
 from solvers.hht.events.sides import BESIDE
-from solvers.hht.loops.memory import CONVERGED, T_END
 from solvers.hht.step.state import State
+from solvers.kernel.memory import CONVERGED, T_END
+from solvers.kernel.numbers import EPS, TINY
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, crosses, cubic
-from solvers.hht.loops.sections import address, indices, invoke, part
+from solvers.hht.sources import crosses, cubic
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.sections import address, indices, invoke, part
 
 EXTRA = 2  # samples of a step beside those inside: its start and its end
 

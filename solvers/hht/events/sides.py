@@ -9,9 +9,9 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.events.event import Event, value_of
 from solvers.hht.step.state import State
+from solvers.kernel.numbers import EPS
 
 BESIDE = 1e-300  # the value of a function at its zero, with the sign of the side on which the motion is
 ZERO = 1e-12  # of what a function changes by in the first step: what a start on its zero may be off

@@ -21,11 +21,11 @@ from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure, Place
 from solvers._trust import as_arguments
-from solvers.hht.equations.formulas import EPS, TINY
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import dense
 from solvers.hht.run.start import make_engine
 from solvers.hht.step.state import State
+from solvers.kernel.numbers import EPS, TINY
 
 MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
 CALLS = 5  # of every function

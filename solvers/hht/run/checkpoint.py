@@ -24,7 +24,6 @@ from hhtbench.result import Counters
 from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.equations.known import GIVEN, HEAD
 from solvers.hht.events.event import Event, Occurrence
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
@@ -32,6 +31,7 @@ from solvers.hht.run.loops import misfits, misshapen
 from solvers.hht.run.stepper import EventState
 from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
+from solvers.kernel.memory import GIVEN, HEAD
 
 MAGIC, VERSION = b"hhtbench HHT checkpoint", 8
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)

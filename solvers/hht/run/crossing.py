@@ -19,11 +19,11 @@ from solvers._projection import PROJECTED
 from solvers._start import Failure
 from solvers._start import Place as Start
 from solvers.hht.control.tolerances import Tolerances
-from solvers.hht.equations.formulas import EPS
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.singular import Place, SingularPosition, UnitRows
 from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
+from solvers.kernel.numbers import EPS
 
 WIDTHS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25)  # times the longest step: near the position v' is roundoff, far away it turns
 SWEEPS = 4  # of the corrector: each leaves about the square of the step, over that of the motion's own time

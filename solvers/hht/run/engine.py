@@ -14,22 +14,21 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive
-from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics, VariableMass
-from hhtbench.lowering.dynamics.mass import asymmetry
+from hhtbench.lowering.dynamics.jax_dynamics import VariableMass
 from hhtbench.protocol import NumpySystem, System, declared
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, Place, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.plan import Plan
 from solvers.hht.events.event import Event
-from solvers.hht.loops import memory as mem
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.functions import MachineCode, functions_for
 from solvers.hht.run.history import row_layout
-from solvers.hht.run.kkt import force_and_inverse_mass, force_over_mass
 from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
+from solvers.kernel import memory as mem
+from solvers.kernel.kkt import force_and_inverse_mass, force_over_mass, plain_mass
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
 SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere
@@ -295,10 +294,3 @@ class Engine:
         cause = self.loops.callbacks.take_cause()
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause
-
-
-def plain_mass(dynamics: Dynamics) -> bool:
-    """Whether nothing is said of a start for its mass but where that varies: the system's, symmetric, with an inverse."""
-    mass = dynamics.constant_mass
-    regular = mass is None or (dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
-    return type(dynamics) is JaxDynamics and regular

@@ -33,13 +33,13 @@ from solvers.hht.equations.corrections import (
     state_size,
 )
 from solvers.hht.equations.known import Layout
-from solvers.hht.equations.local_error import CONTROL, REMEMBERED, answer, levels, raw_errors, scaled_inertia
+from solvers.hht.equations.local_error import REMEMBERED, answer, raw_errors, scaled_inertia
 from solvers.hht.equations.methods import equations_of
-from solvers.hht.linear.analysis import Analysis, full, of_code, of_pattern
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, copied
-from solvers.hht.run.kkt import level_functions
 from solvers.hht.step.newton import NewtonOptions
+from solvers.kernel import memory as mem
+from solvers.kernel.kkt import level_functions, levels
+from solvers.kernel.linear.analysis import Analysis, full, of_code, of_pattern
+from solvers.kernel.memory import CONTROL_NUMBERS, Memory, Sizes, copied
 
 LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
@@ -95,7 +95,7 @@ class Functions:
         with _lock:  # they are shared between solvers, and these between threads
             if not self._of_error:
                 s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
-                raw = (self.layout.size,), self.given, (len(CONTROL) + len(REMEMBERED) * s.n,), (end,)
+                raw = (self.layout.size,), self.given, (len(CONTROL_NUMBERS) + len(REMEMBERED) * s.n,), (end,)
                 codes = {"raw": self.made(raw_errors, 3 * s.n, raw, self.method, self.layout)}
                 if self._moved_force:
                     codes["answer"] = self.made(answer, s.n, ((s.n,), self.given, (end,)), self.method, self.layout)

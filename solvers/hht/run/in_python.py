@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from hhtbench.arguments import Vector
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.run.leaps import leaping
+from solvers.kernel.kkt import acceleration_level
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
@@ -26,9 +24,3 @@ def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
     force = callbacks.entry(engine.bare_force, n + inverse, ((), (n,), (n,)))
     leap = callbacks.entry(partial(leaping, engine), n, ((6 + 2 * n,), (n,), (n,), (2,)))
     return {"acceleration": (level, 0), "force": (force, 0), "leap": (leap, 0)}
-
-
-def acceleration_level(engine: Engine, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-    """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
-    found = engine.acceleration.solve(t, q, v, lam, mu)
-    return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
-from solvers.hht.loops.compiled import called, cubic
-from solvers.hht.loops.sections import put
+from solvers.hht.sources import called, cubic
+from solvers.kernel.sections import put
 
 
 @called

@@ -14,29 +14,25 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import CONSISTENT
 from hhtbench.lowering.dynamics.foreign import Callbacks
-from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
 from solvers._start import Guesses, Place
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
-from solvers.hht.equations.formulas import HIGHEST
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.in_python import Codes, python_codes
 from solvers.hht.run.march import march, remake
-from solvers.hht.step.acceleration import start
 from solvers.hht.step.attempt import LEAP
 from solvers.hht.step.state import ControlMemory, Factorised, State
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import start
+from solvers.kernel.kkt import GOOD_START
+from solvers.kernel.memory import HIGHEST, Memory, integer_view, view
 
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
-# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
-GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
     "q": mem.Q, "v": mem.V, "a": mem.A, "f": mem.F, "lam": mem.LAM, "mu": mem.MU, "vdot": mem.VDOT,
     "lam_before": mem.LAM_BEFORE, "lam_applied": mem.LAM_APPLIED, "inverse_mass": mem.INVERSE_MASS, "unknowns": mem.X_LAST,

@@ -8,12 +8,12 @@ from hhtbench.lowering.compile.loops import FloatArray, FloatMatrix
 from solvers.hht.control.controller import ControlOptions, advance, conclude
 from solvers.hht.control.estimate import estimate
 from solvers.hht.events.scan import scan
-from solvers.hht.linear.matrix import early, renew
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called
-from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import indices, part, put, view
+from solvers.hht.sources import called
 from solvers.hht.step.attempt import attempt
+from solvers.kernel import memory as mem
+from solvers.kernel.linear.matrix import early, renew
+from solvers.kernel.memory import Memory
+from solvers.kernel.sections import indices, part, put, view
 
 
 @called

@@ -16,13 +16,13 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, conjugate
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import copied
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
-from solvers.hht.run.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
-from solvers.hht.run.rows import FEW, FIRST, in_blocks
-from solvers.hht.step.projection import project
+from solvers.kernel import memory as mem
+from solvers.kernel.blocks import FEW, FIRST, in_blocks
+from solvers.kernel.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
+from solvers.kernel.memory import copied
+from solvers.kernel.projection import project
 
 _known = Cache(16)  # memory of the loops for one system, or None where no machine code serves
 

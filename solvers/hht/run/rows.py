@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix
-from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import MachineCode
-from solvers.hht.run.kkt import kkt_of
-from solvers.hht.step.acceleration import recover
-
-FEW = 20  # rows below which their multipliers are found one by one, where no code is there for them
-FIRST = 512  # rows of the first call, and FEW of a NumPy system
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import recover
+from solvers.kernel.blocks import FEW, FIRST, in_blocks
+from solvers.kernel.kkt import kkt_of
 
 
 def recovered(engine: Engine, rows: Matrix) -> Any:
@@ -31,15 +27,6 @@ def recovered(engine: Engine, rows: Matrix) -> Any:
     in_blocks(len(rows), FIRST if engine.points else FEW, recover_block, going)
     loops.raise_noted()
     return done
-
-
-def in_blocks(count: int, block: int, work_on: Callable[[slice], Any], going: Callable[[], bool]) -> None:
-    """``work_on`` all of ``count`` rows, ``block`` of them first, then in longer blocks, while it is ``going`` on."""
-    first = 0
-    while first < count and going():
-        began = time.perf_counter()
-        work_on(slice(first, first + block))
-        first, block = first + block, 2 * block if time.perf_counter() - began < SLOW / 4 else block
 
 
 def _by_blocks(engine: Engine, rows: Matrix, done: Any) -> Callable[[slice], Any] | None:

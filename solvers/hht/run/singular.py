@@ -19,8 +19,8 @@ from hhtbench.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure
 from solvers._start import Place as Start
-from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
+from solvers.kernel import memory as mem
 
 MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
     Status.newton_failed,

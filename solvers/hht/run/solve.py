@@ -21,7 +21,6 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
-from solvers.hht.loops import memory as mem
 from solvers.hht.run import idle
 from solvers.hht.run.causes import diagnosed, explained, growing_vibration, unresolved_forces
 from solvers.hht.run.crossing import Approach
@@ -34,6 +33,7 @@ from solvers.hht.run.start import NOTHING
 from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
+from solvers.kernel import memory as mem
 
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}

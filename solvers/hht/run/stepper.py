@@ -20,12 +20,12 @@ from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings, together
 from solvers.hht.events.sides import BESIDE, changed_values, starting_values
-from solvers.hht.loops import memory as mem
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.projecting import put_on_constraints
 from solvers.hht.run.start import first_state, project
 from solvers.hht.step.state import State
+from solvers.kernel import memory as mem
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"

@@ -19,8 +19,6 @@ from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import representable
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, integer_view, view
 from solvers.hht.run.causes import explained
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout
@@ -28,6 +26,8 @@ from solvers.hht.run.march import march
 from solvers.hht.run.singular import cause_of, ends_at, places_of
 from solvers.hht.run.stepper import Accepted, EventState, Stepper
 from solvers.hht.step.state import State
+from solvers.kernel import memory as mem
+from solvers.kernel.memory import Memory, integer_view, view
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
 METHODS = ("onestep", "normal")

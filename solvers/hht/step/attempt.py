@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.equations.formulas import EXTRAPOLATION, HIGHEST, MUCH_SHORTER, TINY
-from solvers.hht.linear.matrix import early
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, rescaled, tells_multipliers, trapezoidal_start
-from solvers.hht.loops.sections import address, call, call_python, finite, largest, part, put, view
-from solvers.hht.step.acceleration import acceleration_level
+from solvers.hht.equations.formulas import EXTRAPOLATION, MUCH_SHORTER
+from solvers.hht.sources import rescaled, tells_multipliers, trapezoidal_start
 from solvers.hht.step.newton import newton, restarted
 from solvers.hht.step.stopping import compute_end
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import acceleration_level
+from solvers.kernel.compiled import compiled
+from solvers.kernel.linear.matrix import early
+from solvers.kernel.memory import HIGHEST
+from solvers.kernel.numbers import TINY
+from solvers.kernel.sections import address, call, call_python, finite, largest, part, put, view
 
 LEAP = 1.25  # times what the change of accelerations makes of coordinates in a step: more may be another branch, (H58)
 LEAST_LEAP = 1e-6  # of the coordinate: less is no other branch

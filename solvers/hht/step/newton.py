@@ -10,10 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from solvers.hht.linear.matrix import renew, step_back
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled
-from solvers.hht.loops.sections import part, put
 from solvers.hht.step.stopping import (
     converged,
     corrected,
@@ -22,9 +18,12 @@ from solvers.hht.step.stopping import (
     is_roundoff,
     measure_once,
     scaled,
-    spend,
     unmeasured,
 )
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.linear.matrix import renew, step_back
+from solvers.kernel.sections import part, put, spend
 
 BLINDED = 1e-8  # increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
 CONSTRAINT_COST = 5.0  # of a matrix, in iterations of the constraint rows alone, whose machine code evaluates no force

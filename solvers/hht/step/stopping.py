@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS, NOTHING, TINY
-from solvers.hht.linear.matrix import correct, early, move, moved_by
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import allowed, compiled, relative_part, relative_tolerance
-from solvers.hht.loops.sections import address, call, largest, part, put, view
+from solvers.hht.equations.formulas import NOTHING
+from solvers.hht.sources import allowed, relative_part, relative_tolerance
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.linear.matrix import correct, early, move, moved_by
+from solvers.kernel.numbers import EPS, TINY
+from solvers.kernel.sections import address, call, largest, part, put, view, weighted_rms
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 NOISE_MARGIN = 4.0  # times the measured roundoff: several sums take part, increments above it still shrink
@@ -105,25 +107,6 @@ def weigh_part(rtol: Any, atol: Any, before: Any, after: Any, size: Any, weights
         if size > NOTHING:
             least = min(least, relative_part(size, rtol[i], atol[i]))
     return least
-
-
-@compiled
-def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``; infinity where it is not finite."""
-    total = 0.0
-    for i in range(x.size):
-        ratio = x[i] / weights[i]
-        total += ratio * ratio  # a square by ** rounds otherwise in Python, once in a thousand
-    return math.sqrt(total / x.size) if math.isfinite(total) else math.inf
-
-
-@compiled
-def spend(z: Any, counts: Any) -> Any:
-    """One more evaluation of the residual; False where none is left."""
-    if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
-        return False
-    counts[mem.RESIDUALS] += 1
-    return True
 
 
 @compiled

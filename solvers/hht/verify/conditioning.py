@@ -12,10 +12,10 @@ from hhtbench.evidence import Row
 from hhtbench.lowering import compile_function
 from solvers.hht.equations.discretise import unpack_matrix
 from solvers.hht.equations.methods import equations_of
-from solvers.hht.loops import memory as mem
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import guesses, step_by_hand
 from solvers.hht.verify.study import Method, below_row, named, shown_row
+from solvers.kernel import memory as mem
 
 LENGTHS = tuple(10.0**-k for k in range(2, 8))  # [s]
 FLAT = 1.05  # largest over least: h times rates of the motion, 0.015 measured at most

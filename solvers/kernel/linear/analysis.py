@@ -15,11 +15,11 @@ from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
 from hhtbench.lowering.compile.coloured import Indices, Pattern
 from hhtbench.lowering.dynamics.foreign import Callbacks
-from solvers.hht.equations.formulas import EPS, FULL_RANK
-from solvers.hht.linear.matrix import PRODUCT
-from solvers.hht.linear.order import Order, find_order
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view, view
+from solvers.kernel import memory as mem
+from solvers.kernel.linear.matrix import PRODUCT
+from solvers.kernel.linear.order import Order, find_order
+from solvers.kernel.memory import Memory, Sizes, allocate, integer_view, view
+from solvers.kernel.numbers import EPS, FULL_RANK
 
 KINDS = ("auto", "dense", "band", "sparse")
 CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}
@@ -143,7 +143,7 @@ class Analysis:
     def memory(self, *, by_entries: bool = False, **sizes: int) -> Memory:
         """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it.
 
-        ``by_entries``: with the places of the entries, for :mod:`~solvers.hht.step.entries`.
+        ``by_entries``: with the places of the entries, for :mod:`~solvers.kernel.entries`.
         """
         sections = self.sections()
         if by_entries:

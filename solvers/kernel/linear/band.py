@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled
-from solvers.hht.loops.sections import indices, part
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.sections import indices, part
 
 
 @compiled

@@ -11,23 +11,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import Dynamics, Native, NotNative, native, route_of
+from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, JaxDynamics, MatrixFree, matrix_free
 from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
+from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC, asymmetry
 from hhtbench.protocol import declared
 from solvers._finite import inverse_mass_at
-from solvers.hht.equations.local_error import levels
-from solvers.hht.linear.analysis import Analysis, address_of, chosen
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.memory import Memory, Sizes, allocate, integer_view
+from solvers.kernel import memory as mem
+from solvers.kernel.linear.analysis import Analysis, address_of, chosen
+from solvers.kernel.memory import Memory, Sizes, allocate, integer_view
 
 FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
 LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
+
+# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
+GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 
 
 class Entries(NamedTuple):
@@ -214,3 +217,23 @@ def kkt_code(dynamics: Dynamics) -> Entries:
     slots = np.concatenate([np.arange(size), slots])
     found = Analysis(size, rows, columns, 0, slots, np.zeros(slots.size))
     return Entries(code, chosen(found, "auto", measured=not dynamics.matrices))
+
+
+def levels(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """g, g_t + g_q v, then k, (2 m + p,)."""
+    rows = [dynamics.constraint(t, q), dynamics.constraint_velocity(t, q, v)] if dynamics.structure.m else []
+    rows += [dynamics.velocity_constraint(t, q, v)] if dynamics.structure.p else []
+    return dynamics.xp.concatenate(rows)
+
+
+def acceleration_level(run: Any, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
+    """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
+    found = run.acceleration.solve(t, q, v, lam, mu)
+    return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
+
+
+def plain_mass(dynamics: Dynamics) -> bool:
+    """Whether nothing is said of a start for its mass but where that varies: the system's, symmetric, with an inverse."""
+    mass = dynamics.constant_mass
+    regular = mass is None or (dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
+    return type(dynamics) is JaxDynamics and regular

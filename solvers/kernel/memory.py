@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.lowering.compile.loops import FloatArray, IntArray
-from solvers.hht.equations.formulas import HIGHEST
-from solvers.hht.equations.known import GIVEN, HEAD
-from solvers.hht.equations.local_error import CONTROL as CONTROL_NUMBERS
+
+HIGHEST = 5  #: unknowns of earlier steps that are kept, and one more than the degree of an extrapolated guess
+GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  #: the step; a0 by the weights of a - f, of f and of a1
+HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  #: numbers of the state, of which t matters to the equations
+CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  #: that step control remembers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +196,7 @@ ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MATRIX_COST = range(3, 11)
 REMAINING, STIFF, LEAST_OFF = range(11, 14)
 
-# Where the entries of the matrix and of the maps below it go, see solvers.hht.linear.analysis.
+# Where the entries of the matrix and of the maps below it go, see solvers.kernel.linear.analysis.
 SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
     given_integers,
     ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),

@@ -9,12 +9,13 @@ import math
 from typing import Any
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatMatrix
-from solvers.hht.equations.formulas import EPS, FULL_RANK
-from solvers.hht.linear.matrix import step_back
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called, compiled, inlined
-from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import (
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import called, compiled, inlined
+from solvers.kernel.entries import by_entries, compute_entries, factor_entries, solve_entries
+from solvers.kernel.linear.matrix import step_back
+from solvers.kernel.memory import Memory
+from solvers.kernel.numbers import EPS, FULL_RANK
+from solvers.kernel.sections import (
     address,
     call,
     call_python,
@@ -25,10 +26,9 @@ from solvers.hht.loops.sections import (
     largest,
     part,
     put,
+    spend,
     view,
 )
-from solvers.hht.step.entries import by_entries, compute_entries, factor_entries, solve_entries
-from solvers.hht.step.stopping import spend
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns

@@ -1,4 +1,4 @@
-"""Sections of the loops' memory, calls by address, small loops; ``z`` is a :class:`~solvers.hht.loops.memory.Memory`.
+"""Sections of the loops' memory, calls by address, small loops; ``z`` is a :class:`~solvers.kernel.memory.Memory`.
 
 Of a section with two slots ``name + slot`` is one.
 """
@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import Any
 
 from hhtbench.lowering.compile.loops import intrinsic
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, inlined
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled, inlined
 
-_SOURCE = "solvers.hht.loops.intrinsics"
+_SOURCE = "solvers.kernel.intrinsics"
 
 
 @lru_cache
@@ -108,3 +108,22 @@ def erase(x: Any) -> None:
     """Every entry becomes NaN."""
     for i in range(x.size):
         x[i] = math.nan
+
+
+@compiled
+def weighted_rms(x: Any, weights: Any) -> Any:
+    """Root mean square of x over ``weights``; infinity where it is not finite."""
+    total = 0.0
+    for i in range(x.size):
+        ratio = x[i] / weights[i]
+        total += ratio * ratio  # a square by ** rounds otherwise in Python, once in a thousand
+    return math.sqrt(total / x.size) if math.isfinite(total) else math.inf
+
+
+@compiled
+def spend(z: Any, counts: Any) -> Any:
+    """One more evaluation of the residual; False where none is left."""
+    if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
+        return False
+    counts[mem.RESIDUALS] += 1
+    return True

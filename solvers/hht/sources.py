@@ -1,24 +1,22 @@
-"""The decorators of the loops' functions, and the formulas that they share with the Python around them."""
+"""The files that HHT's compiled loops are made from, and the formulas that they share with the Python around them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from hhtbench.lowering.compile.loops import entries, inner
+from hhtbench.lowering.compile.loops import entries
 from solvers.hht.equations import formulas
+from solvers.kernel.compiled import KERNEL, compiled
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parent
 SOURCES = (
-    HERE / "loops",
-    *(HERE / "linear" / f"{name}.py" for name in ("band", "matrix")),
-    *(HERE / "step" / f"{name}.py" for name in ("stopping", "newton", "acceleration", "entries", "projection", "attempt")),
+    *KERNEL,
+    *(HERE / "step" / f"{name}.py" for name in ("stopping", "newton", "attempt")),
     *(HERE / "control" / f"{name}.py" for name in ("estimate", "controller", "first_step")),
     *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/interpolate")),
     Path(formulas.__file__),
 )
 called = entries(HERE / "compiled", *SOURCES)  #: what Python calls
-compiled = inner()
-inlined = inner(inline="always")
 
 allowed = compiled(formulas.allowed)
 crosses = compiled(formulas.crosses)
@@ -30,7 +28,6 @@ relative_tolerance = compiled(formulas.relative_tolerance)
 representable = compiled(formulas.representable)
 rescaled = compiled(formulas.rescaled)
 roundoff_of = compiled(formulas.roundoff_of)
-spacing = compiled(formulas.spacing)
 tells_multipliers = compiled(formulas.tells_multipliers)
 third_difference = compiled(formulas.third_difference)
 trapezoidal_start = compiled(formulas.trapezoidal_start)

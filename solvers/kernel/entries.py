@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.hht.linear.matrix import factor, solve
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled
-from solvers.hht.loops.sections import address, call, finite, indices, part
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled
+from solvers.kernel.linear.matrix import factor, solve
+from solvers.kernel.sections import address, call, finite, indices, part
 
 
 @compiled

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.hht.equations.formulas import EPS, FULL_RANK
-from solvers.hht.linear.band import count_pivots, factor_blocks, solve_blocks
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import compiled, inlined
-from solvers.hht.loops.sections import (
+from solvers.kernel import memory as mem
+from solvers.kernel.compiled import compiled, inlined
+from solvers.kernel.linear.band import count_pivots, factor_blocks, solve_blocks
+from solvers.kernel.numbers import EPS, FULL_RANK
+from solvers.kernel.sections import (
     address,
     call,
     call_python,

@@ -10,13 +10,13 @@ import math
 from typing import Any
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
-from solvers.hht.equations.formulas import TINY
-from solvers.hht.loops import memory as mem
-from solvers.hht.loops.compiled import called, compiled
-from solvers.hht.loops.memory import Memory
-from solvers.hht.loops.sections import address, call, finite, largest, part, put
-from solvers.hht.step.acceleration import scaled_factor, scaled_solve
-from solvers.hht.step.entries import add_row_sizes, by_entries, compute_entries, factor_entries, solve_entries
+from solvers.kernel import memory as mem
+from solvers.kernel.acceleration import scaled_factor, scaled_solve
+from solvers.kernel.compiled import called, compiled
+from solvers.kernel.entries import add_row_sizes, by_entries, compute_entries, factor_entries, solve_entries
+from solvers.kernel.memory import Memory
+from solvers.kernel.numbers import TINY
+from solvers.kernel.sections import address, call, finite, largest, part, put
 
 MOST_ITERATIONS = 8  # at each level; a state leaves the constraints by its error, so three are enough
 SLOW = 1e-2  # contraction from which the matrix is made anew, of that of the first iterate the square of an error

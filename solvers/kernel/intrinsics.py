@@ -1,4 +1,4 @@
-"""The code behind :mod:`solvers.hht.loops.sections`; imported where something must be compiled, since it needs Numba."""
+"""The code behind :mod:`solvers.kernel.sections`; imported where something must be compiled, since it needs Numba."""
 
 from __future__ import annotations
 
