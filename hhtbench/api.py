@@ -86,7 +86,9 @@ def solve(
                 found = _once(loaded, chosen, asked, clock)
         except BudgetSpent as spent:
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
-    return found.but(message=f"{found.message.rstrip('.')}. {note}") if note else found
+    if not note or found.status is Status.declined:
+        return found
+    return found.but(message=f"{found.message.rstrip('.')}. {note}")
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import os
 import sys
 from difflib import get_close_matches
 from functools import reduce
@@ -53,24 +52,13 @@ def find(kind: str, name: str) -> EntryPoint:
 
 def load(kind: str, name: str) -> Any:
     """Import the module behind ``name``, and no other, and return the registered object."""
-    where = _search_path()
+    where = tuple(sys.path)  # with other folders the name may be another's, or several distributions'
     known = _loaded.get((kind, name))
     if known is not None and known[0] == where and sys.modules.get(known[1]) is known[2]:
         return known[3]
     entry = find(kind, name)
     found, module = _imported(kind, name, entry)
     _loaded[kind, name] = where, entry.module, module, found
-    return found
-
-
-def _search_path() -> list[tuple[str, int]]:
-    """Where Python looks for distributions and modules, with the last change there: what is registered depends on it."""
-    found = []
-    for place in sys.path:
-        try:
-            found.append((place, os.stat(place or ".").st_mtime_ns))
-        except OSError:
-            found.append((place, -1))
     return found
 
 

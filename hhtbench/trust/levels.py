@@ -129,18 +129,19 @@ class AtRows:
     def _plainly_hold(self, problem: Problem, bound: float, found: Matrix) -> bool:
         """Whether all constraints hold by the declared scales, in a third of the time that it takes to find the largest."""
         n, m, p, count = self.n, self.m, self.p, len(found)
-        allowed, left = np.empty((n, 2)), 0
+        allowed, held = np.empty((n, 2)), 0
+        sizes: Any
         allowed[:, 0], allowed[:, 1] = problem.scales.q, problem.scales.v
         allowed *= bound
         found = np.abs(found)
         if m:
             sizes = (found[:, self._g_q].reshape(-1, n) @ allowed).reshape(count, m, 2)
-            left = count * m - np.count_nonzero(found[:, self._g] <= sizes[:, :, 0])
-            left += count * m - np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1])
+            held += int(np.count_nonzero(found[:, self._g] <= sizes[:, :, 0]))
+            held += int(np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1]))
         if p:
             sizes = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
-            left += count * p - np.count_nonzero(found[:, self._k] <= sizes)
-        return not left
+            held += int(np.count_nonzero(found[:, self._k] <= sizes))
+        return held == count * (2 * m + p)
 
     def _together(self, problem: Problem, bound: float, v: Matrix, found: Matrix) -> list[Levels]:
         """Of what machine code has ``found`` at every row."""
@@ -161,7 +162,8 @@ class AtRows:
             values[row] = np.concatenate([at.position, at.velocity_drift])
             of_velocity = jacobian @ fastest + np.abs(at.time_derivative)
             sizes[row] = np.concatenate([jacobian @ s_q, of_velocity, np.abs(at.velocity_jacobian) @ s_v])
-        return _of_kinds(*(np.split(x, [m, 2 * m], axis=1) for x in (values, sizes)), bound)
+        parts = [m, 2 * m]
+        return _of_kinds(np.split(values, parts, axis=1), np.split(sizes, parts, axis=1), bound)
 
 
 def _of_kinds(values: Sequence[Matrix], sizes: Sequence[Matrix], bound: float) -> list[Levels]:

@@ -170,7 +170,7 @@ def _start(problem: Problem, request: Request, motion: Motion) -> str:
     if not motion[0].size or motion[0][0] != problem.t_span[0] or getattr(request, "calc_initcond", False):
         return ""
     for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
-        if rows[0].tobytes() == first.tobytes():
+        if rows[0].tolist() == first.tolist():
             continue
         allowed = SAME_START if request.rtol is None else max(SAME_START, 2.0 * float(np.max(request.rtol)))
         off = np.abs(rows[0] - first)

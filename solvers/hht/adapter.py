@@ -62,8 +62,8 @@ class HHTSolver:
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem`` over its interval."""
-        if reason := self._lacks_accuracy(request):
-            raise ProblemError(f"{reason}.")
+        if lacking := self._lacks_accuracy(request):
+            raise ProblemError(f"{lacking}.")
         atol = request.atol if request.rtol is None or request.atol is not None else absolute_tolerances(problem, request)
         integrator = self.integrator(problem.system, events=self.events, **{**self.options, **request.options})
         t0, t1 = problem.t_span

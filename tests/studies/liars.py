@@ -14,10 +14,9 @@ from hhtbench.testing.scenes.pendulum import PERIOD
 
 
 class Straight:
-    """Goes straight on, constraints or not, and says success; ``judges_itself`` keeps the bench from looking."""
+    """Goes straight on, constraints or not, and says success."""
 
     name = "straight"
-    judges_itself = True
 
     def accepts(self, problem, request):
         return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import struct
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -10,11 +12,12 @@ import numpy as np
 
 from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.compiler import Native
-from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
+from hhtbench.lowering.scalar_compiler.machine import generate, host, load
 
 ENTRY = "hhtbench_at_rows"
 # The loop does not depend on the function: it finds its address, and those of the arrays with their strides, in a block.
 WORDS = ("function", "parameters", "count", "out", "out_stride", "t", "t_stride", "q", "q_stride", "v", "v_stride")
+_CALL, _PACK = ctypes.PYFUNCTYPE(None, ctypes.c_char_p), struct.Struct(f"{len(WORDS)}q").pack
 POINTERS = "function", "parameters", "out", "t", "q", "v"
 
 
@@ -23,7 +26,7 @@ def at_rows(native: Native) -> Callable[[Any, Any, Any], Any]:
 
     The rows are arrays of float64; those of q and v may be parts of longer ones.
     """
-    loop, size = caller(_loop()), native.size
+    loop, size = _CALL(_loop()), native.size
     function, parameters = native.pair
 
     def call(t: Any, q: Any, v: Any, _kept: Any = native) -> Any:
@@ -32,8 +35,7 @@ def at_rows(native: Native) -> Callable[[Any, Any, Any], Any]:
         words = [function, parameters, count]
         for array in (out, t, q, v):
             words += array.__array_interface__["data"][0], array.strides[0]
-        block = np.array(words)
-        loop(block.__array_interface__["data"][0])
+        loop(_PACK(*words))
         return out
 
     return call
