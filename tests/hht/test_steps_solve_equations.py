@@ -66,3 +66,138 @@ def test_every_step_of_the_library_solves_its_equations(name):
     assert controlled.success
     s = steps_of(prescribed, problem.system)
     assert_solved(Extended().left(physics, s), s, roundoff=roundoff)
+
+
+# --- from rest in equilibrium
+
+
+class Crane(hb.System):
+    """README's: a trolley on a rail, pushed to and fro, with a load on a rope."""
+
+    def mass_matrix(self, t, q):
+        return jnp.diag(jnp.array([20.0, 5.0, 5.0]))
+
+    def force(self, t, q, v):
+        return jnp.stack([50.0 * jnp.sin(t) - 10.0 * v[0], 0.0, -9.81 * 5.0])
+
+    def constraint(self, t, q):
+        return jnp.stack([((q[1] - q[0]) ** 2 + q[2] ** 2 - 16.0) / 2.0])
+
+
+class Driven(hb.System):
+    """A mass on a spring whose other end moves as t^4."""
+
+    def force(self, t, q, v):
+        return jnp.stack([q[1] - q[0], q[0] - q[1]])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] - t**4])
+
+
+class Belt(hb.System):
+    """A block on a belt that begins to move: (x, y), held at y = 0, friction drags it."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1]])
+
+    def reaction(self, t, q, v, lam):
+        return -lam[0] * jnp.stack([0.3 * jnp.tanh((t**2 - v[0]) / 0.1), 1.0])
+
+
+SCENES = {  # a start in equilibrium, and the velocities that may be added to it
+    "crane": (Crane(), [0.0, 0.0, -4.0], [1.0, 1.0, 0.0]),
+    "driven": (Driven(), [0.0, 0.0], [0.0, 1.0]),
+    "belt": (Belt(), [0.0, 0.0], [1.0, 0.0]),
+}
+LENGTHS = {"crane": (0.5, 0.02), "driven": (1.0, 1 / 30, 1e-4), "belt": (0.5, 0.02)}  # of constant steps [s]
+SPEEDS = (0.0, 1e-20, 1e-14, 1e-8)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize(("scene", "h"), [(scene, h) for scene in SCENES for h in LENGTHS[scene]])
+def test_constant_steps_from_rest_solve_their_equations(scene, h, speed):
+    system, q0, v0 = SCENES[scene]
+    solution = HHT(system).solve((0.0, 20 * h), q0, speed * np.array(v0), step=h)
+    assert solution.success, solution.message
+    s = steps_of(solution, system)
+    assert_solved(Extended().left(physics_of(system), s), s)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_controlled_steps_from_rest_solve_their_equations(scene, speed):
+    system, q0, v0 = SCENES[scene]
+    solution = HHT(system).solve((0.0, 1.0), q0, speed * np.array(v0), rtol=RTOL, atol=1e-5)
+    assert solution.success, solution.message
+    s = steps_of(solution, system)
+    assert_solved(Extended().left(physics_of(system), s, start="trapezoidal"), s, RTOL, 1e-5)
+
+
+# --- the other methods of the loop
+
+
+def of_extended(**options):
+    """An HHT with ``options``, its equations, and whether multipliers are extrapolated."""
+    own = {name: x for name, x in options.items() if name in ("alpha", "b", "reaction")}
+    return lambda system: HHT(system, **options), Extended(**own)
+
+
+RHO = 0.8
+ALPHA_M, ALPHA_F = GeneralisedAlpha(rho=RHO, stabilised=True).alphas
+EXTENDED = Extended(alpha=ALPHA_M - ALPHA_F, alpha_m=ALPHA_M)
+METHODS = {
+    "alpha -0.3": of_extended(alpha=-0.3),
+    "alpha 0": of_extended(alpha=0.0),
+    "b 1": of_extended(b=1.0),
+    "predictor": of_extended(reaction="predictor", b=0.3),
+    "midpoint": of_extended(reaction="midpoint"),
+    "midpoint_predictor": of_extended(reaction="midpoint_predictor"),
+    "extrapolated": of_extended(extrapolate_reaction=True),
+    "extrapolated midpoint": of_extended(extrapolate_reaction=True, reaction="midpoint"),
+    "stabilised": (GeneralisedAlphaIntegrator, GeneralisedAlpha(rho=RHO, stabilised=True)),
+    "index 3": (lambda system: GeneralisedAlphaIntegrator(system, form="index3"), GeneralisedAlpha(rho=RHO, stabilised=False)),
+    "extended": (lambda system: GeneralisedAlphaIntegrator(system, form="extended"), EXTENDED),
+    "hht_i3": (HHTI3Integrator, HHTI3()),
+    "rattle": (RattleIntegrator, Rattle()),
+}
+
+
+def left_by(method, system, s):
+    """What ``method`` leaves of its equations, begun as THEORY.md says."""
+    oracle, physics, mechanics = METHODS[method][1], physics_of(system), Mechanics(system)
+    t, h, q, v = s.t0[0], s.h[0, 0], s.q0[0], s.v0[0]
+    vdot, lam, _ = mechanics.accelerations(t, q, v)
+    if isinstance(oracle, Rattle):
+        return oracle.left(physics, s)
+    if isinstance(oracle, HHTI3):
+        return oracle.left(physics, s, vdot=vdot, lam=lam)
+    shift = h * (ALPHA_M - ALPHA_F)  # (H12), (H41)
+    place = t + shift, q + shift * v, v + shift * vdot
+    if isinstance(oracle, GeneralisedAlpha):
+        return oracle.left(physics, s, start=mechanics.accelerations(*place)[0], vdot=vdot)
+    if method == "extended":
+        near = physics(*(np.array([x]) for x in (*place, s.lam0[0], s.mu[0])))
+        return oracle.left(physics, s, start=near.f[0])
+    return oracle.left(physics, s, lam=lam if method.startswith("extrapolated") else None)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_other_methods_solve_their_own_equations(method):
+    """A mass that varies, in steps of 1 : 2, and the crane from rest in constant ones."""
+    top = load_problem("heavy_top")
+    solution = METHODS[method][0](top.system).solve((0.0, 0.06), top.q0, top.v0, steps=np.tile([1e-3, 2e-3], 20))
+    assert solution.success
+    s = steps_of(solution, top.system)
+    assert_solved(left_by(method, top.system, s), s)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_other_methods_solve_their_own_equations_from_rest(method):
+    system, q0, v0 = SCENES["crane"]
+    solution = METHODS[method][0](system).solve((0.0, 2.0), q0, np.zeros(3), step=0.1)
+    assert solution.success
+    s = steps_of(solution, system)
+    assert_solved(left_by(method, system, s), s)
