@@ -107,12 +107,37 @@ class Belt(hb.System):
         return -lam[0] * jnp.stack([0.3 * jnp.tanh((t**2 - v[0]) / 0.1), 1.0])
 
 
+class Skate(hb.System):
+    """A knife edge at rest that forces push along and turn."""
+
+    def force(self, t, q, v):
+        return jnp.stack([jnp.sin(t), jnp.sin(2.0 * t), t**2])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([v[0] * jnp.sin(q[2]) - v[1] * jnp.cos(q[2])])
+
+
+class Brake(hb.System):
+    """A free mass that a force pushes against steep friction."""
+
+    def force(self, t, q, v):
+        return 20.0 * jnp.sin(t) - 30.0 * jnp.tanh(v / 0.05)
+
+
 SCENES = {  # a start in equilibrium, and the velocities that may be added to it
     "crane": (Crane(), [0.0, 0.0, -4.0], [1.0, 1.0, 0.0]),
     "driven": (Driven(), [0.0, 0.0], [0.0, 1.0]),
     "belt": (Belt(), [0.0, 0.0], [1.0, 0.0]),
+    "skate": (Skate(), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
+    "brake": (Brake(), [0.0], [1.0]),
 }
-LENGTHS = {"crane": (0.5, 0.02), "driven": (1.0, 1 / 30, 1e-4), "belt": (0.5, 0.02)}  # of constant steps [s]
+LENGTHS = {  # of constant steps [s]
+    "crane": (0.5, 0.02),
+    "driven": (10.0, 1 / 30, 1e-4),
+    "belt": (0.5, 0.02),
+    "skate": (0.5, 1 / 30),
+    "brake": (0.5, 1 / 30),
+}
 SPEEDS = (0.0, 1e-20, 1e-14, 1e-8)
 
 
