@@ -99,13 +99,13 @@ class Steps(NamedTuple):
     mu: np.ndarray  # (N, p)
 
 
-def steps_of(solution: Any, system: Any) -> Steps:
+def steps_of(solution: Any, physics: Physics) -> Steps:
     """Those of a solution with a row at every step; multipliers of constraints that the solver leaves out are zero."""
     data, t, q, v = solution.steps_data, solution.t, solution.q, solution.v
     assert np.array_equal(data.t, t[1:]), "the solution has rows other than the ends of its steps"
     multipliers, kept = np.stack([data.lam_start, data.lam_end]), data.lam_end.shape[1]
     if kept < solution.lam.shape[1]:  # dependent rows: a pivoted QR of the unit rows at the start picks the others
-        rows = np.asarray(jax.jacfwd(system.constraint, 1)(t[0], jnp.asarray(q[0])))
+        rows = physics(t[:1], q[:1], v[:1], 0 * solution.lam[:1], solution.mu[:1]).G[0]
         pivots = scipy.linalg.qr((rows / np.linalg.norm(rows, axis=1)[:, None]).T, pivoting=True)[2]
         whole = np.zeros((2, len(data.t), len(rows)))
         whole[:, :, np.sort(pivots[:kept])] = multipliers
