@@ -126,7 +126,7 @@ class Left(NamedTuple):
         h = abs(s.h[:, 0])
         v = np.maximum(largest(s.v0), largest(s.v1))
         q = np.maximum(np.maximum(largest(s.q0), largest(s.q1)), h * v)
-        q, v = np.maximum.accumulate(q), np.maximum.accumulate(np.maximum(np.maximum(v, h * largest(s.a1)), TINY))
+        q, v = (np.maximum.accumulate(np.maximum(x, TINY)) for x in (q, np.maximum(v, h * largest(s.a1))))
         found = np.maximum(self.on_q / q, self.on_v / v)
         return np.maximum(found, np.maximum(largest(self.q) / q, largest(self.v) / v)) if forces else found
 
@@ -164,6 +164,7 @@ def before(first: Any, x: np.ndarray) -> np.ndarray:
 def carried(s: Steps, f: Any, alpha: float, alpha_m: float = 0.0, *, start: Any = None, turned: Any = None) -> Any:
     """a0 and f1 (N, n) of every step, by (H11) and by (H6) or (H45), from ``f`` at the start.
 
+    f1 is what these rows make of a1: what Newton's iteration leaves of the balance is its difference from M^-1 F.
     ``start`` is a0 of the first step, "trapezoidal" or None for f, (H12).  ``turned`` (N, n) is what (H56) adds.
     """
     alpha_f, a, last = alpha_m - alpha, f if start is None else start, s.h[0, 0]
@@ -220,6 +221,8 @@ class Extended:
 
     def _velocity_reaction(self, physics: Physics, s: Steps) -> np.ndarray:
         """(H10)."""
+        if s.mu.shape[1] == 0:
+            return 0 * s.v0
         half = physics(s.t0 + s.h[:, 0] / 2, s.q0 + s.h * s.v0 / 2, (s.v0 + s.v1) / 2, s.lam0, s.mu)
         return half.over_mass(half.Qk)
 
@@ -262,10 +265,8 @@ class HHTI3:
     def left(self, physics: Physics, s: Steps, *, vdot: Any, lam: Any) -> Left:
         """``vdot`` (n,) and ``lam`` (m,) are those of (H16) at the start."""
         beta, gamma = weights = (1 - self.alpha) ** 2 / 4, 0.5 - self.alpha
-        begin, end = (
-            physics(s.t0, s.q0, s.v0, before(lam, s.lam1), s.mu),
-            physics(s.t1, s.q1, s.v1, s.lam1, s.mu),
-        )
+        begin = physics(s.t0, s.q0, s.v0, before(lam, s.lam1), s.mu)
+        end = physics(s.t1, s.q1, s.v1, s.lam1, s.mu)
         a0, h = before(vdot, s.a1), s.h
         q = s.q1 - (s.q0 + h * s.v0 + h**2 * ((0.5 - beta) * a0 + beta * s.a1))
         v = s.v1 - (s.v0 + h * ((1 - gamma) * a0 + gamma * s.a1))
