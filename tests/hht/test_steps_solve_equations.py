@@ -1,0 +1,239 @@
+"""Every accepted step satisfies the equations of its method, by an oracle that shares no code with the loops."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.registry import list_problems, load_problem
+from solvers.hht import HHT
+from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
+from tests.hht.oracle import (
+    HHTI3,
+    LEFT_BY_CONTROL,
+    Extended,
+    GeneralisedAlpha,
+    Rattle,
+    physics_of,
+    steps_of,
+)
+from tests.problems.mechanics import Mechanics
+
+RTOL = 1e-3
+ROUNDOFF = 1e-12  # of the largest q and v; Newton's iteration ends at 1e-13
+NOISY = {"flyball_governor": 1e-9}  # its light joints make M^-1 F noise: 2e-12 of v by one roundoff of q
+
+
+def tolerances(problem):
+    n = problem.q0.size
+    return RTOL * np.concatenate([np.broadcast_to(problem.scales.q, n), np.broadcast_to(problem.scales.v, n)])
+
+
+def assert_solved(left, s, rtol=None, atol=0.0, roundoff=ROUNDOFF):
+    """Forces to the part of the tolerance that (H35) leaves, or to roundoff; constraints to roundoff always."""
+    worst = left.of_sizes(s, forces=rtol is None)
+    assert worst.max() <= roundoff, f"step {worst.argmax()} of {worst.size} leaves {worst.max():.1e} of q or v"
+    if rtol is not None:
+        of_forces = left.of_tolerance(s, rtol, atol)
+        assert of_forces.max() <= LEFT_BY_CONTROL, f"step {of_forces.argmax()} of {of_forces.size}: {of_forces.max():.1e}"
+
+
+# --- the library
+
+
+@pytest.mark.parametrize("name", list_problems())
+@pytest.mark.filterwarnings("ignore:redundant constraints")
+def test_every_step_of_the_library_solves_its_equations(name):
+    """Under error control to an end that cuts the last step, then in prescribed steps 1 : 2 of about half that length."""
+    problem = load_problem(name)
+    atol = tolerances(problem)
+    hht, terms, roundoff = HHT(problem.system), physics(name), NOISY.get(name, ROUNDOFF)
+
+    def solve(end, **how):
+        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+        return hht.solve((problem.t_span[0], end), problem.q0, problem.v0, **guesses, **how)
+
+    ahead = solve(problem.t_span[1], rtol=RTOL, atol=atol, max_num_steps=25)
+    controlled = solve(ahead.t[-1] - 0.3 * (ahead.t[-1] - ahead.t[-2]), rtol=RTOL, atol=atol)
+    s = steps_of(controlled, terms)
+    assert_solved(Extended().left(terms, s, start="trapezoidal"), s, RTOL, atol, roundoff)
+    lengths = np.median(s.h) / 2 * np.tile([1.0, 2.0], 10)
+    lengths[-1] *= 0.3
+    prescribed = solve(problem.t_span[0] + lengths.sum(), steps=lengths)
+    assert prescribed.success
+    assert controlled.success
+    s = steps_of(prescribed, terms)
+    assert_solved(Extended().left(terms, s), s, roundoff=roundoff)
+
+
+# --- from rest in equilibrium
+
+
+class Crane(hb.System):
+    """README's: a trolley on a rail, pushed to and fro, with a load on a rope."""
+
+    def mass_matrix(self, t, q):
+        return jnp.diag(jnp.array([20.0, 5.0, 5.0]))
+
+    def force(self, t, q, v):
+        return jnp.stack([50.0 * jnp.sin(t) - 10.0 * v[0], 0.0, -9.81 * 5.0])
+
+    def constraint(self, t, q):
+        return jnp.stack([((q[1] - q[0]) ** 2 + q[2] ** 2 - 16.0) / 2.0])
+
+
+class Driven(hb.System):
+    """A mass on a spring whose other end moves as t^4."""
+
+    def force(self, t, q, v):
+        return jnp.stack([q[1] - q[0], q[0] - q[1]])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] - t**4])
+
+
+class Belt(hb.System):
+    """A block on a belt that begins to move: (x, y), held at y = 0, friction drags it."""
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[1]])
+
+    def reaction(self, t, q, v, lam):
+        return -lam[0] * jnp.stack([0.3 * jnp.tanh((t**2 - v[0]) / 0.1), 1.0])
+
+
+class Skate(hb.System):
+    """A knife edge at rest that forces push along and turn."""
+
+    def force(self, t, q, v):
+        return jnp.stack([jnp.sin(t), jnp.sin(2.0 * t), t**2])
+
+    def velocity_constraint(self, t, q, v):
+        return jnp.stack([v[0] * jnp.sin(q[2]) - v[1] * jnp.cos(q[2])])
+
+
+class Brake(hb.System):
+    """A free mass that a force pushes against steep friction."""
+
+    def force(self, t, q, v):
+        return 20.0 * jnp.sin(t) - 30.0 * jnp.tanh(v / 0.05)
+
+
+SCENES = {  # a start in equilibrium, and the velocities that may be added to it
+    "crane": (Crane(), [0.0, 0.0, -4.0], [1.0, 1.0, 0.0]),
+    "driven": (Driven(), [0.0, 0.0], [0.0, 1.0]),
+    "belt": (Belt(), [0.0, 0.0], [1.0, 0.0]),
+    "skate": (Skate(), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
+    "brake": (Brake(), [0.0], [1.0]),
+}
+LENGTHS = {  # of constant steps [s]
+    "crane": (0.5, 0.02),
+    "driven": (10.0, 1 / 30, 1e-4),
+    "belt": (0.5, 0.02),
+    "skate": (0.5, 1 / 30),
+    "brake": (0.5, 1 / 30),
+}
+
+
+@cache
+def physics(name):
+    """Of a scene, or of a problem of the library."""
+    return physics_of(SCENES[name][0] if name in SCENES else load_problem(name).system)
+
+
+SPEEDS = (0.0, 1e-20, 1e-14, 1e-8)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize(("scene", "h"), [(scene, h) for scene in SCENES for h in LENGTHS[scene]])
+def test_constant_steps_from_rest_solve_their_equations(scene, h, speed):
+    system, q0, v0 = SCENES[scene]
+    solution = HHT(system).solve((0.0, 20 * h), q0, speed * np.array(v0), step=h)
+    assert solution.success, solution.message
+    s = steps_of(solution, physics(scene))
+    assert_solved(Extended().left(physics(scene), s), s)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_controlled_steps_from_rest_solve_their_equations(scene, speed):
+    system, q0, v0 = SCENES[scene]
+    solution = HHT(system).solve((0.0, 1.0), q0, speed * np.array(v0), rtol=RTOL, atol=1e-5)
+    assert solution.success, solution.message
+    s = steps_of(solution, physics(scene))
+    assert_solved(Extended().left(physics(scene), s, start="trapezoidal"), s, RTOL, 1e-5)
+
+
+# --- the other methods of the loop
+
+
+def of_extended(**options):
+    """An HHT with ``options``, its equations, and whether multipliers are extrapolated."""
+    own = {name: x for name, x in options.items() if name in ("alpha", "b", "reaction")}
+    return lambda system: HHT(system, **options), Extended(**own)
+
+
+RHO = 0.8
+ALPHA_M, ALPHA_F = GeneralisedAlpha(rho=RHO, stabilised=True).alphas
+EXTENDED = Extended(alpha=ALPHA_M - ALPHA_F, alpha_m=ALPHA_M)
+METHODS = {
+    "alpha -0.3": of_extended(alpha=-0.3),
+    "alpha 0": of_extended(alpha=0.0),
+    "b 1": of_extended(b=1.0),
+    "predictor": of_extended(reaction="predictor", b=0.3),
+    "midpoint": of_extended(reaction="midpoint"),
+    "midpoint_predictor": of_extended(reaction="midpoint_predictor"),
+    "extrapolated": of_extended(extrapolate_reaction=True),
+    "extrapolated midpoint": of_extended(extrapolate_reaction=True, reaction="midpoint"),
+    "stabilised": (GeneralisedAlphaIntegrator, GeneralisedAlpha(rho=RHO, stabilised=True)),
+    "index 3": (
+        lambda system: GeneralisedAlphaIntegrator(system, form="index3"),
+        GeneralisedAlpha(rho=RHO, stabilised=False),
+    ),
+    "extended": (lambda system: GeneralisedAlphaIntegrator(system, form="extended"), EXTENDED),
+    "hht_i3": (HHTI3Integrator, HHTI3()),
+    "rattle": (RattleIntegrator, Rattle()),
+}
+
+
+def assert_solved_by(method, name, system, solution):
+    """That the steps of ``solution`` solve the equations of ``method``, begun as THEORY.md says."""
+    assert solution.success
+    oracle, terms, mechanics = METHODS[method][1], physics(name), Mechanics(system)
+    s = steps_of(solution, terms)
+    t, h, q, v = s.t0[0], s.h[0, 0], s.q0[0], s.v0[0]
+    vdot, lam, _ = mechanics.accelerations(t, q, v)
+    shift = h * (ALPHA_M - ALPHA_F)  # (H12), (H41)
+    place = t + shift, q + shift * v, v + shift * vdot
+    given = {}
+    if isinstance(oracle, HHTI3):
+        given = {"vdot": vdot, "lam": lam}
+    elif isinstance(oracle, GeneralisedAlpha):
+        given = {"vdot": vdot, "start": mechanics.accelerations(*place)[0]}
+    elif oracle is EXTENDED:
+        given = {"start": terms(*([x] for x in (*place, s.lam0[0], s.mu[0]))).f[0]}
+    elif method.startswith("extrapolated"):
+        given = {"lam": lam}
+    assert_solved(oracle.left(terms, s, **given), s)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_other_methods_solve_their_own_equations(method):
+    """A top, whose mass varies, in steps of 1 : 2."""
+    top = load_problem("heavy_top")
+    solution = METHODS[method][0](top.system).solve((0.0, 0.06), top.q0, top.v0, steps=np.tile([1e-3, 2e-3], 20))
+    assert_solved_by(method, "heavy_top", top.system, solution)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_other_methods_solve_their_own_equations_from_rest(method):
+    system, q0, v0 = SCENES["crane"]
+    solution = METHODS[method][0](system).solve((0.0, 2.0), q0, 0.0 * np.array(v0), step=0.1)
+    assert_solved_by(method, "crane", system, solution)
