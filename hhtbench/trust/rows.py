@@ -41,7 +41,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
         or (_end(problem, request, solution.t) if complete else "")
         or _output_times(problem, request, solution.t, complete)
         or _start(problem, request, motion)
-        or ("" if complete else _event(problem, solution))
+        or ("" if complete else _event(problem, request, solution))
         or _counters(request, solution)
         or ("" if solution.ends is None else _ends(problem, request, solution))
     )
@@ -180,9 +180,11 @@ def _start(problem: Problem, request: Request, motion: Motion) -> str:
     return ""
 
 
-def _event(problem: Problem, solution: Solution) -> str:
-    last = solution.t[-1] if solution.t.size else np.nan
-    at_last = [np.any(np.abs(times - last) <= SAME_TIME * _span(problem)) for times in solution.t_events]
+def _event(problem: Problem, request: Request, solution: Solution) -> str:
+    last, ahead = solution.t[-1] if solution.t.size else np.nan, np.sign(problem.t_span[1] - problem.t_span[0])
+    room = SAME_TIME * _span(problem)
+    beyond = np.inf if request.t_eval is not None else room  # rows at given times end before the event
+    at_last = [np.any((ahead * (times - last) >= -room) & (ahead * (times - last) <= beyond)) for times in solution.t_events]
     return "" if any(at_last) else "end: a terminal event is reported, and none is told at the last row."
 
 

@@ -68,13 +68,12 @@ FRAMES = {
 @pytest.mark.parametrize("steps", [50, 200])
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_leap_is_one_in_every_frame_and_whatever_else_there_is(frame, steps, options):
-    """Measured by velocities as they are, all of these snapped to the mirror image, said a success."""
+    """No run ends as a success on the side of the mirror image."""
     system, q0, v0 = FRAMES[frame]
     solution = hb.HHT(system, **options).solve((0.0, 10.0), q0, v0, steps=steps)
     carried = solution.q[:, 2] if frame == "carried" else v0[1] * solution.t
     assert np.abs(solution.q[:, 1] - q0[1] - carried).max() < 1e-6
-    named = "q[1] leaps to another position" in solution.message
-    assert named or ("extrapolate_reaction" in options and "roundoff moves q or v" in solution.message)  # by the flat truss
+    assert solution.status is hb.Status.newton_failed
 
 
 @pytest.mark.parametrize("h", [0.02, 0.05])

@@ -90,6 +90,8 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
         ended, factor = attempt(z, h, t1, counts), o.after_failure
         if ended == mem.SPENT:
             return mem.SPENT
+        if ended == mem.NO_ADVANCE:
+            return failed
         if is_suspect(z, ended):
             return mem.SUSPECT
         if ended != mem.CONVERGED:

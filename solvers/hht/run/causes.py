@@ -35,6 +35,7 @@ SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's diff
 ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
 DIFFERENCE = EPS ** (1 / 3)  # of the size of q: balances truncation and roundoff of a central difference
 BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the vibration
+RESOLVED = 0.02  # h omega from which steps may be those that a vibration asks for
 STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
 ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
@@ -87,9 +88,22 @@ def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, floa
         q, v = (x * (1.0 + size * EPS * draw.integers(0, ROUNDOFFS, x.size)) for x in (state.q, state.v))
         calls.append(_values(dynamics, as_arguments(dynamics, state.t, q, v)))
     found = {}
+    scales = _scales(dynamics, state)
     for name, value in calls[0].items():
         apart = [float(np.abs(x[name] - y[name]).max(initial=0.0)) for x, y in combinations(calls, 2)]
-        found[name] = float(np.quantile(apart, 0.25)) / (float(np.abs(value).max(initial=0.0)) or 1.0)  # not of one jump
+        found[name] = float(np.quantile(apart, 0.25)) / (scales.get(name) or float(np.abs(value).max(initial=0.0)) or 1.0)
+    return found
+
+
+def _scales(dynamics: Any, state: State | Place) -> dict[str, float]:
+    """The size of the terms that the constraints sum up: their values vanish on the way."""
+    s, found, (t, q, v) = dynamics.structure, {}, as_arguments(dynamics, state.t, state.q, state.v)
+    if s.m:
+        rows = np.abs(dynamics.constraint_jacobian(t, q))
+        found["constraint"] = float((rows @ np.abs(state.q)).max())
+    if s.p:
+        rows = np.abs(dynamics.velocity_constraint_jacobian(t, q, v))
+        found["velocity_constraint"] = float((rows @ np.abs(state.v)).max())
     return found
 
 
@@ -110,13 +124,13 @@ def vibration(engine: Engine, state: State | Place, h: float, status: Status) ->
         return ""
     omega, share = fastest(engine, state)
     by_reactions = share > BY_REACTIONS
-    if not abs(h) * omega > (STABLE / 4.0 if status is not Status.newton_failed else STABLE):
+    if not abs(h) * omega > (STABLE if status is Status.newton_failed else RESOLVED):
         return ""
     who = "Constraint forces" if by_reactions else "Forces"
     text = f"{who} carry a vibration of {omega:.3g} rad/s, and h omega is {abs(h) * omega:.2g}"
-    if not by_reactions:
-        return f"{text}: steps under error control follow it; start in balance, damp it, or loosen the tolerance"
-    return f"{text}; take {' or '.join(['shorter steps', *remedies(engine)])}"
+    if by_reactions:
+        return f"{text}; take {' or '.join(['shorter steps', *remedies(engine)])}"
+    return f"{text}: if the steps follow it, start in balance, damp it, or loosen the tolerance"
 
 
 def remedies(engine: Engine) -> list[str]:
@@ -219,7 +233,7 @@ def growing_vibration(h: Matrix, q: Matrix, v: Matrix) -> str:
         bends[~np.isfinite(bends)] = 0.0
         sizes, changes = np.abs(bends), np.abs(np.diff(v, axis=0)).max(axis=0)
     least = VISIBLE * float(np.abs(q).max()) / float(np.abs(h).max())
-    for at in np.flatnonzero(sizes.max(axis=0) > np.maximum(UNRESOLVED * changes, least)).tolist():
+    for at in np.flatnonzero(sizes.max(axis=0) > np.maximum(UNRESOLVED / 2 * changes, least)).tolist():
         end = int(sizes[:, at].argmax()) + 1
         roundoff = EPS * float(np.abs(v[:, at]).max())
         for lag in (1, 2):  # far beyond (H54) signs change with every second step
