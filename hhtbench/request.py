@@ -39,6 +39,7 @@ class Request(Filled):
     keep_steps: bool = (
         False  #: ends of all steps beside rows at t_eval, in ``ends``; of HHT in ``interpolant``, however many
     )
+    calc_initcond: bool = False  #: project an inconsistent q0, v0 onto both constraint levels instead of refusing it
     max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
     max_evaluations: int | None = None  #: most residual evaluations
     max_seconds: float | None = None  #: most wall-clock time [s]
@@ -221,6 +222,7 @@ CHECKS: dict[str, tuple[Any, Callable[[str, Any], Any]]] = {  # of what is not t
     "t_eval": (None, _output_times),
     "dense_output": (False, _switch),
     "keep_steps": (False, _switch),
+    "calc_initcond": (False, _switch),
     "max_seconds": (None, _seconds),
     "max_num_steps": (None, positive_integer),
     "max_evaluations": (None, positive_integer),

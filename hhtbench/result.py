@@ -60,7 +60,7 @@ class Status(enum.Enum):
     inconsistent_initial = (
         "inconsistent_initial",
         None,
-        "The start violates the constraints; the message names the rows. Correct q0, v0 or ask for calc_initcond.",
+        "The start violates the constraints; the message names the rows. Correct q0, v0 or pass calc_initcond=True.",
     )
     time_resolution = (
         "time_resolution",

@@ -22,6 +22,7 @@ from solvers._dense import OnConstraints, Pieces
 from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
+from solvers._initcond import project
 from solvers._multipliers import Recover, plain_start, recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
@@ -130,6 +131,11 @@ class Run:
         problem = self.problem
         place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
+        if self.request.calc_initcond:
+            moved = self._consistent(place)
+            if isinstance(moved, Failure):
+                return moved
+            place = moved
         found = plain_start(problem.system, place, guesses, self.work) or self._looked_at(place, guesses)
         if isinstance(found, Failure):
             return found
@@ -150,6 +156,17 @@ class Run:
         if self.request.dense_output:
             self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
+
+    def _consistent(self, place: Place) -> Place | Failure:
+        """The start on both levels of the constraints, (H20)."""
+        dynamics = dynamics_for(self.problem.system, place)
+        if not dynamics.structure.constrained:
+            return place
+        projected = project(dynamics, place, self.work)
+        if isinstance(projected, Failure):
+            return projected
+        place, self.note = projected[0], f"{projected[1]}."
+        return place
 
     def _same_root(self) -> bool:
         """Whether the underlying ODE finds the multipliers of the start: where several solve (F9) it may find others."""

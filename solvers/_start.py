@@ -238,7 +238,7 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     at = finite_levels(levels, place.t, place.q, place.v)
     text = violations(at, place, CONSISTENT)
     if text:
-        message = f"the start violates {text}; correct q0, v0 or ask for calc_initcond=True"
+        message = f"the start violates {text}; correct q0, v0 or pass calc_initcond=True"
         return Failure(Status.inconsistent_initial, message)
     if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
         return None

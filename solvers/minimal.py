@@ -42,6 +42,8 @@ class MinimalSolver:
         """Declines problems whose minimal coordinates nobody has written down."""
         if problem.minimal is None:
             return "no minimal coordinates are written down for this problem"
+        if request.calc_initcond:
+            return "minimal coordinates have no inconsistent start: leave calc_initcond out"
         if np.ndim(request.atol):
             return "atol must be a number: the components of the minimal coordinates are others"
         return self.inner.accepts(_reduced(problem.minimal, problem.t_span, problem.name), request)

@@ -23,6 +23,7 @@ from hhtbench.output import FAILED, json_option, require_folder, write_json
 @click.option("--max-num-steps", type=int, help="Most accepted steps.")
 @click.option("--max-evaluations", type=int, help="Most residual evaluations.")
 @click.option("--max-seconds", type=float, help="Most wall-clock time [s].")
+@click.option("--calc-initcond", is_flag=True, help="Project an inconsistent start onto the constraints.")
 @json_option
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Save the solution to this .npz file.")
 def solve_command(problem: str, solver: str, output: Path | None, json_file: Path | None, **request: Any) -> None:

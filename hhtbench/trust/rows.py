@@ -167,7 +167,7 @@ def _output_times(problem: Problem, request: Request, t: Vector, complete: bool)
 
 
 def _start(problem: Problem, request: Request, motion: Motion) -> str:
-    if not motion[0].size or motion[0][0] != problem.t_span[0] or getattr(request, "calc_initcond", False):
+    if not motion[0].size or motion[0][0] != problem.t_span[0] or request.calc_initcond:
         return ""
     for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
         if rows[0].tolist() == first.tolist():

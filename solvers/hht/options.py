@@ -65,8 +65,6 @@ class HHTOptions:
         without inverse, bands and blocks.  ``hhtbench study parts`` measures all of them.
     engine
         "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
-    calc_initcond
-        Project an inconsistent start onto both constraint levels instead of refusing it.
 
     Raises
     ------
@@ -87,7 +85,6 @@ class HHTOptions:
     linsolver: str = "auto"
     without: tuple[str, ...] = ()
     engine: str = "compiled"
-    calc_initcond: bool = False
 
     def __post_init__(self) -> None:
         b, _ = self.coefficients.b, self.control  # numbers are checked where they are used
@@ -96,7 +93,7 @@ class HHTOptions:
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} must be one of {', '.join(filter(None, known))}; got {getattr(self, name)!r}.")
-        for name in ("extrapolate_reaction", "rescale_a", "calc_initcond"):
+        for name in ("extrapolate_reaction", "rescale_a"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be True or False; got {getattr(self, name)!r}.")
         if self.reaction.startswith("midpoint") and b != 0.0:

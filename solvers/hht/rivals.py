@@ -32,7 +32,6 @@ class Options:
 
     linsolver: str = "auto"
     engine: str = "compiled"
-    calc_initcond: bool = False
 
     control: ClassVar[ControlOptions] = ControlOptions()
     without: ClassVar[tuple[str, ...]] = ()
@@ -42,8 +41,6 @@ class Options:
         for name, known in self.choices().items():
             if getattr(self, name) not in known:
                 raise ProblemError(f"{name} must be one of {', '.join(known)}; got {getattr(self, name)!r}.")
-        if not isinstance(self.calc_initcond, bool):
-            raise TypeError(f"calc_initcond must be True or False; got {self.calc_initcond!r}.")
         _ = self.coefficients  # numbers are checked where they are used
 
     def choices(self) -> dict[str, tuple[str, ...]]:

@@ -50,7 +50,7 @@ class HHT:
     **options
         ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``extrapolate_reaction``, ``rescale_a``, ``start`` (the
         method's variant),
-        ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``without``, ``engine`` and ``calc_initcond``:
+        ``first_step``, ``min_step``, ``max_step`` [s], ``linsolver``, ``without`` and ``engine``:
         ``help(HHTOptions)`` describes each with its default.
 
     Raises
@@ -116,9 +116,12 @@ class HHT:
             integration = Integration(self, request, steps, t1, place, guesses, clock)
             return solved(integration.solution, integration.left_over)
 
-    def begin(self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False) -> Started | Failure:
+    def begin(
+        self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False, calc_initcond: bool = False
+    ) -> Started | Failure:
         """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
-        started = begin(self.system, self.options, place, guesses, h, work, controlled=controlled, events=self.events)
+        how: dict[str, Any] = {"controlled": controlled, "calc_initcond": calc_initcond, "events": self.events}
+        started = begin(self.system, self.options, place, guesses, h, work, **how)
         self.engine_used = "" if isinstance(started, Failure) else started.engine.why
         return started
 
@@ -133,8 +136,11 @@ class HHT:
         atol: Any = None,
         lam_guess: Any = None,
         mu_guess: Any = None,
+        calc_initcond: bool = False,
     ) -> Status:
         """Prepare stepping by hand with a constant signed ``step`` [s], or with tolerances as in :meth:`solve`.
+
+        ``calc_initcond`` projects an inconsistent start onto both constraint levels.
 
         Returns the status of the start; :attr:`message` says more.
         """
@@ -142,12 +148,13 @@ class HHT:
         h = None if step is None else real_number("step", step, unit=" [s]")
         if h == 0.0:
             raise ProblemError("step must not be zero.")
-        asked, note = with_tolerance(make_request(step=None if h is None else abs(h), rtol=rtol, atol=atol))
+        given = {"step": None if h is None else abs(h), "rtol": rtol, "atol": atol, "calc_initcond": calc_initcond}
+        asked, note = with_tolerance(make_request(**given))
         check_accuracy(asked, place.q.size)
         with self._alone(), timed(None) as clock:
             first, work = h or self.options.control.first_step, Work(clock=clock)
             clock.work = work
-            started = self.begin(place, guesses, first, work, controlled=h is None)
+            started = self.begin(place, guesses, first, work, controlled=h is None, calc_initcond=asked.calc_initcond)
             self._engine = self._integrator = self._onward = None
             if isinstance(started, Failure):
                 self._message = started.message

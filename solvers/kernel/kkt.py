@@ -235,5 +235,6 @@ def acceleration_level(run: Any, t: float, q: Vector, v: Vector, lam: Vector, mu
 def plain_mass(dynamics: Dynamics) -> bool:
     """Whether nothing is said of a start for its mass but where that varies: the system's, symmetric, with an inverse."""
     mass = dynamics.constant_mass
-    regular = mass is None or (dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
+    finite = mass is None or bool(np.isfinite(np.asarray(mass)).all())
+    regular = mass is None or (finite and dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
     return type(dynamics) is JaxDynamics and regular

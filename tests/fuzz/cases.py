@@ -210,7 +210,7 @@ def options(world: World, *, wild: bool):
         "linsolver": st.just("band"),  # others: what runs are compared with
     }
     if wild:
-        others |= {"calc_initcond": st.just(True), "min_step": decades(-6, 0), "rescale_a": st.just(False)}
+        others |= {"min_step": decades(-6, 0), "rescale_a": st.just(False)}
     return st.tuples(known(world.methods), st.fixed_dictionaries({}, optional=others)).map(lambda x: x[0] | x[1])
 
 

@@ -72,7 +72,7 @@ def trajectory(setting: Setting, s: Solution) -> None:
     whole = s.t[0] == t0 and (s.status is not Status.success or s.t[-1] == t1)
     expect(whole, f"from {s.t[0]:.17g} to {s.t[-1]:.17g}, not from {t0:.17g} to {t1:.17g}")
     given = np.array_equal(s.q[0], q0) and np.array_equal(s.v[0], v0)
-    expect(given or setting.case.way.options.get("calc_initcond"), "the first row is not the start")
+    expect(given, "the first row is not the start")
     on_levels(setting, s)
 
 
@@ -167,7 +167,7 @@ def ended(setting: Setting, s: Solution) -> None:
     """That a sound and gentle run arrives, and that a planted fault is told."""
     case, spoil = setting.case, setting.case.spoil
     off = spoil is not None and spoil.kind == "off" and spoil.since > 1e-6 and setting.judge.sound
-    off = off and setting.made.shape.rods and not case.way.options.get("calc_initcond")
+    off = off and setting.made.shape.rods
     expect(not (off and s.success), "a start off its constraints is taken")
     if s.success and s.t.size and passed_over(setting, abs(s.t[-1] - s.t[0])):
         expect(False, f"{s.status.label} beyond {spoil.kind} in {spoil.where}")

@@ -119,7 +119,6 @@ def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], sh
         options["min_step"] *= time
     ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
     if case.spoil is None or case.spoil.kind != "off":
-        options.pop("calc_initcond", None)  # it measures v by times in which nothing moves
     interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
     kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
     believed = not (kept and case.spoil.kind == "wrong" and "constraint" in case.spoil.where)  # g_t may be too small to tell

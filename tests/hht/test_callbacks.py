@@ -23,8 +23,8 @@ WITH_MASS = {**PENDULUM, "mass_matrix": unit_mass}
 
 
 def solve(system, **options):
-    request = {"step": 0.01, **{k: v for k, v in options.items() if k not in ("span", "alpha", "calc_initcond")}}
-    chosen = {k: v for k, v in options.items() if k in ("alpha", "calc_initcond")}
+    request = {"step": 0.01, **{k: v for k, v in options.items() if k not in ("span", "alpha")}}
+    chosen = {k: v for k, v in options.items() if k == "alpha"}
     return HHT(system, **chosen).solve(options.get("span", (0.0, 0.1)), Q0, V0, **request)
 
 

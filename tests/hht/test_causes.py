@@ -50,8 +50,6 @@ def test_a_noisy_force_is_named_after_a_failure():
     assert "Calls of force with the same arguments differ" in found.message
 
 
-
-
 def test_a_success_has_no_cause():
     fall = hb.NumpySystem(force=lambda t, q, v: np.full(1, -9.81))
     found = hb.HHT(fall).solve((0.0, 1.0), [1.0], [0.0], step=0.01)

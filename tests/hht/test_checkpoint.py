@@ -72,9 +72,9 @@ def test_occurrences_go_on_counting_after_a_checkpoint(accuracy):
 
 
 def test_a_checkpoint_keeps_the_message():
-    solver = HHT(SYSTEMS["jax"], calc_initcond=True)
-    assert solver.init_step(0.0, 1.01 * Q0, V0, step=0.01) is Status.success
-    other = HHT(SYSTEMS["jax"], calc_initcond=True)
+    solver = HHT(SYSTEMS["jax"])
+    assert solver.init_step(0.0, 1.01 * Q0, V0, step=0.01, calc_initcond=True) is Status.success
+    other = HHT(SYSTEMS["jax"])
     other.resume(solver.checkpoint())
     assert "calc_initcond moved q0" in other.message == solver.message
 

@@ -119,7 +119,7 @@ def test_options_in_the_wrong_place_are_refused():
     with pytest.raises(TypeError, match="when it is made"):
         HHT(Cam()).solve((0, 1), [1, 0], [0, 0], steps=2, options={"alpha": -0.2})
     with pytest.raises(TypeError, match="calc_initcond"):
-        HHT(Cam(), calc_initcond="yes")
+        HHT(Cam(), calc_initcond=True)
 
 
 def test_a_singular_kkt_matrix_is_named_and_not_taken_for_a_callback_that_returned_nan():
@@ -150,8 +150,8 @@ def test_a_saved_state_goes_on_in_a_new_object():
 
 
 def test_stepping_by_hand_tells_what_happened_and_counts():
-    hht = HHT(FarRod(), calc_initcond=True)
-    assert hht.init_step(0.0, [1.1, 0], [0, 0], step=0.01) is hb.Status.success
+    hht = HHT(FarRod())
+    assert hht.init_step(0.0, [1.1, 0], [0, 0], step=0.01, calc_initcond=True) is hb.Status.success
     assert "moved q0 by 0.1" in hht.message
     hht.step()
     assert hht.counters.newton_iterations > 0

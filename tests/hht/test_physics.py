@@ -134,7 +134,7 @@ def test_a_free_particle_calls_no_code_of_constraints_or_masses(system, monkeypa
     forbid(monkeypatch, kkt, ["kkt_terms"])
     forbid(monkeypatch, levels, ["level_terms"])
     forbid(monkeypatch, ConstraintLevels, ["at"])
-    solution = HHT(system, alpha=-0.3, calc_initcond=True).solve((0.0, 1.0), Q0, V0, step=0.05)
+    solution = HHT(system, alpha=-0.3).solve((0.0, 1.0), Q0, V0, step=0.05, calc_initcond=True)
     assert solution.success, solution.message
     t = solution.t[:, None]
     assert np.max(np.abs(solution.q - (Q0 + V0 * t + 0.5 * t**2 * [0.0, -GRAVITY]))) < 1e-13  # exact for a constant force

@@ -226,9 +226,9 @@ def test_a_derivative_that_turns_wrong_in_a_prepared_system_is_told_of_and_not_u
 @pytest.mark.parametrize("how", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
 def test_a_start_by_machine_code_is_that_of_python_and_counts_as_much(how):
     """Of the general path, which a projection takes; a consistent start is not moved."""
-    by_code, by_python = (HHT(Linkage(), calc_initcond=projects) for projects in (False, True))
-    for solver in (by_code, by_python):
-        assert solver.init_step(0.0, *GOOD, **how) is Status.success
+    by_code, by_python = HHT(Linkage()), HHT(Linkage())
+    for solver, projects in ((by_code, False), (by_python, True)):
+        assert solver.init_step(0.0, *GOOD, **how, calc_initcond=projects) is Status.success
     ours, theirs = by_code.state, by_python.state
     for name in ("a", "f", "vdot", "lam", "inverse_mass"):
         assert np.allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-13, atol=1e-13), name

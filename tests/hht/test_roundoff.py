@@ -84,5 +84,3 @@ def test_what_is_held_in_the_origin_has_no_size_to_be_off_by(request_):
     )
     solution = hb.HHT(held).solve((0.0, 1.0), [0.0, 0.0], [0.0, 0.0], **request_)
     assert solution.success, solution.message
-
-

@@ -42,7 +42,7 @@ def test_an_inconsistent_start_is_refused_with_row_and_size(route, q0, v0, row):
 @pytest.mark.parametrize("route", SYSTEMS)
 @pytest.mark.parametrize(("q0", "v0"), [(Q0 * 1.001, V0), (Q0 * 1.1, V0), (Q0, V0 + 0.25 * Q0), (Q0 * 0.9, V0 - Q0)])
 def test_calc_initcond_moves_the_start_onto_both_levels_and_says_how_far(route, q0, v0):
-    solution = HHT(SYSTEMS[route], calc_initcond=True).solve(SPAN, q0, v0, **STEPS)
+    solution = HHT(SYSTEMS[route]).solve(SPAN, q0, v0, **STEPS, calc_initcond=True)
     assert solution.success, solution.message
     q, v = solution.q[0], solution.v[0]
     assert abs(q @ q - 1.0) / 2.0 <= 1e-12
@@ -84,7 +84,7 @@ def test_calc_initcond_does_the_same_in_any_unit(unit):
     )
     for off, most in ((0.0, 1e-14), (1e-3, 1e-2)):
         q0 = (given + off * np.array([1, -1, 1, 0, -1, 1, 0, 1])) * unit
-        solution = HHT(linkage, calc_initcond=True).solve((0.0, 1e-3), q0, np.zeros(8), steps=1)
+        solution = HHT(linkage).solve((0.0, 1e-3), q0, np.zeros(8), steps=1, calc_initcond=True)
         assert solution.success, solution.message
         assert np.abs(solution.q[0] / unit - given).max() <= most
         assert np.abs(np.sum(along_rods(solution.q[0] / unit) ** 2, axis=1) / 2 - squares).max() <= 1e-12
@@ -105,7 +105,7 @@ NO_ROOT = {
 def test_projection_from_far_away_ends_in_a_bounded_number_of_calls(name, size):
     calls = Calls()
     functions = calls.wrap({"force": lambda t, q, v: np.zeros(2), "constraint": NO_ROOT[name]})
-    solution = HHT(NumpySystem(**functions), calc_initcond=True).solve(SPAN, size * Q0, V0, **STEPS)
+    solution = HHT(NumpySystem(**functions)).solve(SPAN, size * Q0, V0, **STEPS, calc_initcond=True)
     assert solution.status in (Status.inconsistent_initial, Status.nonfinite_callback), solution.message
     if solution.status is Status.nonfinite_callback:
         assert not np.isfinite(NO_ROOT[name](0.0, size * Q0)).all()  # only where the start itself is not finite

@@ -20,6 +20,7 @@ from hhtbench.lowering.dynamics.differences import least_size, uncommon_decade
 from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import Diagonal, compact, inverse_of
+from hhtbench.lowering.dynamics.names import expect_names
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics, expect_parts, wrong_shape
 from hhtbench.lowering.dynamics.reductions import generalised
 from hhtbench.lowering.jax_internals import used_inputs
@@ -68,6 +69,7 @@ def derive(
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
+    expect_names(type(system))
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
         key = by_id(system), parameters_of(system), np.shape(q), ignored, without
         found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored, without))  # type: ignore[arg-type] # it is one
@@ -142,7 +144,8 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
     with preparing("evaluating mass_matrix"):
         mass = _mass_kind(system)
     if mass == "variable":
-        _expect(system, "mass_matrix", at, q.size)
+        if abstract_result(system, "mass_matrix", at).shape != (q.size,):
+            _expect(system, "mass_matrix", at, q.size)
         mass = "variable" if any(used_arguments(system.mass_matrix, t, q)) else "constant"
     general = Structure(n=q.size, m=m, p=p, mass=mass, reaction_uses_v=reaction_takes_velocity(system))
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)

@@ -101,7 +101,7 @@ class Dynamics:
     def mass(self, t: Array, q: Array) -> Array:
         """M (n, n) [kg, kg m^2]."""
         if self.structure.mass == "variable" and callable(declared(self.system, "mass_matrix")):
-            return self.call("mass_matrix", t, q)
+            return square(self.call("mass_matrix", t, q), self.xp)
         return self.xp.eye(self.structure.n) if self.constant_mass is None else full(self.constant_mass, self.xp)
 
     def mass_product(self, t: Array, q: Array, x: Array) -> Array:
@@ -317,3 +317,8 @@ def arguments_of(member: str) -> tuple[str, ...]:
 def evaluate(dynamics: Dynamics, member: str, at: Mapping[str, Any]) -> Any:
     """The function ``member`` of ``dynamics`` at the place whose quantities ``at`` holds by name."""
     return getattr(dynamics, member)(*(at[name] for name in arguments_of(member)))
+
+
+def square(mass: Any, xp: Any) -> Any:
+    """A mass that a function returns, (n, n) or its diagonal (n,), as (n, n)."""
+    return xp.diag(mass) if mass.ndim == 1 else mass

@@ -225,9 +225,14 @@ def _judged(mass: Matrix) -> tuple[bool, str]:
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:
-    """The inverse of a constant mass, or None where there is none or it is singular (solvers then augment it)."""
+    """The inverse of a constant mass, or None where there is none or it is singular (solvers then augment it).
+
+    Of a mass that is not finite it is NaN: the start then names the entry.
+    """
     if mass is None or isinstance(mass, Diagonal | Sparse):
         return None if mass is None else mass.inverse()
+    if not np.isfinite(np.asarray(mass)).all():
+        return xp.full(mass.shape, np.nan)
     return None if mass_is_singular(np.asarray(mass)) else xp.asarray(np.linalg.inv(np.asarray(mass)))
 
 

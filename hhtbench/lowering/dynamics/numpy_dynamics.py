@@ -76,13 +76,15 @@ class NumpyDynamics(Dynamics):
     def _checked(self, name: str) -> Callable[..., Any]:
         function, tell, s = getattr(self.system, name), self.on_call, self.structure
         shapes = signature_of(self.system, name).shapes(s.n, s.m, s.p)
-        one = shapes[0] if len(shapes) == 1 else None
+        one, diagonal = shapes[0] if len(shapes) == 1 else None, name == "mass_matrix"
 
         def evaluate(t: float, *arguments: np.ndarray) -> Any:
             tell(name)
             for argument in arguments:
                 argument.setflags(False)  # type: ignore[call-arg] # by its keyword it would take twice as long
             value = function(t, *arguments)
+            if diagonal and np.shape(value) == (s.n,):
+                value = np.diag(value)
             return checked_parts(name, value, shapes, t) if one is None else checked_result(name, value, one, t)
 
         return evaluate

@@ -83,6 +83,11 @@ class Engine:
         """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
         return not (self.plain or self.distrusts)
 
+    @property
+    def nbytes(self) -> int:
+        """Size of the arrays that it keeps between runs."""
+        return self.loops.nbytes if "loops" in self.__dict__ else 0
+
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
         self.place, self.work, self._stopped, self._not_suspect = place, work, None, None

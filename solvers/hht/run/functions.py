@@ -44,6 +44,7 @@ from solvers.kernel.memory import CONTROL_NUMBERS, Memory, Sizes, copied
 LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
 LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
+LARGEST_COPIED = 200  # unknowns up to which a blank memory is kept to be copied: it takes a tenth of the time
 NOISE_MARGIN = 8.0  # times the error of a reaction by differences: Newton's increments stop shrinking there
 FULL = "its matrices are full (a NumPy system without patterns, a mass that fills or is singular, or without=zeros)"
 
@@ -112,7 +113,7 @@ class Functions:
 
     def memory(self, events: int, samples: int) -> Memory:
         """Room for the loops of one engine; no state is in it yet."""
-        if events:
+        if events or self.layout.size > LARGEST_COPIED:
             return self._memory(events, samples)
         self._blank = self._blank or self._memory(0, 0)
         return copied(self._blank)

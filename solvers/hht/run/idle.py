@@ -1,4 +1,4 @@
-"""Engines that no run uses: what was prepared for a system serves its next solve, whichever HHT object asks."""
+"""The engine pool: what was prepared for a system serves its next solve, whichever HHT object asks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from hhtbench.protocol import NumpySystem, System
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
 
-MOST = 16  # engines that are kept: the oldest goes first
+MAX_ENGINES = 16  # in the pool: the oldest goes first
+MAX_BYTES = 64 * 2**20  # of their memory; those in use are not counted
 
 _idle: list[tuple[Any, Engine]] = []  # few, and compared from the newest on: to hash a purpose takes longer
 _lock = threading.Lock()
@@ -37,4 +38,5 @@ def put_back(purpose: Any, engine: Engine) -> None:
         return
     with _lock:
         _idle.append((purpose, engine))
-        del _idle[:-MOST]
+        while len(_idle) > MAX_ENGINES or sum(kept.nbytes for _, kept in _idle) > MAX_BYTES:
+            del _idle[0]

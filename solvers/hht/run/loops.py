@@ -70,7 +70,8 @@ class Loops:
             codes |= self._outside.codes(self.callbacks)
         self._put(codes)
         self.events.fill(z)
-        self._blank = z.w.copy()
+        self._given = np.flatnonzero(z.w)  # constants, which a new run finds again: all else begins as zero
+        self._constants = z.w[self._given]
         kept, self._parts = state_sections(z)
         self._state, self._number, self._variable = z.w[kept], self.section(mem.NUMBER), bool(z.i[mem.VARIABLE])
         self._row = row_places(z)
@@ -88,8 +89,15 @@ class Loops:
         self.held = self.nonfinite = self._allowed = None
         self.callbacks.take_cause()
         self.callbacks.take_nonfinite()
-        self.z.w[:] = self._blank
+        self.z.w.fill(0.0)
+        self.z.w[self._given] = self._constants
         self._counts.fill(0)
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the memory and of what the linear algebra outside keeps."""
+        outside = 0 if self._outside is None else self._outside.nbytes
+        return int(self.z.w.nbytes + self.z.i.nbytes + outside)
 
     def section(self, name: int) -> Vector:
         """A section of the memory, for reading and writing."""

@@ -65,7 +65,8 @@ class Integration:
         """The whole solve."""
         request, steps = self.request, self.steps
         h = self.t1 - self.place.t if steps is None else steps.length(0)
-        started = self.solver.begin(self.place, self.guesses, h, self.work, controlled=steps is None)
+        how = {"controlled": steps is None, "calc_initcond": request.calc_initcond}
+        started = self.solver.begin(self.place, self.guesses, h, self.work, **how)
         if isinstance(started, Failure):
             return self._nothing(started)
         engine, state, events = started.engine, started.state, self.solver.events

@@ -9,23 +9,21 @@ import numpy as np
 
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering import Dynamics, size_of, unreduced
+from hhtbench.errors import ProblemError
+from hhtbench.lowering import unreduced
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import NumpySystem, System
-from hhtbench.result import Status
-from solvers._projection import MOST_ITERATIONS, PROJECTED, Projection, closest
+from solvers._initcond import project
+from solvers._projection import Projection, closest
 from solvers._start import (
     Failure,
     Guesses,
     Place,
     check_start,
     dynamics_for,
-    finite_levels,
     of_dynamics,
     start_acceleration,
     tried_twice,
-    violations,
 )
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
@@ -72,6 +70,7 @@ def begin(
     work: Work,
     *,
     controlled: bool = False,
+    calc_initcond: bool = False,
     events: tuple[Event, ...] = (),
 ) -> Started | Failure:
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
@@ -91,7 +90,7 @@ def begin(
         of = system, options, place, work
         engine = ready.again(place, work) if ready and unseen else make_engine(*of, controlled=controlled, ready=ready)
         engine.watch(events)
-        plain = None if options.calc_initcond else engine.started(place, guesses)
+        plain = None if calc_initcond else engine.started(place, guesses)
         if plain is not None:
             return Started(purpose, engine, plain, "", engine.applied(plain) if controlled else NOTHING)
         if unseen:
@@ -100,7 +99,7 @@ def begin(
         at, dynamics, notes = place, engine.dynamics, list[str]()
         if isinstance(dynamics, AugmentedDynamics):
             notes.append("The mass matrix is singular at the start; M + C^T R C is used (H19).")
-        if options.calc_initcond and engine.structure.constrained:
+        if calc_initcond and engine.structure.constrained:
             projected = project(dynamics, place, work)
             if isinstance(projected, Failure):
                 return projected
@@ -183,38 +182,3 @@ def corrected_velocity(engine: Engine, place: Place, found: Any, h: float) -> Ve
     rows = projection.levels.at(t, q, v).rows
     weight = (1.0 / 6.0 - 0.5 * c.alpha - c.beta) * h * h
     return v + closest(projection.mass(t, q), rows, np.zeros(v.size), -weight * (rows @ jerk))
-
-
-def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] | Failure:
-    """The closest consistent start in the norm of the mass matrix, (H20), and what was moved how far.
-
-    Raises
-    ------
-    NonFiniteValue
-        A constraint or its Jacobian holds NaN or infinity at the start itself; on the way that is a failure to arrive.
-    """
-    projection = Projection(dynamics)
-    finite_levels(projection.levels, place.t, place.q, place.v)
-    for _ in range(2):  # one value that is not finite is not the cause
-        try:
-            return _projected(projection, place)
-        except NonFiniteValue as error:
-            work.add("nonfinite_evaluations")
-            last = error
-    return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: the way there leads to {last}")
-
-
-def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Failure:
-    t, levels = place.t, projection.levels
-    q = projection.position(t, place.q, place.v)
-    at = finite_levels(levels, t, q, place.v)
-    if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
-        message = f"no consistent position was found near q0: after {MOST_ITERATIONS} steps g = {at.position}"
-        return Failure(Status.inconsistent_initial, message)
-    v = projection.velocity(t, q, place.v)
-    moved = Place(t, q, v)
-    text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
-    if text:
-        return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
-    note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}"
-    return moved, note

@@ -11,6 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
+from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
 from solvers._start import Failure, Place, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
@@ -23,7 +24,7 @@ from solvers.hht.events.sides import BESIDE, changed_values, starting_values
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.projecting import put_on_constraints
-from solvers.hht.run.start import first_state, project
+from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
 
@@ -299,7 +300,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
     if not text:
         return None
     message = f"the start violates {text}, which is more than these tolerances allow of a step's error"
-    return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or ask for calc_initcond=True")
+    return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or pass calc_initcond=True")
 
 
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:

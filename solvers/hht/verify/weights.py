@@ -89,8 +89,8 @@ def growth(ratio: float, frequency: float, count: int, **method: Any) -> Vector:
     q0, v0 = DoublePendulum.straight(0.0)
     mode = np.array([1.0 - omega**2 / GRAVITY, 1.0])  # from r x2'' = -r g (x2 - x1)
     q0[::2] += FAINT * mode / np.abs(mode).max()
-    hht = HHT(DoublePendulum(ratio=ratio), calc_initcond=True, **method)
-    hht.init_step(0.0, q0, v0, step=frequency / omega)
+    hht = HHT(DoublePendulum(ratio=ratio), **method)
+    hht.init_step(0.0, q0, v0, step=frequency / omega, calc_initcond=True)
     return np.array([np.abs(step_by_hand("hanging", hht).q[::2]).max() for _ in range(count)]) / FAINT
 
 

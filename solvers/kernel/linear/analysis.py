@@ -62,6 +62,11 @@ class SuperLU:
         """The inverse of the matrix in ``slot`` times ``right`` (size,)."""
         return self._slots[int(slot[0])].solve(right)
 
+    @property
+    def nbytes(self) -> int:
+        """Size of the factors, of 12 bytes an entry."""
+        return sum(12 * made.nnz for made in self._slots if made is not None)
+
     def fill(self) -> int:
         """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
         made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._places[0].size))

@@ -1,0 +1,130 @@
+"""Starts, masses and names that were refused, or accepted, for the wrong reason: for every solver alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+from hhtbench.errors import ProblemError
+from hhtbench.result import Status
+
+SOLVERS = ("hht", "ida", "cvode", "scipy(method=Radau)", "projected", "collocation", "rattle")
+
+
+class Load(hb.System):
+    """A load of 5 kg on a rope of 4 m."""
+
+    def mass_matrix(self, t: Any, q: Any) -> Any:
+        return 5.0 * jnp.eye(2)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return jnp.stack([0.0, -49.05])
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return jnp.stack([(q @ q - 16.0) / 2.0])
+
+
+def caught(v0: list[float], angle: float = 0.0) -> hb.Problem:
+    q0 = [4.0 * np.sin(angle), -4.0 * np.cos(angle)]
+    return hb.Problem(name="load", system=Load(), t_span=(0.0, 0.1), q0=q0, v0=v0)
+
+
+def accuracy(solver: str) -> dict[str, Any]:
+    return {"steps": 10} if solver == "rattle" else {"rtol": 1e-6}
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_every_solver_projects_a_start_on_request_and_says_what_to_type(solver: str):
+    """The rope takes the velocity along it: 0.5 m/s downwards."""
+    refused = hb.solve(caught([0.1, -0.5]), solver, **accuracy(solver))
+    assert refused.status is Status.inconsistent_initial
+    assert "pass calc_initcond=True" in refused.message
+    found = hb.solve(caught([0.1, -0.5]), solver, calc_initcond=True, **accuracy(solver))
+    assert found.success, found.message
+    np.testing.assert_allclose(found.v[0], [0.1, 0.0], atol=1e-12)
+    assert "calc_initcond moved q0 by 0 and v0 by 0.5" in found.message
+
+
+@pytest.mark.parametrize(("v0", "angle"), [([0.0, 0.5], 0.0), ([0.5 * np.sin(0.3), -0.5 * np.cos(0.3)], 0.3)])
+def test_a_velocity_that_the_constraints_take_wholly_leaves_a_start_at_rest(v0: list[float], angle: float):
+    found = hb.solve(caught(v0, angle), "hht", rtol=1e-6, calc_initcond=True)
+    assert found.success, found.message
+    assert found.v[0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida", "projected"])
+@pytest.mark.parametrize("mass", [np.nan, np.inf])
+def test_a_constant_mass_that_is_not_finite_is_named(solver: str, mass: float):
+    system = (
+        hb.NumpySystem(
+            mass_matrix=np.diag([mass, 1.0]),
+            force=lambda t, q, v: np.array([0.0, -9.81]),
+            constraint=lambda t, q: np.array([q @ q - 1.0]),
+        )
+        if np.isnan(mass)
+        else Heavy(m=mass)
+    )
+    given = hb.Problem(name="p", system=system, t_span=(0.0, 1.0), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    found = hb.solve(given, solver, rtol=1e-5)
+    assert found.status is Status.nonfinite_callback
+    assert f"mass_matrix[0, 0] = {mass}" in found.message
+
+
+class Heavy(hb.System):
+    m: Any = hb.parameter(1.0)
+
+    def mass_matrix(self, t: Any, q: Any) -> Any:
+        return self.m * jnp.eye(2)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return jnp.stack([0.0, -9.81])
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return jnp.stack([(q @ q - 1.0) / 2.0])
+
+
+class Misspelt(hb.System):
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return jnp.stack([0.0, -9.81])
+
+    def constraints(self, t: Any, q: Any) -> Any:
+        return jnp.stack([q @ q - 1.0])
+
+
+class Shortened(hb.System):
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return jnp.stack([0.0, -9.81])
+
+    def mass(self, t: Any, q: Any) -> Any:
+        return 2.0 * jnp.eye(2)
+
+
+class Parameter(hb.System):
+    """Its own functions read ``mass``."""
+
+    mass: Any = hb.parameter(2.0)
+
+    def mass_matrix(self, t: Any, q: Any) -> Any:
+        return self.mass * jnp.stack([1.0 + q[0] ** 2, 1.0])
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return self.mass * jnp.stack([0.0, -9.81])
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Misspelt, "constraint"), (Shortened, "mass_matrix")])
+def test_a_name_that_nothing_reads_is_refused_with_the_right_one(kind: type, name: str):
+    given = hb.Problem(name="p", system=kind(), t_span=(0.0, 1.0), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    with pytest.raises(ProblemError, match=f"the protocol's name is {name}"):
+        hb.solve(given, "hht", rtol=1e-4)
+
+
+@pytest.mark.parametrize("solver", ["hht", "cvode"])
+def test_a_mass_function_may_return_its_diagonal(solver: str):
+    """Along q[0], (1 + x^2) x'' = 0: the velocity stays; along q[1] the weight falls."""
+    given = hb.Problem(name="p", system=Parameter(), t_span=(0.0, 1.0), q0=[1.0, 0.0], v0=[1.0, 0.0])
+    found = hb.solve(given, solver, rtol=1e-6)
+    np.testing.assert_allclose(found.q[-1], [2.0, -9.81 / 2.0], rtol=1e-4)
