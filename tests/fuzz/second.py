@@ -118,7 +118,6 @@ def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], sh
     if "min_step" in options:
         options["min_step"] *= time
     ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
-    if case.spoil is None or case.spoil.kind != "off":
     interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
     kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
     believed = not (kept and case.spoil.kind == "wrong" and "constraint" in case.spoil.where)  # g_t may be too small to tell
