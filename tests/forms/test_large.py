@@ -18,7 +18,7 @@ from solvers import _xla_call
 from solvers.forms import eliminated, form, make_form
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function
-from solvers.hht.run import kkt
+from solvers.kernel import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
 

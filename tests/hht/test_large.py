@@ -20,8 +20,9 @@ from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
 from solvers.hht.equations.discretise import step_residual_and_ends
-from solvers.hht.run import functions, idle, kkt
+from solvers.hht.run import functions, idle
 from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
+from solvers.kernel import kkt
 from solvers.kernel import memory as mem
 from tests.lowering.xla import compiled
 

@@ -11,8 +11,8 @@ import hhtbench as hb
 from hhtbench.lowering import derive
 from hhtbench.lowering.caching import Cache
 from solvers._projection import OneByOne
-from solvers.hht.run import kkt
 from solvers.hht.run.projecting import smallest_changes
+from solvers.kernel import kkt
 from solvers.kernel.kkt import of_full_matrices
 from solvers.kernel.memory import copied
 from solvers.kernel.projection import project

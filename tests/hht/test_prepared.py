@@ -12,7 +12,8 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering.caching import Cache
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.run import functions, kkt, start
+from solvers.hht.run import functions, start
+from solvers.kernel import kkt
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
