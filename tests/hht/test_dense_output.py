@@ -113,13 +113,6 @@ def test_dense_output_returns_step_ends_as_they_are_and_refuses_times_outside(sp
             solution(outside)
 
 
-def test_the_multipliers_between_steps_are_those_of_the_interpolated_state():
-    solution = HHT(SYSTEMS["jax"]).solve((0.0, 0.3), Q0, V0, step=0.03, t_eval=np.linspace(0.0, 0.3, 31))
-    tension = np.sum(solution.v**2, axis=1) - GRAVITY * solution.q[:, 1]
-    length = np.sum(solution.q**2, axis=1)
-    np.testing.assert_allclose(solution.lam[:, 0] * length, tension, rtol=1e-12)
-
-
 @pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)])
 @pytest.mark.parametrize("how", [{"steps": 5000}, {"rtol": 1e-8}], ids=str)
 def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, span, how):
