@@ -17,10 +17,12 @@ from hhtbench.result import StepsData
 from solvers._projection import sizes_from
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
+from solvers.hht.run.blend import StepEnds
 from solvers.hht.run.interpolate import interpolate
 
 GROWTH = 4  # times the rows there are
-ROOM = 513  # rows at first: the start's, and those of a first call; untouched ones cost nothing
+OVERLAP = 4  # steps that are kept where others are dropped: later output rows lie between or beside them, (H60)
+ROOM = 512 + OVERLAP  # rows at first: those kept, and those of a first call; untouched ones cost nothing
 KEPT = 24 * 2**20  # bytes of rows of steps, at most, where output times were asked for and not the steps
 BLOCK = 65_536  # output rows that are interpolated at once: the time budget is looked at between
 PER_NUMBER = 5e-9  # [s] of a row: copies of arrays that do not fit into the nearer memories
@@ -30,10 +32,11 @@ RECOVERED = 0.45  # of the time of a step: the multipliers of its row, by one so
 class OutputRows:
     """Rows at output times, with the stage multipliers of the steps' ends next to them, (H8)."""
 
-    def __init__(self, rows: Matrix, between: Any, parts: Sequence[Any]) -> None:
+    def __init__(self, rows: Matrix, between: Any, steps: StepEnds, parts: Sequence[Any]) -> None:
         """Of ``rows`` (k, 1 + 2n + m + p), of which q, v (k, n), lam (k, m) and mu (k, p) are ``parts``."""
         self.rows, self.t = rows, rows[:, 0].copy()
         self.between = between  #: (k,) whether it lies between the ends of steps; None: they are those ends
+        self.steps = steps  #: those around the rows that lie between
         self.q, self.v, self.lam, self.mu = [rows[part] for part in parts]
 
 
@@ -56,6 +59,7 @@ class History:
         self._every = every
         self._ahead = t_eval  # those that are not in ``_output`` yet
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
+        self._around: list[Matrix] = []  # rows of the steps around those
         self._sizes: Any = 0.0  # (2n,) of the steps that were dropped
         self._remarks: list[str] = []
         self._occurrences: tuple[list[Occurrence], ...] = tuple([[] for _ in range(events)])
@@ -68,7 +72,7 @@ class History:
 
     def room(self, count: int) -> Matrix:
         """Rows for ``count`` steps to be written to, (count, columns): t, h, q, v, a, lam at both ends, mu."""
-        few = self._every or self._ahead is None or self._count == 1
+        few = self._every or self._ahead is None or self._count <= OVERLAP
         if not few and (self._count + count) * self._rows[0].nbytes > KEPT:
             self._drop_steps(self._ahead)
         if self._count + count > len(self._rows):  # several times what is there: untouched memory costs nothing
@@ -118,23 +122,28 @@ class History:
         return [self._rows[: self._count, self._layout.parts[i]] for i in which]
 
     def _drop_steps(self, ahead: Any) -> None:
-        """Keep the output rows before the last step's end, which an event may change yet, and that end."""
-        t0, t1 = self._rows[[0, self._count - 1], 0].tolist()
+        """Keep the output rows whose steps around them are known, those steps, and the last ``OVERLAP`` steps."""
+        rows = self._rows[: self._count]
+        t0, t1 = float(rows[0, 0]), float(rows[1 - OVERLAP, 0])
         if t0 == t1:
             return
         direction = math.copysign(1.0, t1 - t0)
         passed = int(np.searchsorted(direction * ahead, direction * t1, "left"))
         self._output.append(self._interpolated(ahead[:passed], lambda: False))
-        self._dropped, self._elapsed = self.steps
+        around = np.union1d(np.arange(OVERLAP), self._ends(rows).around(ahead[:passed]))
+        self._around.append(rows[around[around < self._count - OVERLAP]])
         self._sizes = self.sizes()
-        self._ahead, self._rows[0], self._count = ahead[passed:], self._rows[self._count - 1], 1
-        self._rows[0, 1] = 0.0  # its step is counted
+        self._count -= OVERLAP - 1
+        self._dropped, self._elapsed = self.steps
+        self._ahead, self._count = ahead[passed:], OVERLAP
+        self._rows[:OVERLAP] = rows[-OVERLAP:].copy()
 
     def output_rows(self, enough: Callable[[], bool]) -> tuple[OutputRows, int]:
         """The rows at the times of ``t_eval`` that were reached, or of every step, until ``enough()``; how many were."""
         layout, times = self._layout, self._ahead
         if times is None:
-            return OutputRows(self._rows[: self._count].take(layout.own, axis=1), None, layout.output), self._count
+            rows = self._rows[: self._count]
+            return OutputRows(rows.take(layout.own, axis=1), None, self._ends(rows), layout.output), self._count
         low, high = sorted(self.span)
         if times.size and not (low <= times.item(0) <= high and low <= times.item(-1) <= high):  # else all were reached
             times = times[(times >= low) & (times <= high)]
@@ -143,7 +152,13 @@ class History:
         if self._output:
             asked += sum(len(part) for part, _ in self._output)
             rows, between = (np.concatenate(parts) for parts in zip(*self._output, (rows, between), strict=True))
-        return OutputRows(rows, between, layout.output), asked
+        around = np.concatenate([*self._around, self._rows[: self._count]]) if self._around else self._rows[: self._count]
+        return OutputRows(rows, between, self._ends(around), layout.output), asked
+
+    def _ends(self, rows: Matrix) -> StepEnds:
+        """Of steps with these ``rows``; parts of them."""
+        parts = self._layout.parts
+        return StepEnds(rows[:, 0], rows[:, parts[2].start : parts[3].stop])
 
     def _interpolated(self, times: Vector, enough: Callable[[], bool]) -> tuple[Matrix, Any]:
         """Rows [t, q, v, lam, mu] at ``times`` (k,), and which are between steps; fewer where there is ``enough()``."""

@@ -105,7 +105,7 @@ class Integration:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
         more = self.history.kept(projection_of(engine)) | self._diagnosis(end)
-        motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows.rows)
+        motion, recover_many = (rows.t, rows.q, rows.v), lambda: recovered(engine, rows)
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
     def _warnings(self, plan: Plan, at_start: float) -> str:
