@@ -37,6 +37,7 @@ DIFFERENCE = EPS ** (1 / 3)  # of the size of q: balances truncation and roundof
 BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the vibration
 RESOLVED = 0.02  # h omega from which steps may be those that a vibration asks for
 STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
+FOLLOWS = 0.1  # of what forces change v by: where v turns by less, damping or constraints answer to them
 UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
 ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
 VISIBLE = 1e-8  # of q: a speed that moves it by less in a step is not reported
@@ -214,7 +215,7 @@ def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> 
             return ""
         slopes = np.diff(v, axis=0) / h[1:]
         bends = np.abs(np.diff(slopes, axis=0) * h[2:])
-        suspect &= (bends > UNRESOLVED * largest) & np.isfinite(bends)
+        suspect &= (bends > np.maximum(UNRESOLVED * largest, FOLLOWS * changes)) & np.isfinite(bends)
     if not np.count_nonzero(suspect):
         return ""
     row, at = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)

@@ -66,7 +66,8 @@ class Functions:
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         self.dynamics, self.layout = dynamics, layout
         self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
-        self.newton = NewtonOptions(tolerance=max(NewtonOptions.tolerance, NOISE_MARGIN * innermost(dynamics).noise))
+        options = NewtonOptions()
+        self.newton = replace(options, tolerance=max(options.tolerance, NOISE_MARGIN * innermost(dynamics).noise))
         self._sizes = memory_sizes(layout)
         self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
         self._codes: dict[str, Code] = {}

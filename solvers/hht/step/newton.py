@@ -29,6 +29,8 @@ BLINDED = 1e-8  # increments up to it are not halved: roundoff of a and lam hide
 CONSTRAINT_COST = 5.0  # of a matrix, in iterations of the constraint rows alone, whose machine code evaluates no force
 FORGOTTEN = 0.95  # what counts, a step later, of the cost of a step that began with a stored matrix
 LEAST_RATE = 1e-3  # a first increment far too long makes the next look like contraction: no ratio counts as less
+SECOND = 0.5  # what of an increment remains two later at most, if increments are taken whole, (H29)
+MAX_DAMPED = 40  # increments of the retry
 MAX_HALVINGS = 12  # of one damped increment: 2^-12 of a step that fails is no progress
 
 
@@ -214,12 +216,12 @@ def outworn(z: Any, i: Any) -> Any:
 
 @compiled
 def restarted(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
-    """The same with a matrix at every iterate, and increments halved while the next one is not smaller, (H29)."""
+    """The same with a matrix at every iterate; increments that do not contract are halved, (H29)."""
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
-    last, halvings = math.inf, 0
+    last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
-    for _ in range(z.i[mem.MAX_ITERATIONS]):
+    for _ in range(MAX_DAMPED):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1
@@ -235,10 +237,14 @@ def restarted(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
-        halvings = halved(z, spare, moved, counts)
-        if halvings < 0:
-            return -1 - halvings, -1, 0.0
-        last = moved
+        if moved <= SECOND * before:
+            halvings = 0
+            step_back(z)
+        else:
+            halvings = halved(z, spare, moved, counts)
+            if halvings < 0:
+                return -1 - halvings, -1, 0.0
+        last, before = moved, last
     return mem.DIVERGED, -1, 0.0
 
 

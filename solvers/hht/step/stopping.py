@@ -53,20 +53,26 @@ def force_rows_end(z: Any, slot: Any, rate: Any) -> Any:
 
     Of the increment, and of the imbalance before it; of that itself, where the matrix answers with far less.
     """
-    tried, change, weights, o = part(z, mem.ATTEMPT), part(z, mem.CHANGE), part(z, mem.WEIGHTS), part(z, mem.CONSTANTS)
+    o = part(z, mem.CONSTANTS)
     if not 0.0 < rate < 1.0:
         return False
+    enough, size = o[mem.REMAINING] * (1.0 - rate) / rate, share_of_allowed(z, slot)
+    if size > enough:
+        return False
+    imbalance(z)
+    left = weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / part(z, mem.ATTEMPT)[mem.ROOT_TOLERANCE]
+    return left <= o[mem.REMAINING] or (left <= enough and left <= o[mem.STIFF] * size)
+
+
+@compiled
+def share_of_allowed(z: Any, slot: Any) -> Any:
+    """The last increment of q1 and v1 over what is allowed of the step, in the norm of (H26)."""
+    tried = part(z, mem.ATTEMPT)
     if tried[mem.ROOT_TOLERANCE] == 0.0:  # what the start allows: the step's end is not known yet
         tried[mem.ROOT_TOLERANCE], _ = weigh(z, part(z, mem.Q), part(z, mem.V))
     if z.i[mem.KIND] == mem.KIND_INVERSE:  # others know CHANGE already
         move(z, slot, part(z, mem.INCREMENT))
-    enough, root = o[mem.REMAINING] * (1.0 - rate) / rate, tried[mem.ROOT_TOLERANCE]
-    size = weighted_rms(change, weights) / root
-    if size > enough:
-        return False
-    imbalance(z)
-    left = weighted_rms(change, weights) / root
-    return left <= o[mem.REMAINING] or (left <= enough and left <= o[mem.STIFF] * size)
+    return weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / tried[mem.ROOT_TOLERANCE]
 
 
 @compiled
@@ -131,7 +137,9 @@ def is_roundoff(z: Any, slot: Any) -> Any:
         return False
     own[0], own[1] = min(own[0], 1.0 / max(size_q, TINY)), min(own[1], 1.0 / max(size_v, TINY))
     room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h if z.i[mem.M] + z.i[mem.P] > 0 else 0.0
-    return in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room)
+    if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
+        return True
+    return z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]
 
 
 @compiled
