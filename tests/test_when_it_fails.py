@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -16,6 +15,7 @@ import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
 from hhtbench.testing.extremes.linkages import DoublePendulum
+from tests.hht.test_leaps import HEIGHT, Loaded
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -187,11 +187,7 @@ def leaving_a_rail() -> Any:
 
 def snapping() -> Any:
     """A flat truss under a load that changes."""
-    truss = {
-        "force": lambda t, q, v: 1e4 * math.sin(3.0 * t) * np.array([1.0, -1.0]),
-        "constraint": lambda t, q: np.array([q @ q - 1.01, (q[0] - 2.0) ** 2 + q[1] ** 2 - 1.01]),
-    }
-    return hb.HHT(hb.NumpySystem(**truss)).solve((0.0, 10.0), [1.0, 0.1], [0.0, 0.0], steps=200)
+    return hb.HHT(Loaded(load=1e4)).solve((0.0, 10.0), [1.0, HEIGHT, 0.0], [0.0] * 3, steps=200)
 
 
 def bouncing() -> Any:
@@ -221,12 +217,12 @@ PROVOKED: dict[str, list[Case]] = {
         Case("", "3 steps", lambda _: fall(step=0.01, max_num_steps=3)),
         Case("vibration that constraint", "Constraint forces carry", lambda _: rods(1e8, rtol=1e-4, max_num_steps=3_000)),
         Case("vibration of forces", "Forces carry a vibration", lambda _: stretched()),
+        Case("noise", "Calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8, max_num_steps=1_000)),
     ],
     "step_too_small": [
         Case("jump", "jump", lambda _: fall(weight(force=lambda t, q, v: np.full(1, 1e12 * (t > 0.5))), rtol=1e-4)),
         Case("min_step", "0.1", lambda _: fall(weight(force=stiff), rtol=1e-6, options={"min_step": 0.1})),
         Case("roundoff", "roundoff is reached", lambda _: hoop(rtol=0.0, atol=1e-14)),
-        Case("noise", "Calls of force", lambda _: fall(weight(force=noisy), rtol=1e-8)),
     ],
     "newton_failed": [
         Case("prescribed", "smaller", lambda _: fall(weight(force=wall), step=0.1)),

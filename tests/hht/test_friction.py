@@ -226,8 +226,6 @@ def test_the_midpoint_choice_rings_in_long_steps_as_told_and_not_where_errors_ar
     assert off_creeping(1e-6, "midpoint", rtol=1e-5) < 1e-3
 
 
-
-
 class Incline(hb.System):
     """A box that slides down an incline of 0.1 rad and settles where friction holds it."""
 
@@ -249,5 +247,3 @@ def test_what_has_settled_is_not_said_to_be_moved_by_roundoff(offset, step):
     along = np.array([np.cos(0.1), np.sin(0.1)])
     solution = HHT(Incline()).solve((0.0, 2.0), offset * along, along, step=step)
     assert solution.success, solution.message
-
-

@@ -86,8 +86,6 @@ def test_rattle_has_the_period_of_the_leapfrog_where_the_force_depends_on_the_po
     assert rivals.leapfrog().passed
 
 
-
-
 @pytest.mark.parametrize(("first", "later", "jump"), [(2e-6, 2e-6, 1e-3), (2e-6, 1e-4, 0.01)])
 def test_nor_is_roundoff_of_earlier_steps_the_cause_of_a_later_failure(first, later, jump):
     """Increments were left to roundoff while it began; a force that no step resolves comes afterwards."""

@@ -117,8 +117,8 @@ def plain_guess(z: Any, level: Any) -> None:
 def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     """How an attempt at a step of h [s] to t1 ended; what it found is in X, END and ATTEMPT.
 
-    A failure is retried once from the plain guess with fresh matrices and damped increments: one value that is not finite,
-    or a bad extrapolation, costs a retry and not the run.
+    A failure is retried from the plain guess with fresh matrices, by whole increments, which stiff springs that turn need,
+    and then by damped ones, which friction that is nearly a jump needs.
     """
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     size_q, size_v, acceleration = number[mem.SIZE_Q], number[mem.SIZE_V], largest(part(z, mem.VDOT))
@@ -136,15 +136,21 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     if typical[0] < AT_ORIGIN * abs(h) * typical[1]:  # what begins in the origin has the size of its way
         typical[0] = abs(h) * typical[1]
     tried[mem.ROOT_TOLERANCE] = tried[mem.LEAPS] = 0.0
-    lagged = int(number[mem.FACTOR])
+    level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
     ended, slot, rate = newton(z, lagged, h, counts)
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
-        plain_guess(z, multipliers_anew(z, h, counts))
-        ended, slot, rate = restarted(z, lagged, h, counts)
+        level = multipliers_anew(z, h, counts)
+        plain_guess(z, level)
+        ended, slot, rate = restarted(z, lagged, h, False, counts)
+        ended = finished(z, ended, t1, counts)
+    if ended not in (mem.CONVERGED, mem.SPENT):
+        early(z)
+        plain_guess(z, level)
+        ended, slot, rate = restarted(z, lagged, h, True, counts)
         ended = finished(z, ended, t1, counts)
     tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
     return ended

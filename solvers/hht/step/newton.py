@@ -215,13 +215,13 @@ def outworn(z: Any, i: Any) -> Any:
 
 
 @compiled
-def restarted(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
-    """The same with a matrix at every iterate; increments that do not contract are halved, (H29)."""
+def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
+    """The same with a matrix at every iterate: whole increments while they contract, (H29), or ``damped`` ones."""
     o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
-    for _ in range(MAX_DAMPED):
+    for _ in range(MAX_DAMPED if damped else z.i[mem.MAX_ITERATIONS]):
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1
@@ -237,13 +237,14 @@ def restarted(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
-        if moved <= SECOND * before:
-            halvings = 0
-            step_back(z)
-        else:
+        if damped:
             halvings = halved(z, spare, moved, counts)
             if halvings < 0:
                 return -1 - halvings, -1, 0.0
+        elif moved > SECOND * before:
+            return mem.DIVERGED, -1, 0.0
+        else:
+            step_back(z)
         last, before = moved, last
     return mem.DIVERGED, -1, 0.0
 

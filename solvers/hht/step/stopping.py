@@ -136,7 +136,7 @@ def is_roundoff(z: Any, slot: Any) -> Any:
     if not math.isfinite(size_q + size_v):
         return False
     own[0], own[1] = min(own[0], 1.0 / max(size_q, TINY)), min(own[1], 1.0 / max(size_v, TINY))
-    room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h if z.i[mem.M] + z.i[mem.P] > 0 else 0.0
+    room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h
     if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
         return True
     return z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]
