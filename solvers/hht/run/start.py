@@ -76,7 +76,7 @@ def begin(
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
 
     ``h`` [s] is the first step, or the direction of time.  An engine that an earlier run for the same system has left is
-    used again, and left for the next where no motion begins: one that is dropped is kept until Python looks for cycles.
+    used again, and left for the next where no motion begins.
     """
 
     purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
