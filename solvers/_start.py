@@ -31,6 +31,7 @@ from hhtbench.lowering import (
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.mass import infinite_entry
 from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
@@ -137,9 +138,16 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.  What is called for this is no evaluation of the motion.
+
+    Raises
+    ------
+    NonFiniteValue
+        A constant mass holds NaN or infinity.
     """
     with uncounted():
         dynamics: Dynamics = derive(system, place.t, place.q, place.v, without=without)
+        if infinite := infinite_entry(dynamics.constant_mass):
+            raise NonFiniteValue("mass_matrix", *infinite, place.t)
         check_sparsity(dynamics, place.t, place.q, place.v)
         dynamics = _with_mass_by_entries(dynamics, place)
         if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called

@@ -66,6 +66,27 @@ def test_a_constant_mass_that_is_not_finite_is_named(solver: str, mass: float):
     assert f"mass_matrix[0, 0] = {mass}" in found.message
 
 
+class Diagonal(hb.System):
+    m: Any = hb.parameter(1.0)
+
+    def mass_matrix(self, t: Any, q: Any) -> Any:
+        return self.m * jnp.ones(q.size)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        return -q
+
+
+@pytest.mark.parametrize("solver", ["hht", "scipy"])
+@pytest.mark.parametrize("mass", [np.nan, np.inf])
+@pytest.mark.parametrize("n", [300, 500])
+def test_a_large_diagonal_mass_that_is_not_finite_is_named(solver: str, mass: float, n: int):
+    """Of such a one neither inverse nor step's residual is the cause."""
+    given = hb.Problem(name="p", system=Diagonal(m=mass), t_span=(0.0, 1.0), q0=np.ones(n), v0=np.zeros(n))
+    found = hb.solve(given, solver, rtol=1e-5)
+    assert found.status is Status.nonfinite_callback
+    assert f"mass_matrix[0, 0] = {mass}" in found.message
+
+
 class Heavy(hb.System):
     m: Any = hb.parameter(1.0)
 
