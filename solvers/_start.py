@@ -40,6 +40,7 @@ from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
 NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
+CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
 
@@ -246,8 +247,7 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     at = finite_levels(levels, place.t, place.q, place.v)
     text = violations(at, place, CONSISTENT)
     if text:
-        message = f"the start violates {text}; correct q0, v0 or pass calc_initcond=True"
-        return Failure(Status.inconsistent_initial, message)
+        return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
     if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
         return None
     if at.rank.redundant and not reduced:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import hhtbench as hb
 from hhtbench.checks import check
+from hhtbench.commands.solve import solve_command
 from hhtbench.errors import ProblemError
+from hhtbench.output import FAILED
+from hhtbench.registry import load_solver
 from hhtbench.result import Status
 
 SOLVERS = ("hht", "ida", "cvode", "scipy(method=Radau)", "projected", "collocation", "rattle")
@@ -48,6 +54,51 @@ def test_every_solver_projects_a_start_on_request_and_says_what_to_type(solver: 
     assert found.success, found.message
     np.testing.assert_allclose(found.v[0], [0.1, 0.0], atol=1e-12)
     assert "calc_initcond moved q0 by 0 and v0 by 0.5" in found.message
+
+
+class TwoRopes(Load):
+    """The same rope twice."""
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        return jnp.stack([(q @ q - 16.0) / 2.0, q @ q - 16.0])
+
+
+@pytest.mark.parametrize("solver", ["hht", "ida"])
+def test_redundant_rows_of_a_projected_start_are_told_once(solver: str):
+    given = replace(caught([0.1, -0.5]), system=TwoRopes())
+    with pytest.warns(UserWarning, match="redundant constraints") as warned:
+        found = hb.solve(given, solver, rtol=1e-6, calc_initcond=True)
+    assert found.success, found.message
+    assert len(warned) == 1
+
+
+def test_steps_by_hand_begin_at_the_projected_start():
+    hht = hb.HHT(Load())
+    assert hht.init_step(0.0, [0.0, -4.0], [0.1, -0.5], step=0.01) is Status.inconsistent_initial
+    assert "pass calc_initcond=True to solve or init_step" in hht.message
+    assert hht.init_step(0.0, [0.0, -4.0], [0.1, -0.5], step=0.01, calc_initcond=True) is Status.success
+    np.testing.assert_allclose(hht.state.v, [0.1, 0.0], atol=1e-12)
+    request = hb.Request(step=0.01, calc_initcond=True)
+    by_adapter = load_solver("hht").stepper(caught([0.1, -0.5]), request)
+    np.testing.assert_allclose(by_adapter.state.v, [0.1, 0.0], atol=1e-12)
+
+
+def test_what_the_message_advises_can_be_typed_on_the_command_line(tmp_path: Path):
+    file = tmp_path / "load.py"
+    file.write_text(
+        "from tests.adapters.test_consistent_starts import caught\n\n\ndef problem():\n    return caught([0.1, -0.5])\n"
+    )
+    refused = CliRunner().invoke(solve_command, [f"{file}:problem", "--rtol", "1e-6"])
+    assert refused.exit_code == FAILED
+    assert "--calc-initcond" in refused.output
+    assert CliRunner().invoke(solve_command, [f"{file}:problem", "--rtol", "1e-6", "--calc-initcond"]).exit_code == 0
+
+
+def test_what_the_constraints_leave_of_a_velocity_stays_however_little():
+    """1e-9 m/s beside 0.5 m/s that the rope takes: the roundoff of what was taken is not counted against it."""
+    found = hb.solve(caught([1e-9, 0.5]), "hht", rtol=1e-6, calc_initcond=True)
+    assert found.success, found.message
+    np.testing.assert_allclose(found.v[0], [1e-9, 0.0], rtol=1e-9, atol=1e-24)
 
 
 @pytest.mark.parametrize(("v0", "angle"), [([0.0, 0.5], 0.0), ([0.5 * np.sin(0.3), -0.5 * np.cos(0.3)], 0.3)])
