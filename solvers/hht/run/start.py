@@ -94,10 +94,12 @@ def begin(
             engine = make_engine(*of, controlled=controlled, ready=ready)
             engine.watch(events)
         found = consistent_start(engine.dynamics, place, guesses, work, calc_initcond=calc_initcond)
-        state = found if isinstance(found, Failure) else first_state(engine, found[0], *guesses, h)
+        if isinstance(found, Failure):
+            return found
+        at, note = found
+        state = first_state(engine, at, *guesses, h)
         if isinstance(state, Failure):
             return state
-        note = found[1]
         if isinstance(engine.dynamics, AugmentedDynamics):
             note = f"The mass matrix is singular at the start; M + C^T R C is used (H19). {note}".strip()
         return Started(purpose, engine, state, note, engine.applied(state) if controlled else NOTHING)
