@@ -39,6 +39,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import equinox as eqx
@@ -92,6 +93,8 @@ WITH_VELOCITY = {  # of a reaction that depends on v too, as friction in a joint
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
 }
+NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
+OTHER_WORDS = {"mass": "mass_matrix"}  # what is meant where difflib does not see it
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
@@ -121,6 +124,11 @@ PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of d
 }
 
 
+def near_name(name: str) -> str:
+    """The name of ``DECLARABLE`` that somebody may mean by ``name``; empty where none is near."""
+    return OTHER_WORDS.get(name) or next(iter(get_close_matches(name, DECLARABLE, 1, NEAR)), "")
+
+
 def parameter(default: Any = ..., *, doc: str = "") -> Any:
     """A physical parameter of a :class:`System`: stored as a float64 array of its own.
 
@@ -140,8 +148,8 @@ class System(eqx.Module):
     is missing or None is undeclared):
 
     ``mass_matrix``
-        Field: scalar, ``(n,)`` or ``(n, n)``; or method ``(t, q) -> (n, n)``.  Identity if undeclared; may be
-        singular where the KKT matrix ``[[M, C^T], [C, 0]]`` is regular.
+        Field: scalar, ``(n,)`` or ``(n, n)``; or method ``(t, q) -> (n, n)``, or ``(n,)``, a diagonal.  Identity if
+        undeclared; may be singular where the KKT matrix ``[[M, C^T], [C, 0]]`` is regular.
     ``constraint(t, q) -> (m,)``, ``velocity_constraint(t, q, v) -> (p,)``
         ``g`` and ``k``.
     ``reaction(t, q, lam) -> (n,)``, ``velocity_reaction(t, q, v, mu) -> (n,)``
@@ -198,7 +206,9 @@ class NumpySystem:
     def __init__(self, *, force: Callable[..., Any], **declared: Any) -> None:
         unknown = sorted(set(declared) - set(DECLARABLE))
         if unknown:
-            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.")
+            meant = sorted({near for name in unknown if (near := near_name(name))})
+            hint = f" Did you mean {' and '.join(meant)}?" if meant else ""
+            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.{hint}")
         patterns = checked_patterns(declared.get("sparsity"))
         if patterns:
             declared["sparsity"] = {name: full_pattern(x) for name, x in patterns.items()}

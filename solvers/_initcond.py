@@ -6,12 +6,33 @@ import numpy as np
 
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import Dynamics, size_of
+from hhtbench.lowering import Dynamics, size_of, unreduced
 from hhtbench.result import Status
 from solvers._projection import MOST_ITERATIONS, PROJECTED, Projection
-from solvers._start import Failure, Place, finite_levels, violations
+from solvers._start import Failure, Guesses, Place, check_start, finite_levels, of_dynamics, violations
 
 AT_REST = 1e-15  # of v0: constraints that leave no more of a velocity leave none
+
+
+def consistent_start(
+    dynamics: Dynamics, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
+) -> tuple[Place, str] | Failure:
+    """Where the motion begins, and what was moved how far: ``place``, or the consistent start nearest to it.
+
+    Raises
+    ------
+    NonFiniteValue
+        A constraint or its Jacobian holds NaN or infinity.
+    ProblemError
+        A guess has not one entry per constraint.
+    """
+    at, note = place, ""
+    if calc_initcond and dynamics.structure.constrained:
+        projected = project(dynamics, place, work)
+        if isinstance(projected, Failure):
+            return projected
+        at, note = projected
+    return check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses) or (at, note)
 
 
 def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] | Failure:
@@ -47,5 +68,5 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
     text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
-    note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}"
+    note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}."
     return moved, note

@@ -11,8 +11,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, Dynamics, unreduced
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering import AccelerationLevel
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Ends, Solution, Status
@@ -22,7 +21,7 @@ from solvers._dense import OnConstraints, Pieces
 from solvers._ending import empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._initcond import project
+from solvers._initcond import consistent_start
 from solvers._multipliers import Recover, plain_start, recovered
 from solvers._projection import OneByOne
 from solvers._rows import (
@@ -39,7 +38,6 @@ from solvers._start import (
     Place,
     absolute_tolerances,
     budget_failure,
-    check_start,
     dynamics_for,
     of_dynamics,
     start_acceleration,
@@ -131,15 +129,14 @@ class Run:
         problem = self.problem
         place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
-        if self.request.calc_initcond:
-            moved = self._consistent(place)
-            if isinstance(moved, Failure):
-                return moved
-            place = moved
-        found = plain_start(problem.system, place, guesses, self.work) or self._looked_at(place, guesses)
-        if isinstance(found, Failure):
-            return found
-        self.dynamics, self.first = found
+        found = None if self.request.calc_initcond else plain_start(problem.system, place, guesses, self.work)
+        if found is None:
+            place_or_failure = self._looked_at(place, guesses)
+            if isinstance(place_or_failure, Failure):
+                return place_or_failure
+            place = place_or_failure
+        else:
+            self.dynamics, self.first = found
         self.form = form = forms.make_form(self.form_name, self.dynamics)
         self.start = form.start(place.q, place.v, self.first.vdot, self.first.lam, self.first.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
@@ -157,17 +154,6 @@ class Run:
             self.pieces = Pieces(np.array(self.y), (form.blocks["q"], form.blocks["v"]), self.now)
         return None
 
-    def _consistent(self, place: Place) -> Place | Failure:
-        """The start on both levels of the constraints, (H20)."""
-        dynamics = dynamics_for(self.problem.system, place)
-        if not dynamics.structure.constrained:
-            return place
-        projected = project(dynamics, place, self.work)
-        if isinstance(projected, Failure):
-            return projected
-        place, self.note = projected[0], f"{projected[1]}."
-        return place
-
     def _same_root(self) -> bool:
         """Whether the underlying ODE finds the multipliers of the start: where several solve (F9) it may find others."""
         if self.form.kind != "ode" or self.dynamics.structure.linear_reaction:
@@ -175,17 +161,18 @@ class Run:
         vdot, found = self.first.vdot, self.rhs(self.t0, self.start.y)[self.first.vdot.size :]
         return bool(np.max(np.abs(found - vdot)) <= ROOT * max(1.0, float(np.max(np.abs(vdot)))))
 
-    def _looked_at(self, place: Place, guesses: Guesses) -> tuple[Dynamics, Acceleration] | Failure:
-        """The dynamics, and accelerations and multipliers of a start that may be bad or unusual."""
+    def _looked_at(self, place: Place, guesses: Guesses) -> Place | Failure:
+        """Derive, and find the accelerations and multipliers of a start that may be bad or unusual; where it is then."""
         self.dynamics = dynamics_for(self.problem.system, place)
-        failure = check_start(self.dynamics, self.levels, place, guesses)
-        found = failure or start_acceleration(self, place, guesses)
-        return found if isinstance(found, Failure) else (self.dynamics, found)
-
-    @property
-    def levels(self) -> ConstraintLevels:
-        """Of all constraints."""
-        return of_dynamics(unreduced(self.dynamics)).levels
+        begun = consistent_start(self.dynamics, place, guesses, self.work, calc_initcond=self.request.calc_initcond)
+        if isinstance(begun, Failure):
+            return begun
+        place, self.note = begun
+        found = start_acceleration(self, place, guesses)
+        if isinstance(found, Failure):
+            return found
+        self.first = found
+        return place
 
     @property
     def acceleration(self) -> AccelerationLevel:

@@ -31,6 +31,7 @@ from hhtbench.lowering import (
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.mass import infinite_entry
 from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
@@ -39,6 +40,7 @@ from solvers._finite import expect_finite, explain_nonfinite
 from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
 
 NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
+CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
 
@@ -137,9 +139,16 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
 
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
     replaced, with a warning.  What is called for this is no evaluation of the motion.
+
+    Raises
+    ------
+    NonFiniteValue
+        A constant mass holds NaN or infinity.
     """
     with uncounted():
         dynamics: Dynamics = derive(system, place.t, place.q, place.v, without=without)
+        if infinite := infinite_entry(dynamics.constant_mass):
+            raise NonFiniteValue("mass_matrix", *infinite, place.t)
         check_sparsity(dynamics, place.t, place.q, place.v)
         dynamics = _with_mass_by_entries(dynamics, place)
         if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
@@ -238,8 +247,7 @@ def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = Fal
     at = finite_levels(levels, place.t, place.q, place.v)
     text = violations(at, place, CONSISTENT)
     if text:
-        message = f"the start violates {text}; correct q0, v0 or pass calc_initcond=True"
-        return Failure(Status.inconsistent_initial, message)
+        return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
     if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
         return None
     if at.rank.redundant and not reduced:

@@ -42,7 +42,7 @@ class ProjectedSolver(SciPySolver):
             try:
                 steps = CompiledSteps(run, self.method)
             except NotNative as error:
-                run.note = f"The steps are made in Python: {error.reason}."
+                run.note = f"{run.note} The steps are made in Python: {error.reason}.".strip()
             else:
                 return steps.drive()
         return self._in_python(run)

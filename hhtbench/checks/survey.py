@@ -84,6 +84,8 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
     elif not callable(declared(problem.system, name)):
         return yes_or_fault(row_id, claim, "no such function is declared", "", bound)
     else:
+        if name == "mass_matrix":
+            claim += ", or its diagonal (n,)"
         outcome = attempt(lambda: _fault(name, _call(problem, name, sizes), signature, sizes))
     return yes_or_fault(row_id, claim, outcome.fault or outcome.value, bound, bound)
 
@@ -132,6 +134,8 @@ def _fault(name: str, result: Any, signature: Signature, sizes: dict[str, int | 
             return f"got {type(result).__name__}"
         return next((f"{key}: {fault}" for key, value in result.items() if (fault := _array_fault(value, ()))), "")
     shapes = [tuple(sizes[x] for x in letters) for letters in signature.results]
+    if name == "mass_matrix" and np.shape(result) == (sizes["n"],):
+        shapes = [(sizes["n"],)]
     if len(shapes) == 1:
         free = name in ("constraint", "velocity_constraint")  # their length is theirs to choose
         return _array_fault(result, None if free else shapes[0])

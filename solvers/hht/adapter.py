@@ -84,8 +84,12 @@ class HHTSolver:
         t0, t1 = problem.t_span
         step = plan_steps(request, t0, t1).length(0) if request.fixed else None
         atol = absolute_tolerances(problem, request) if request.atol is None and request.rtol is not None else request.atol
-        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-        made.init_step(t0, problem.q0, problem.v0, step=step, rtol=request.rtol, atol=atol, **guesses)
+        more: dict[str, Any] = {
+            "lam_guess": problem.lam_guess,
+            "mu_guess": problem.mu_guess,
+            "calc_initcond": request.calc_initcond,
+        }
+        made.init_step(t0, problem.q0, problem.v0, step=step, rtol=request.rtol, atol=atol, **more)
         return made
 
     def warm_up(self, problem: Problem, request: Request) -> None:

@@ -1,6 +1,8 @@
 """What trials, interrupts, exceptions and foreign states leave behind: nothing that a later step would meet."""
 
+import gc
 import signal
+import weakref
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -13,12 +15,20 @@ from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from solvers.hht.run import idle
 from solvers.hht.run.engine import Engine
+from solvers.hht.run.loops import Loops
 
 from .scenes import GRAVITY, JAX_PENDULUM, Q0, V0, gravity, pendulum, same_bits
 
 
 class Own(Exception):
     pass
+
+
+class Free(System):
+    """Mass points that nothing pulls."""
+
+    def force(self, t, q, v):
+        return 0.0 * q
 
 
 def test_an_exception_after_a_failed_trial_of_derived_derivatives_is_the_users(monkeypatch):
@@ -248,3 +258,29 @@ def test_a_start_that_fails_leaves_its_engine_to_the_next_solve():
     again = hht.solve((0.0, 0.1), Q0, V0, step=0.01)
     assert idle._idle[-1][1] is engine
     assert np.array_equal(first.q, again.q) and np.array_equal(first.lam, again.lam)
+
+
+@pytest.mark.parametrize("n", [20, 150])
+def test_an_engine_that_is_not_kept_for_later_solves_is_freed_at_once(n, monkeypatch):
+    """Without constraints, by full matrices and by bands: neither Python's cycles nor the callbacks hold its memory."""
+    made = []
+    original = Loops.__init__
+    monkeypatch.setattr(Loops, "__init__", lambda own, *given: made.append(weakref.ref(own)) or original(own, *given))
+    monkeypatch.setattr(idle, "MAX_BYTES", 0)
+    gc.collect()
+    gc.disable()
+    try:
+        for system in (NumpySystem(force=lambda t, q, v: 0.0 * q), Free()):
+            assert HHT(system).solve((0.0, 0.01), np.ones(n), np.zeros(n), step=0.005, t_eval=[0.0, 0.01]).success
+        assert len(made) == 2
+        assert [own() for own in made] == [None, None]
+    finally:
+        gc.enable()
+
+
+def test_engines_for_later_solves_hold_no_more_than_64_megabytes():
+    """One for 400 coordinates has 25."""
+    for _ in range(4):
+        system = NumpySystem(force=lambda t, q, v: 0.0 * q)
+        assert HHT(system).solve((0.0, 0.01), np.ones(400), np.zeros(400), step=0.005, t_eval=[0.0, 0.01]).success
+    assert 20e6 <= sum(engine.nbytes for _, engine in idle._idle) <= 64 * 2**20

@@ -61,7 +61,7 @@ WRONG = [
     ("force", 2, lambda xp: xp.ones((2, 1)), "(2,)", "(2, 1)"),
     ("force", 2, lambda xp: xp.ones(()), "(2,)", "()"),
     ("mass_matrix", 1, lambda xp: xp.ones((2, 3)), "(2, 2)", "(2, 3)"),
-    ("mass_matrix", 1, lambda xp: xp.ones(2), "(2, 2)", "(2,)"),
+    ("mass_matrix", 1, lambda xp: xp.ones(3), "(2, 2)", "(3,)"),
     ("reaction", 2, lambda xp: xp.ones(1), "(2,)", "(1,)"),
     ("velocity_reaction", 3, lambda xp: xp.ones(3), "(2,)", "(3,)"),
     ("constraint_jacobian", 1, lambda xp: xp.ones((2, 1)), "(1, 2)", "(2, 1)"),

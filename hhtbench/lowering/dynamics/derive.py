@@ -69,7 +69,7 @@ def derive(
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.
     """
-    expect_names(type(system))
+    expect_names(type(system))  # type: ignore[arg-type] # classes are hashable
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
         key = by_id(system), parameters_of(system), np.shape(q), ignored, without
         found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored, without))  # type: ignore[arg-type] # it is one

@@ -202,6 +202,15 @@ def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     return dynamics.mass(t, q)
 
 
+def infinite_entry(mass: Any) -> tuple[tuple[int, ...], float] | None:
+    """Where a constant mass is not finite, and what stands there; None where it is."""
+    if mass is None or np.isfinite(np.asarray(mass.values if isinstance(mass, Diagonal | Sparse) else mass)).all():
+        return None
+    entries = np.asarray(mass)
+    row, column = np.argwhere(~np.isfinite(entries))[0].tolist()
+    return (row, column), float(entries[row, column])
+
+
 def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
     """Whether the mass is singular at (t, q); one that is not finite is not.  Warns where it is not symmetric."""
     if dynamics.structure.mass == "identity":

@@ -1,19 +1,20 @@
-"""Names of a System that are nearly names of the protocol, and that nothing reads: a declaration that would do nothing."""
+"""Names of a system that are nearly names of the protocol, and that nothing reads: a declaration that would do nothing."""
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Iterator
-from difflib import get_close_matches
+from contextlib import suppress
 from functools import lru_cache
 from inspect import get_annotations
 from types import CodeType, FunctionType
 from typing import Any
 
 from hhtbench.errors import ProblemError
-from hhtbench.protocol import DECLARABLE, System
+from hhtbench.protocol import DECLARABLE, NumpySystem, System, near_name
 
-LIKE = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
-WHOLE = {"mass": "mass_matrix", "jacobian": "constraint_jacobian", "gradient": "constraint_jacobian", "forces": "force"}
+INSIDE = ("__wrapped__", "__func__", "fget", "func")  # where decorators keep the function that they wrap
+LOADS = ("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "LOAD_GLOBAL", "LOAD_NAME")
 
 
 @lru_cache(maxsize=256)
@@ -25,27 +26,60 @@ def expect_names(kind: type) -> None:
     ProblemError
         It does; the text gives the right name.
     """
-    own = [base for base in kind.__mro__ if issubclass(base, System) and base is not System]
-    names = {name for base in own for name in (*vars(base), *get_annotations(base))}
-    read = {name for base in own for value in vars(base).values() for name in _names_in(value)}
-    for name in sorted(names - read - set(DECLARABLE) - set(dir(System))):
-        near = WHOLE.get(name) or next(iter(get_close_matches(name, DECLARABLE, 1, LIKE)), None)
-        if near and not name.startswith("_"):
-            raise ProblemError(
-                f"{kind.__name__} declares {name}, which nothing reads; the protocol's name is {near}. Rename it, or choose "
-                "a name that is not so near."
-            )
+    given = {*System.__mro__, NumpySystem}
+    own = [base for base in kind.__mro__ if base not in given]
+    names = {name for base in own for name in (*vars(base), *get_annotations(base)) if not name.startswith("_")}
+    near = {name: right for name in names - {*DECLARABLE} if (right := near_name(name))}
+    if not near:
+        return
+    read = {name for base in own for member, value in vars(base).items() for name in _read(member, value)}
+    for name in sorted(near.keys() - read):
+        raise ProblemError(
+            f"{kind.__name__} declares {name}, which nothing reads; the protocol's name is {near[name]}. Rename it, or "
+            "choose a name that is not so near."
+        )
 
 
-def _names_in(value: Any) -> Iterator[str]:
-    """Names that the code of a method, property or other function refers to."""
-    for function in (value, *(getattr(value, part, None) for part in ("fget", "func", "__func__", "__wrapped__", "method"))):
-        if isinstance(function, FunctionType):
-            yield from _names_of(function.__code__)
+def _read(member: str, value: Any) -> set[str]:
+    """Names that the ``member`` of a class reads, itself not, by its own code and by functions beside the class."""
+    read, seen, found = set[str](), set[FunctionType](), list(_functions(value))
+    while found:
+        function = found.pop()
+        if function not in seen:
+            seen.add(function)
+            names = set(_loaded(function.__code__))
+            beside = [function.__globals__.get(name) for name in names] + _enclosed(function)
+            found += [x for x in beside if isinstance(x, FunctionType) and x.__globals__ is function.__globals__]
+            read |= names
+    return read - {member}
 
 
-def _names_of(code: CodeType) -> Iterator[str]:
-    yield from code.co_names
+def _functions(value: Any) -> Iterator[FunctionType]:
+    """Functions in Python that ``value`` consists of: itself, and what decorators wrap."""
+    if isinstance(value, FunctionType):
+        yield value
+    for name in INSIDE:
+        inner = getattr(value, name, None)
+        if isinstance(inner, FunctionType):
+            yield from _functions(inner)
+
+
+def _enclosed(function: FunctionType) -> list[Any]:
+    """What ``function`` closes over, as far as it is bound."""
+    found = []
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):
+            found.append(cell.cell_contents)
+    return found
+
+
+def _loaded(code: CodeType) -> Iterator[str]:
+    """Names that ``code`` and the functions within it load; what it only stores, as a start does its fields, is not read."""
+    for instruction in dis.get_instructions(code):
+        if instruction.opname in LOADS:
+            yield instruction.argval
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _names_of(constant)
+            yield from _loaded(constant)
+        elif isinstance(constant, str):  # as getattr takes it
+            yield constant

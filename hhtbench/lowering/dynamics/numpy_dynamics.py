@@ -29,7 +29,7 @@ from hhtbench.protocol import SIGNATURES, NumpySystem, checked_patterns, declare
 
 ROWS = {
     "force": "one entry per coordinate",
-    "mass_matrix": "(coordinates, coordinates)",
+    "mass_matrix": "(coordinates, coordinates), or (coordinates,) for a diagonal one",
     "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
     "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
 }

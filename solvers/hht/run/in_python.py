@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers.hht.run.leaps import leaping
@@ -16,11 +17,15 @@ Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parame
 
 
 def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
-    """Addresses of functions in Python for ``engine``, where others may take their place."""
+    """Addresses of functions in Python for ``engine``, where others may take their place.
+
+    The callbacks of a system's functions outlive the engine, whose memory they must not keep.
+    """
+    weak: Any = weakref.proxy(engine)
     s = engine.structure
     n, m, p = s.n, s.m, s.p
     inverse = n * n if s.mass == "variable" else 0
-    level = callbacks.entry(partial(acceleration_level, engine), 1 + n + m + p, ((), (n,), (n,), (m,), (p,)))
-    force = callbacks.entry(engine.bare_force, n + inverse, ((), (n,), (n,)))
-    leap = callbacks.entry(partial(leaping, engine), n, ((6 + 2 * n,), (n,), (n,), (2,)))
+    level = callbacks.entry(partial(acceleration_level, weak), 1 + n + m + p, ((), (n,), (n,), (m,), (p,)))
+    force = callbacks.entry(lambda *at: weak.bare_force(*at), n + inverse, ((), (n,), (n,)))
+    leap = callbacks.entry(partial(leaping, weak), n, ((6 + 2 * n,), (n,), (n,), (2,)))
     return {"acceleration": (level, 0), "force": (force, 0), "leap": (leap, 0)}

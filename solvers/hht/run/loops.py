@@ -47,7 +47,7 @@ class Loops:
     """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
 
     def __init__(self, engine: Engine, events: Sequence[Event]) -> None:
-        self.functions, self.work, self._plain, self._control = engine.functions, engine.work, engine.plain, engine.control
+        self.functions, self.work = engine.functions, engine.work
         self._points, method, functions = engine.points, engine.method, engine.functions
         self.callbacks = functions.callbacks or Callbacks()
         self.callbacks.check = self.work.check_time
@@ -75,7 +75,8 @@ class Loops:
         kept, self._parts = state_sections(z)
         self._state, self._number, self._variable = z.w[kept], self.section(mem.NUMBER), bool(z.i[mem.VARIABLE])
         self._row = row_places(z)
-        self._entry = lru_cache(self._made)
+        #: by entry; not of a method, since Python frees the memory of a cycle late
+        self._entry = lru_cache(partial(_bound, z, engine.control, engine.plain))
         self.has_level = bool(z.i[mem.C_KKT])  #: the acceleration level, of full matrices
         looks_closer = engine.structure.constrained and not self.has_level  # acceleration levels are Python's
         self.call_python = bool(self.events.events or engine.plain or z.i[mem.CALLS_PYTHON] or looks_closer)
@@ -187,11 +188,6 @@ class Loops:
         self.count()
         return result or 0
 
-    def _made(self, entry: Any) -> Callable[..., Any]:
-        """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
-        first = (self.z, self._control) if entry in (march, plan_first_step) else (self.z,)
-        return partial(in_plain_python, entry, *first) if self._plain else entry.following(*first)
-
     def count(self) -> None:
         """Count the work of the loops since this was called last."""
         tally, counts = self.work.tally, self._counts.tolist()
@@ -235,6 +231,12 @@ class Loops:
                     self.section(section)[:] = values.ravel()
         if earlier is not None:
             self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
+
+
+def _bound(z: Memory, control: Any, plain: bool, entry: Any) -> Callable[..., Any]:
+    """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
+    first = (z, control) if entry in (march, plan_first_step) else (z,)
+    return partial(in_plain_python, entry, *first) if plain else entry.following(*first)
 
 
 def in_plain_python(entry: Any, *arguments: Any) -> Any:

@@ -10,18 +10,15 @@ import numpy as np
 from hhtbench.arguments import Vector, real_number, real_vector
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import unreduced
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import NumpySystem, System
-from solvers._initcond import project
+from solvers._initcond import consistent_start
 from solvers._projection import Projection, closest
 from solvers._start import (
     Failure,
     Guesses,
     Place,
-    check_start,
     dynamics_for,
-    of_dynamics,
     start_acceleration,
     tried_twice,
 )
@@ -76,7 +73,7 @@ def begin(
     """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
 
     ``h`` [s] is the first step, or the direction of time.  An engine that an earlier run for the same system has left is
-    used again, and left for the next where no motion begins: one that is dropped is kept until Python looks for cycles.
+    used again, and left for the next where no motion begins.
     """
 
     purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
@@ -96,20 +93,16 @@ def begin(
         if unseen:
             engine = make_engine(*of, controlled=controlled, ready=ready)
             engine.watch(events)
-        at, dynamics, notes = place, engine.dynamics, list[str]()
-        if isinstance(dynamics, AugmentedDynamics):
-            notes.append("The mass matrix is singular at the start; M + C^T R C is used (H19).")
-        if calc_initcond and engine.structure.constrained:
-            projected = project(dynamics, place, work)
-            if isinstance(projected, Failure):
-                return projected
-            at, moved = projected
-            notes.append(f"{moved}.")
-        failure = check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses)
-        state = failure or first_state(engine, at, *guesses, h)
+        found = consistent_start(engine.dynamics, place, guesses, work, calc_initcond=calc_initcond)
+        if isinstance(found, Failure):
+            return found
+        at, note = found
+        state = first_state(engine, at, *guesses, h)
         if isinstance(state, Failure):
             return state
-        return Started(purpose, engine, state, " ".join(notes), engine.applied(state) if controlled else NOTHING)
+        if isinstance(engine.dynamics, AugmentedDynamics):
+            note = f"The mass matrix is singular at the start; M + C^T R C is used (H19). {note}".strip()
+        return Started(purpose, engine, state, note, engine.applied(state) if controlled else NOTHING)
 
     started: Started | Failure = tried_twice(begun, work, place.t)
     if isinstance(started, Failure) and engine is not None:

@@ -13,7 +13,7 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.result import Status
 from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
-from solvers._start import Failure, Place, budget_failure, of_dynamics, violations
+from solvers._start import CORRECT, Failure, Place, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
@@ -300,7 +300,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
     if not text:
         return None
     message = f"the start violates {text}, which is more than these tolerances allow of a step's error"
-    return Failure(Status.inconsistent_initial, f"{message}; correct q0, v0 or pass calc_initcond=True")
+    return Failure(Status.inconsistent_initial, f"{message}; {CORRECT}")
 
 
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:

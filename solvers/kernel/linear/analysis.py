@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import weakref
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,8 +44,10 @@ class SuperLU:
 
     def codes(self, callbacks: Callbacks) -> dict[str, tuple[int, int]]:
         """Addresses by name of what the loops call."""
-        factor = callbacks.entry(self.factor, 3, ((1,), self._places[0].shape))
-        return {"factor": (factor, 0), "solve": (callbacks.entry(self.solve, self._size, ((1,), (self._size,))), 0)}
+        weak: Any = weakref.proxy(self)  # callbacks may outlive it: they are not to keep its factors
+        factor = callbacks.entry(lambda *at: weak.factor(*at), 3, ((1,), self._places[0].shape))
+        solve = callbacks.entry(lambda *at: weak.solve(*at), self._size, ((1,), (self._size,)))
+        return {"factor": (factor, 0), "solve": (solve, 0)}
 
     def factor(self, slot: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
