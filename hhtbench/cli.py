@@ -26,6 +26,10 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
         "commands.describe",
         "State what PROBLEM declares, what is therefore not computed, and how it is evaluated.",
     ),
+    "diagnose": (
+        "commands.diagnose",
+        "Integrate PROBLEM; look for the cause of a failure, or check a success by the bench's own integration.",
+    ),
     "list": ("commands.list", "List problems, solvers and verifications."),
     "reference": ("commands.reference", "Certified reference solutions with error bars."),
     "report": (

@@ -12,18 +12,28 @@ from hhtbench.interruption import ends_at_once
 from hhtbench.output import FAILED, json_option, require_folder, write_json
 
 
+def request_options(command: Any) -> Any:
+    """Options that say which solver integrates, how, and within which budgets."""
+    options = (
+        click.option("--solver", default="hht", show_default=True, help='For example "hht(alpha=-1/3, reaction=midpoint)".'),
+        click.option("--step", type=float, help="Constant step [s]."),
+        click.option("--steps", type=int, help="Number of equal steps."),
+        click.option("--rtol", type=float, help="Relative tolerance: steps chosen by error control."),
+        click.option("--atol", type=float, help="Absolute tolerance."),
+        click.option("--accuracy", type=float, help="Largest scaled error of q and v: the tolerance or step is found."),
+        click.option("--max-num-steps", type=int, help="Most accepted steps."),
+        click.option("--max-evaluations", type=int, help="Most residual evaluations."),
+        click.option("--max-seconds", type=float, help="Most wall-clock time [s]."),
+        click.option("--calc-initcond", is_flag=True, help="Project an inconsistent start onto the constraints."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 @click.command("solve")
 @click.argument("problem")
-@click.option("--solver", default="hht", show_default=True, help='For example "hht(alpha=-1/3, reaction=midpoint)".')
-@click.option("--step", type=float, help="Constant step [s].")
-@click.option("--steps", type=int, help="Number of equal steps.")
-@click.option("--rtol", type=float, help="Relative tolerance: steps chosen by error control.")
-@click.option("--atol", type=float, help="Absolute tolerance.")
-@click.option("--accuracy", type=float, help="Largest scaled error of q and v: the tolerance or step is found.")
-@click.option("--max-num-steps", type=int, help="Most accepted steps.")
-@click.option("--max-evaluations", type=int, help="Most residual evaluations.")
-@click.option("--max-seconds", type=float, help="Most wall-clock time [s].")
-@click.option("--calc-initcond", is_flag=True, help="Project an inconsistent start onto the constraints.")
+@request_options
 @json_option
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Save the solution to this .npz file.")
 def solve_command(problem: str, solver: str, output: Path | None, json_file: Path | None, **request: Any) -> None:

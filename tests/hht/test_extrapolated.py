@@ -56,7 +56,6 @@ def test_the_order_is_two_and_both_levels_hold():
     [
         (1e8, {"alpha": -0.1, **ON}, True),
         (1e8, {"alpha": -0.3, "b": 1.0, **ON}, True),
-        (1e8, {"alpha": -0.05, **ON}, False),
         (1e4, {"alpha": -0.3}, False),
     ],
 )

@@ -122,7 +122,7 @@ class Factored:
     def _memory(self, n):
         a = self.analysis
         z = a.memory(n=n, m=0, p=0, inverse_mass=0)
-        outside = a.outside()
+        outside = self.outside = a.outside()  # held: its callbacks refer to it weakly
         if outside is not None:
             z.i[CALLS_PYTHON] = 1
             for name, pair in outside.codes(self.callbacks).items():

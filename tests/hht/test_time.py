@@ -124,12 +124,9 @@ def test_stepping_by_hand_stops_at_the_spacing_of_time():
 @pytest.mark.parametrize(
     ("t0", "t1"),
     [
-        (0.0, 1e-300),
         (0.0, 1e-15),
         (1.0, np.nextafter(1.0, 2.0)),
         (1.0, np.nextafter(1.0, 0.0)),
-        (0.0, 5e-324),
-        (0.0, 1e-160),
         (0.0, 1e-8),
     ],
 )
@@ -146,12 +143,12 @@ def test_the_shortest_intervals_succeed_and_leave_the_state(alpha, route, t0, t1
         assert np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("t1", [5e-324, -1e-320])
-def test_an_interval_of_which_a_part_is_zero_succeeds_under_error_control(t1):
-    solution = HHT(JAX_PENDULUM).solve((0.0, t1), Q0, V0, rtol=1e-5)
-    assert solution.success, solution.message
-    assert np.array_equal(solution.t, [0.0, t1])
-    assert np.abs(solution.q[-1] - Q0).max() <= np.spacing(1.0)
+@pytest.mark.parametrize("t1", [5e-324, 1e-300, 1e-200])
+@pytest.mark.parametrize("how", [{"steps": 1}, {"rtol": 1e-5}], ids=str)
+def test_an_interval_whose_square_is_zero_ends_by_name(t1, how):
+    solution = HHT(JAX_PENDULUM).solve((0.0, t1), Q0, V0, **how)
+    assert solution.status is Status.time_resolution, solution.message
+    assert np.array_equal(solution.t, [0.0])
 
 
 SKATE_Q, SKATE_V = np.array([0.1, 0.2, 0.3]), np.array([np.cos(0.3), np.sin(0.3), 0.7])
@@ -165,9 +162,7 @@ FREE = NumpySystem(force=lambda t, q, v: np.array([0.0, -9.81]))
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("route", SYSTEMS)
-@pytest.mark.parametrize(
-    "lengths", [[0.01, 1e-14, 0.02, 1e-15, 0.07 - 1.1e-14], [1e-300, 0.03, 0.07], [1e-15, 0.03, 0.07]], ids=str
-)
+@pytest.mark.parametrize("lengths", [[0.01, 1e-14, 0.02, 1e-15, 0.07 - 1.1e-14], [1e-15, 0.03, 0.07]], ids=str)
 def test_a_run_goes_on_after_a_step_too_short_to_move_anything(route, lengths):
     """The multipliers of such a step are roundoff over h^2; they must not reach the next step or the output."""
     solution = HHT(SYSTEMS[route]).solve((0.0, 0.1), Q0, V0, steps=np.array(lengths))

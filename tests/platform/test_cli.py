@@ -214,3 +214,13 @@ def test_what_a_command_prints_is_there_as_json(acme, run, tmp_path, words, foun
     assert result.exit_code == 0, result.output
     assert found(json.loads(file.read_text()))
     assert run(*words, "--json", str(tmp_path / "nowhere" / "found.json")).exit_code == 2
+
+
+def test_diagnose_names_the_cause_of_a_failure_and_checks_a_success(run):
+    """One step over the whole interval fails; the pendulum of the paper is right at 1e-4."""
+    failed = run("diagnose", "jay_negrut_pendulum", "--steps", "1")
+    assert failed.exit_code == 1
+    assert "cause: Forces carry a vibration" in failed.output
+    right = run("diagnose", "jay_negrut_pendulum", "--rtol", "1e-4")
+    assert right.exit_code == 0
+    assert "nothing speaks against the solution" in right.output

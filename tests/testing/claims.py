@@ -11,13 +11,12 @@ SEEKS = {
     **{f"{scene}/newton": "it finds the longest step by trying: a start too long fails" for scene in COLLOCATED},
     "callables/differences": "its iteration goes to roundoff, which Jacobians by differences do not reach",
 }
-BY_POSITIONS = {"time/short": "it holds positions alone, of which roundoff leaves eps |q| / h of v open: it says so"}
 CLAIMS: dict[str, dict[str, Any]] = {
     "hht": {"order": 2.0, "drift": 1e-10, "accuracy": 10.0, "iterations": 4.0},
     "rattle": {"order": 2.0, "drift": 1e-10, "expected_failed": EXPLICIT},
     "generalised_alpha": {"order": 2.0, "drift": 1e-10},
-    "generalised_alpha(form=index3)": {"order": 2.0, "expected_failed": BY_POSITIONS},
-    "hht_i3": {"expected_failed": BY_POSITIONS},
+    "generalised_alpha(form=index3)": {"order": 2.0},
+    "hht_i3": {},
     "projected": {"drift": 1e-10},
     "ida": {},
     "cvode": {},

@@ -83,7 +83,7 @@ class NumpyDynamics(Dynamics):
             for argument in arguments:
                 argument.setflags(False)  # type: ignore[call-arg] # by its keyword it would take twice as long
             value = function(t, *arguments)
-            if diagonal and np.shape(value) == (s.n,):
+            if diagonal and np.shape(value) == (s.n,) and not np.ma.isMaskedArray(value):
                 value = np.diag(value)
             return checked_parts(name, value, shapes, t) if one is None else checked_result(name, value, one, t)
 

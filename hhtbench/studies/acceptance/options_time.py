@@ -190,7 +190,11 @@ ULP = (1.0, float(np.nextafter(1.0, 2.0))), (1.0, float(np.nextafter(1.0, 0.0)))
 SPANS = ((0.0, 5e-324), (0.0, 1e-300), (0.0, 1e-15), *ULP)
 
 
-@row("S5", "interval of 5e-324, 1e-300, 1e-15, one ulp", "success, final state within one ulp of the start")
+@row(
+    "S5",
+    "interval of 5e-324, 1e-300, 1e-15, one ulp",
+    "success, final state within one ulp of the start; time_resolution where h^2 is no number",
+)
 def shortest_intervals(asked: Asked) -> Finding:
     """Beyond what 20 m/s^2 can do in the time."""
     faults, declined = dict[str, str](), dict[str, str]()
@@ -202,8 +206,9 @@ def shortest_intervals(asked: Asked) -> Finding:
             except Declined as reason:
                 faults[case] = declined[case] = f"declined: {reason}"
                 continue
-            fault, moved = ends(found, STATUS.success), abs(t1 - t0) * 20
-            if not fault:
+            underflows = (t1 - t0) * (t1 - t0) == 0.0
+            fault, moved = ends(found, STATUS.success, *[STATUS.time_resolution] * underflows), abs(t1 - t0) * 20
+            if found.success:
                 near = [
                     np.abs(x[-1] - x0) <= np.maximum(np.spacing(np.abs(x0)), moved)
                     for x, x0 in ((found.q, Q0), (found.v, V0))

@@ -204,7 +204,7 @@ def _sliding(law: Any) -> hb.Problem:
 @row(
     "P12",
     "force flips undeclared; sign(v) sticking; tanh(v/1e-3)",
-    "bounded: result or step_too_small; newton_failed, not on the page, of prescribed steps; the regularised one right",
+    "bounded: result, step_too_small or 20,000 steps; newton_failed of prescribed steps; the regularised one right",
 )
 def undeclared_flip(asked: Asked) -> Finding:
     """Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.
@@ -223,10 +223,10 @@ def undeclared_flip(asked: Asked) -> Finding:
     for case, given in cases.items():
         for way, request in asked.ways().items():
             began = time.perf_counter()
-            found = asked.solve(given, **request)
+            found = asked.solve(given, **request, max_num_steps=20_000)
             slowest = max(slowest, time.perf_counter() - began)
-            small = STATUS.newton_failed if "step" in request else STATUS.step_too_small
-            fault = ends(found, STATUS.success, *([small] if case != "tanh" else []))
+            small = (STATUS.newton_failed,) if "step" in request else (STATUS.step_too_small, STATUS.max_steps)
+            fault = ends(found, STATUS.success, *(small if case != "tanh" else ()))
             if found.success and not (case == "flip" and "step" in request):
                 at, allowed = PLACES_AT_END[case]
                 error = abs(float(found.q[-1, 0]) - at)
@@ -283,6 +283,6 @@ def optional_parts(asked: Asked) -> Finding:
     idle = calls["energy"] + calls["power"] + calls["invariants"]
     told = (found.counters.residual_evaluations or 0) + (found.counters.output_evaluations or 0)
     return Finding(
-        measured=f"{idle} calls of parts not needed, {calls['force']} of f, {told} counted",
-        holds=idle == 0 and abs(calls["force"] - told) <= 0.1 * calls["force"] + 5,
+        measured=f"{idle} calls of parts not needed, {calls['force']} of f, {calls.total()} of all, {told} counted",
+        holds=idle == 0 and 0.9 * calls["force"] - 5 <= told <= 1.1 * calls.total() + 5,
     )
