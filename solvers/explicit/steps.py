@@ -50,7 +50,7 @@ class CompiledSteps:
         self.callbacks = Callbacks()
         self.callbacks.check = run.work.check_time
         shapes = (), (s.n,), (s.n,), (s.m,), (s.p,)
-        looked_at = self.callbacks.entry(partial(acceleration_level, run), 1 + s.n + s.m + s.p, shapes)  # type: ignore[arg-type]
+        looked_at = self.callbacks.entry(partial(acceleration_level, run), 1 + s.n + s.m + s.p, shapes)
         z.i[mem.C_ACCELERATION] = looked_at
         view(z, mem.RTOL)[:], view(z, mem.ATOL)[:] = max(run.rtol, LEAST_RTOL), run.weights
         self.room = Room(

@@ -205,8 +205,8 @@ class Tangent(System):
     ("solver", "status"),
     [
         ("hht", Status.redundant_constraints),
-        ("projected(method=DOP853)", Status.unreliable),  # what others report is looked at before
-        ("ida(form=ggl)", Status.unreliable),
+        ("projected(method=DOP853)", Status.redundant_constraints),  # what others report is looked at before
+        ("ida(form=ggl)", Status.redundant_constraints),
     ],
 )
 def test_rows_end_before_a_row_that_was_left_out_is_violated(solver, status):
