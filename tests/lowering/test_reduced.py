@@ -205,7 +205,7 @@ class Tangent(System):
     ("solver", "status"),
     [
         ("hht", Status.redundant_constraints),
-        ("projected(method=DOP853)", Status.redundant_constraints),  # what others report is looked at before
+        ("projected(method=DOP853)", Status.redundant_constraints),
         ("ida(form=ggl)", Status.redundant_constraints),
     ],
 )
