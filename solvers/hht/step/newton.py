@@ -182,7 +182,7 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
         return ALL_AGAIN
     if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot):
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, counts):
         return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
     if i.taken == 0:
         return GO_ON
@@ -234,7 +234,7 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
         moved = scaled(z, in_q, in_v)
         rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
         ends = converged(z, moved, max(rate, LEAST_RATE) if rate != 0.0 else 0.0)
-        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare)):
+        if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, counts)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
         if damped:

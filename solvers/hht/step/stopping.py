@@ -14,7 +14,7 @@ from solvers.kernel import memory as mem
 from solvers.kernel.compiled import compiled
 from solvers.kernel.linear.matrix import correct, early, move, moved_by
 from solvers.kernel.numbers import EPS, TINY
-from solvers.kernel.sections import address, call, largest, part, put, view, weighted_rms
+from solvers.kernel.sections import address, call, largest, part, put, spend, view, weighted_rms
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 NOISE_MARGIN = 4.0  # times the measured roundoff: several sums take part, increments above it still shrink
@@ -123,7 +123,7 @@ def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
 
 
 @compiled
-def is_roundoff(z: Any, slot: Any) -> Any:
+def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
     """Whether an increment that has stopped shrinking is roundoff of q and v.
 
     Their sizes are those of both ends of the step, which are computed here: what rested until now has no size.
@@ -139,7 +139,12 @@ def is_roundoff(z: Any, slot: Any) -> Any:
     room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h
     if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
         return True
-    return z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]
+    if z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]:
+        return True
+    noise = part(z, mem.NOISE)
+    if noise[0] < 0.0 and spend(z, counts):
+        measure_once(z, slot, counts)
+    return in_q <= NOISE_MARGIN * noise[0] and in_v <= NOISE_MARGIN * noise[1]
 
 
 @compiled
