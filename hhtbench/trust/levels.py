@@ -23,7 +23,7 @@ from hhtbench.trust.sizes import BESIDE
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
-SLOW_ROWS = 20  # of systems without machine code, where a row costs as much as a residual
+SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
 NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)

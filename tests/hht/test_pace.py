@@ -91,7 +91,7 @@ def test_a_jump_is_not_blamed_on_noise_far_below_the_error_that_it_makes():
     assert "noise" not in solution.message
 
 
-@pytest.mark.parametrize(("system", "first"), [(Pendulum(), 500), (pendulum(), 20)], ids=["machine code", "callables"])
+@pytest.mark.parametrize(("system", "first"), [(Pendulum(), 512), (pendulum(), 20)], ids=["machine code", "callables"])
 def test_steps_that_may_be_slow_are_made_few_at_a_time_at_first(system, first, monkeypatch):
     """Between calls the user's interrupt is seen; a call of quick ones would cost as much as they do."""
     asked, advance = [], Stepper.advance

@@ -33,7 +33,7 @@ def expect_names(kind: type) -> None:
     own = [base for base in kind.__mro__ if base not in given]
     names = {name for base in own for name in (*vars(base), *get_annotations(base)) if not name.startswith("_")}
     near = {name: right for name in names - {*DECLARABLE} if (right := near_name(name))}
-    if not near:
+    if not near or kind.__module__.startswith("hhtbench."):  # a class that is made from formulas reads its fields in these
         return
     read = {name for base in own for member, value in vars(base).items() for name in _read(member, value)}
     if read & BY_NAME:
