@@ -39,7 +39,8 @@ def test_a_spent_budget_of_evaluations_is_named_even_at_the_start(route, budget)
     assert solution.status is Status.evaluation_budget
     assert f"{budget} evaluations" in solution.message
     assert solution.counters.residual_evaluations <= budget
-    assert solution.counters.output_evaluations <= 2 * len(solution.t), "what is handed over is completed"
+    each = 20 if route == "numpy" else 2  # with differences of the constraints
+    assert solution.counters.output_evaluations <= each * len(solution.t), "what is handed over is completed"
     assert solution.counters.nonfinite_evaluations == 0
 
 

@@ -33,7 +33,9 @@ def expect_names(kind: type) -> None:
     own = [base for base in kind.__mro__ if base not in given]
     names = {name for base in own for name in (*vars(base), *get_annotations(base)) if not name.startswith("_")}
     near = {name: right for name in names - {*DECLARABLE} if (right := near_name(name))}
-    if not near or kind.__module__.startswith("hhtbench."):  # a class that is made from formulas reads its fields in these
+    if not near or (kind.__module__ or "").startswith(
+        "hhtbench."
+    ):  # a class that is made from formulas reads its fields in these
         return
     read = {name for base in own for member, value in vars(base).items() for name in _read(member, value)}
     if read & BY_NAME:
@@ -55,8 +57,8 @@ def _read(member: str, value: Any) -> set[str]:
             names = set(_loaded(function.__code__))
             beside = [function.__globals__.get(name) for name in names] + _enclosed(function)
             beside += [getattr(x, name, None) for x in beside if isinstance(x, ModuleType) for name in names]
-            package = function.__module__.partition(".")[0]
-            found += [x for x in beside if isinstance(x, FunctionType) and x.__module__.partition(".")[0] == package]
+            package = (function.__module__ or "").partition(".")[0]
+            found += [x for x in beside if isinstance(x, FunctionType) and (x.__module__ or "").partition(".")[0] == package]
             read |= names
     return read - {member}
 
