@@ -123,7 +123,7 @@ def is_unseen(z: Any, h: Any) -> Any:
     """Whether a step of h [s] moves q by less than its roundoff, so that no shorter one has a smaller error."""
     number = part(z, mem.NUMBER)
     speed = max(number[mem.SIZE_V], abs(h) * max(largest(part(z, mem.VDOT)), largest(part(z, mem.F))))
-    return abs(h) * speed < EPS * number[mem.SIZE_Q]
+    return 0.0 < abs(h) * speed < EPS * number[mem.SIZE_Q]  # what rests may be driven from the next instant on
 
 
 @compiled
