@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Work, uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import route_of
@@ -198,48 +198,53 @@ def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
     return math.sqrt(value), float(y @ stiffness((True, False))(y)) / value
 
 
-def unresolved_forces(t: Matrix, h: Matrix, q: Matrix, v: Matrix, a: Matrix) -> str:
+def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> str:
     """Warning text if forces change v by about its size within one of prescribed steps; empty string otherwise.
 
-    Both the accelerations ``a`` (k, n) of forces and the slope of ``v`` must change so: what constraints hold moves nothing.
-    Speeds that move ``q`` by less than ``VISIBLE`` of its size in the longest step count as rest.
+    Of ``t, h`` (k,), ``q, v, a`` (n, k).  Both the accelerations ``a`` of forces and the slope of ``v`` must change so: what
+    constraints hold moves nothing.  Speeds that move ``q`` by less than ``VISIBLE`` of its size in the longest step count as
+    rest.
     """
-    if len(t) < 4:
+    if t.size < 4:
         return ""
     with np.errstate(all="ignore"):
-        largest = np.maximum(v.max(axis=0), -v.min(axis=0))
-        changes = np.abs(np.diff(a, axis=0) * h[1:])[1:]
+        largest = np.abs(v).max(axis=1, keepdims=True)
+        changes = np.abs(np.diff(a[:, 1:]) * h[2:])
         moving = largest * float(np.abs(h).max()) > VISIBLE * float(np.abs(q).max())
         suspect = (changes > UNRESOLVED * largest) & moving
         if not np.count_nonzero(suspect):
             return ""
-        slopes = np.diff(v, axis=0) / h[1:]
-        bends = np.abs(np.diff(slopes, axis=0) * h[2:])
+        bends = np.abs(np.diff(np.diff(v) / h[1:]) * h[2:])
         suspect &= (bends > np.maximum(UNRESOLVED * largest, FOLLOWS * changes)) & np.isfinite(bends)
     if not np.count_nonzero(suspect):
         return ""
-    row, at = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)
+    at, step = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)
     return (
-        f"Warning: in the step to t = {t[row + 2, 0]:.10g} forces change v[{at}] by {changes[row, at]:.2g}, and it is "
-        f"{largest[at]:.2g} at most: the steps do not resolve the forces; compare with shorter steps, or with rtol."
+        f"Warning: in the step to t = {t[step + 2]:.10g} forces change v[{at}] by {changes[at, step]:.2g}, and it is "
+        f"{largest[at, 0]:.2g} at most: the steps do not resolve the forces; compare with shorter steps, or with rtol."
     )
 
 
-def growing_vibration(h: Matrix, q: Matrix, v: Matrix) -> str:
-    """Message if a vibration that alternates with prescribed steps has grown by ``GROWTH``; empty string otherwise."""
-    if len(v) < 3 * ALTERNATIONS:
+def growing_vibration(h: Vector, q: Matrix, v: Matrix) -> str:
+    """Message if a vibration that alternates with prescribed steps has grown by ``GROWTH``; empty string otherwise.
+
+    Of ``h`` (k,), ``q, v`` (n, k).
+    """
+    if h.size < 3 * ALTERNATIONS:
         return ""
     with np.errstate(all="ignore"):
-        bends = np.diff(np.diff(v, axis=0) / h[1:], axis=0) * np.minimum(np.abs(h[1:-1]), np.abs(h[2:]))
-        bends[~np.isfinite(bends)] = 0.0
-        sizes, changes = np.abs(bends), np.abs(np.diff(v, axis=0)).max(axis=0)
-    least = VISIBLE * float(np.abs(q).max()) / float(np.abs(h).max())
-    for at in np.flatnonzero(sizes.max(axis=0) > np.maximum(UNRESOLVED / 2 * changes, least)).tolist():
-        end = int(sizes[:, at].argmax()) + 1
-        roundoff = EPS * float(np.abs(v[:, at]).max())
+        changes, lengths = np.diff(v), np.abs(h[1:])
+        bends = np.diff(changes / h[1:]) * np.minimum(lengths[:-1], lengths[1:])
+        if not all_finite(bends):
+            bends[~np.isfinite(bends)] = 0.0
+        sizes, most = np.abs(bends), np.abs(changes).max(axis=1)
+    least = VISIBLE * float(np.abs(q).max()) / float(lengths.max())
+    for at in np.flatnonzero(sizes.max(axis=1) > np.maximum(UNRESOLVED / 2 * most, least)).tolist():
+        end = int(sizes[at].argmax()) + 1
+        roundoff = EPS * float(np.abs(v[at]).max())
         for lag in (1, 2):  # far beyond (H54) signs change with every second step
-            first = max(end - lag, 0) - _alternations(bends[:end, at], lag)
-            if end - lag - first >= ALTERNATIONS and sizes[end - 1, at] > GROWTH * max(sizes[first, at], roundoff):
+            first = max(end - lag, 0) - _alternations(bends[at, :end], lag)
+            if end - lag - first >= ALTERNATIONS and sizes[at, end - 1] > GROWTH * max(sizes[at, first], roundoff):
                 return (
                     f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}: the steps "
                     "are unstable for it, (H33) and (H53); take shorter steps of even length, or rtol"

@@ -99,13 +99,10 @@ class History:
         first += int(changed[-1]) if changed.size else 0
         return [self._rows[first : self._count, self._layout.parts[i]] for i in which]
 
-    def lengths_and_states(self) -> list[Matrix]:
-        """Lengths h (k, 1), q and v (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        return self._columns(1, 2, 3)
-
-    def forced(self) -> list[Matrix]:
-        """Times t, lengths h (k, 1), q, v and a (k, n) of the rows that are kept; h is 0 where no step has led to one."""
-        return self._columns(0, 1, 2, 3, 4)
+    def forced(self) -> list[Any]:
+        """Times t and lengths h (k,), q, v and a (n, k) of the rows that are kept; h is 0 where no step has led to one."""
+        t, h, *motion = [np.ascontiguousarray(part.T) for part in self._columns(0, 1, 2, 3, 4)]
+        return [t[0], h[0], *motion]
 
     def handing_over(self, stepping: float) -> float:
         """About how many seconds it takes to hand over the rows of steps that have taken ``stepping`` [s]."""

@@ -47,6 +47,9 @@ def recovered(engine: Engine, output: OutputRows) -> Any:
 
 def _recover_rest(rows: Matrix, done: Any, recover_places: RecoverPlaces) -> None:
     """Recover the multipliers of those ``rows`` that are not ``done``, at their own states."""
+    if not np.count_nonzero(done):  # without copies
+        recover_places(rows, done)
+        return
     rest = np.flatnonzero(~done)
     places, found = rows[rest], np.zeros(rest.size, dtype=bool)
     recover_places(places, found)

@@ -144,7 +144,7 @@ class Integration:
         coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        grown = "" if self.steps is None else growing_vibration(*self.history.lengths_and_states())
+        grown = "" if self.steps is None else growing_vibration(*self.history.forced()[1:4])
         return Failure(Status.unreliable, grown) if grown else end
 
     def _nothing(self, failure: Failure) -> Solution:
@@ -157,17 +157,19 @@ class Integration:
 def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> Failure:
     """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``.
 
-    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None.  Returns how it ended.
+    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None, and then a cause is looked for.  Returns how it
+    ended.
     """
-    max_num_steps = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
+    most = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     crossed, stepping = 0, 0.0
     count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
-        if max_num_steps is not None and taken >= max_num_steps:
+        if most is not None and taken >= most:
             text = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
-            return explained(stepper.engine, Failure(Status.max_steps, text), state, state.h or 0.0)
-        room = count if max_num_steps is None else min(count, max_num_steps - taken)
+            ended = Failure(Status.max_steps, text)
+            return ended if max_num_steps else explained(stepper.engine, ended, state, state.h or 0.0)
+        room = count if most is None else min(count, most - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
         taken += accepted.made
