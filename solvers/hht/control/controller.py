@@ -13,8 +13,7 @@ from solvers.hht.step.attempt import accept, attempt
 from solvers.kernel import memory as mem
 from solvers.kernel.acceleration import acceleration_level
 from solvers.kernel.compiled import compiled, spacing
-from solvers.kernel.numbers import EPS
-from solvers.kernel.sections import largest, part, put, view
+from solvers.kernel.sections import part, put, view
 
 NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
 
@@ -113,17 +112,9 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             failed, factor, last = mem.TOO_LARGE, o.shrink, size
             if rejected == 0:
                 factor = max(o.shrink, (o.target / size) ** (1 / 3))
-        if abs(h) <= smallest or is_unseen(z, h):
+        if abs(h) <= smallest:
             return failed
         length, rejected = max(length * factor, smallest), rejected + 1
-
-
-@compiled
-def is_unseen(z: Any, h: Any) -> Any:
-    """Whether a step of h [s] moves q by less than its roundoff, so that no shorter one has a smaller error."""
-    number = part(z, mem.NUMBER)
-    speed = max(number[mem.SIZE_V], abs(h) * max(largest(part(z, mem.VDOT)), largest(part(z, mem.F))))
-    return 0.0 < abs(h) * speed < EPS * number[mem.SIZE_Q]  # what rests may be driven from the next instant on
 
 
 @compiled
