@@ -126,12 +126,34 @@ class Brake(hb.System):
         return 20.0 * jnp.sin(t) - 30.0 * jnp.tanh(v / 0.05)
 
 
+class Held(hb.System):
+    """A point that a constraint holds in the origin under a load, beside nothing that moves."""
+
+    def force(self, t, q, v):
+        return 50.0 * jnp.stack([jnp.sin(40.0 * t)])
+
+    def constraint(self, t, q):
+        return q
+
+
+class Turned(hb.System):
+    """A mass on a stiff spring, whose root a motor turns from rest: (x, y, angle)."""
+
+    def force(self, t, q, v):
+        spring = 1e4 * (jnp.stack([jnp.cos(q[2]), jnp.sin(q[2])]) - q[:2])
+        return jnp.append(spring, 0.0)
+
+    def constraint(self, t, q):
+        return jnp.stack([q[2] - 40.0 * t**3])
+
+
 SCENES = {  # a start in equilibrium, and the velocities that may be added to it
     "crane": (Crane(), [0.0, 0.0, -4.0], [1.0, 1.0, 0.0]),
     "driven": (Driven(), [0.0, 0.0], [0.0, 1.0]),
     "belt": (Belt(), [0.0, 0.0], [1.0, 0.0]),
     "skate": (Skate(), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
     "brake": (Brake(), [0.0], [1.0]),
+    "turned": (Turned(), [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
 }
 LENGTHS = {  # of constant steps [s]
     "crane": (0.5, 0.02),
@@ -139,6 +161,7 @@ LENGTHS = {  # of constant steps [s]
     "belt": (0.5, 0.02),
     "skate": (0.5, 1 / 30),
     "brake": (0.5, 1 / 30),
+    "turned": (1e-2, 1e-4),
 }
 
 
@@ -169,6 +192,20 @@ def test_controlled_steps_from_rest_solve_their_equations(scene, speed):
     assert solution.success, solution.message
     s = steps_of(solution, physics(scene))
     assert_solved(Extended().left(physics(scene), s, start="trapezoidal"), s, RTOL, 1e-5)
+
+
+@pytest.mark.parametrize("steps", [25, 1000])
+def test_a_point_held_in_the_origin_shows_its_load(steps):
+    solution = HHT(Held()).solve((0.0, 1.0), [0.0], [0.0], steps=steps)
+    assert solution.success, solution.message
+    assert np.abs(solution.lam[:, 0] - 50.0 * np.sin(40.0 * solution.t)).max() < 1e-12
+
+
+def test_rejected_first_steps_from_rest_are_followed_by_shorter_ones():
+    solution = HHT(Turned(), first_step=0.1).solve((0.0, 0.5), [1.0, 0.0, 0.0], np.zeros(3), rtol=RTOL, atol=1e-5)
+    assert solution.success, solution.message
+    assert solution.counters.steps_rejected_error > 0
+    assert solution.steps_data.h[0] < 0.1
 
 
 # --- the other methods of the loop

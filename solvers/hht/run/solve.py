@@ -157,8 +157,8 @@ class Integration:
 def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> Failure:
     """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``.
 
-    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None, and then a cause is looked for.  Returns how it
-    ended.
+    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None; causes are looked for there, and where steps
+    failed.  Returns how it ended.
     """
     most = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock

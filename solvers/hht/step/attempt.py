@@ -7,7 +7,7 @@ from typing import Any
 from solvers.hht.equations.formulas import EXTRAPOLATION, MUCH_SHORTER
 from solvers.hht.sources import rescaled, tells_multipliers, trapezoidal_start
 from solvers.hht.step.newton import newton, restarted
-from solvers.hht.step.stopping import compute_end
+from solvers.hht.step.stopping import compute_end, typical_sizes
 from solvers.kernel import memory as mem
 from solvers.kernel.acceleration import acceleration_level
 from solvers.kernel.compiled import compiled
@@ -19,7 +19,6 @@ from solvers.kernel.sections import address, call, call_python, finite, largest,
 LEAP = 1.25  # times what the change of accelerations makes of coordinates in a step: more may be another branch, (H58)
 LEAST_LEAP = 1e-6  # of the coordinate: less is no other branch
 LEAST_OF_ALL = 1e-8  # of the largest coordinate
-AT_ORIGIN = 1e-6  # of the way in a step: coordinates below it have no size of their own
 OF_THE_WAY = 0.25  # of the farthest that any coordinate departs from a straight motion: a branch switch is most of it
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
@@ -130,11 +129,8 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     step[2], step[3], step[4] = start_weights(z, h)
     look_ahead(z, acceleration)
     early(z)
-    accelerated = abs(h) * max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A)))
-    typical = part(z, mem.TYPICAL)
-    typical[0], typical[1] = max(size_q, abs(h) * size_v, TINY), max(size_v, accelerated, TINY)
-    if typical[0] < AT_ORIGIN * abs(h) * typical[1]:  # what begins in the origin has the size of its way
-        typical[0] = abs(h) * typical[1]
+    accelerations, typical = max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A))), part(z, mem.TYPICAL)
+    typical[0], typical[1] = typical_sizes(abs(h), size_q, size_v, accelerations)
     tried[mem.ROOT_TOLERANCE] = tried[mem.LEAPS] = 0.0
     level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)

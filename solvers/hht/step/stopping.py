@@ -18,7 +18,18 @@ from solvers.kernel.sections import address, call, largest, part, put, spend, vi
 
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 NOISE_MARGIN = 4.0  # times the measured roundoff: several sums take part, increments above it still shrink
+AT_ORIGIN = 1e-6  # of the way in a step: coordinates below it have no size of their own
 ROUNDOFFS = 16.0  # of q over the step: increments of v below them cannot be told from roundoff of the positions
+
+
+@compiled
+def typical_sizes(h: Any, size_q: Any, size_v: Any, accelerations: Any) -> Any:
+    """What is typical of q and v in a step of length ``h`` [s], for the convergence test, (H15).
+
+    What begins in the origin has the size of its way, and what is held at rest that of the forces that hold it.
+    """
+    of_q, of_v = max(size_q, h * size_v, TINY), max(size_v, h * accelerations, TINY)
+    return (h * of_v if of_q < AT_ORIGIN * h * of_v else of_q), of_v
 
 
 @compiled
@@ -132,10 +143,10 @@ def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
     n, end, own = z.i[mem.N], part(z, mem.END), part(z, mem.RECIPROCAL)
     in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
     compute_end(z)
-    size_q, size_v = largest(end[:n]), largest(end[n : 2 * n])
+    size_q, size_v = typical_sizes(h, largest(end[:n]), largest(end[n : 2 * n]), largest(end[3 * n : 4 * n]))
     if not math.isfinite(size_q + size_v):
         return False
-    own[0], own[1] = min(own[0], 1.0 / max(size_q, TINY)), min(own[1], 1.0 / max(size_v, TINY))
+    own[0], own[1] = min(own[0], 1.0 / size_q), min(own[1], 1.0 / size_v)
     room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h
     if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
         return True
