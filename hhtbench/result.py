@@ -242,6 +242,7 @@ class Solution(Filled):
     def diagnose(self) -> str:
         """The cause of a failed run, looked for now; empty string where none is found, or after a success.
 
+        So it is of a solution that came without its system's functions, as from a pickle.
         HHT looks for functions that are not deterministic and for vibrations that the last step cannot resolve.
         """
         if self.success or self.diagnosis_of is None:

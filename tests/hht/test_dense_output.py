@@ -10,7 +10,7 @@ from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import history, solve
 from tests.hht.event_scenes import wall
-from tests.hht.scenes import ALPHAS, Q0, SYSTEMS, V0, pendulum_at
+from tests.hht.scenes import ALPHAS, GRAVITY, Q0, SYSTEMS, V0, Pendulum, pendulum_at
 
 INSIDE = np.linspace(0.0, 1.0, 41)[1:-1]  # of a step
 
@@ -146,3 +146,13 @@ def test_steps_that_nobody_asked_for_take_no_memory_beyond_what_is_kept(monkeypa
         tracemalloc.stop()
     assert solution.counters.steps_accepted == steps
     assert peak < steps * 8, "one number a step, of eight"
+
+
+@pytest.mark.parametrize("length", [1e-12, 1e-9])
+def test_rows_of_steps_that_hardly_move_q_have_the_velocities_of_the_motion(length):
+    """At this angle q is rounded the other way in one of the steps, which over its length is a velocity of 0.01 m/s."""
+    times, start = np.linspace(0.0, length, 101), [np.sin(1.6), -np.cos(1.6)]
+    solution = HHT(Pendulum()).solve((0.0, length), start, [0.0, 0.0], rtol=1e-6, t_eval=times)
+    assert solution.success, solution.message
+    np.testing.assert_allclose(np.linalg.norm(solution.v, axis=1), GRAVITY * np.sin(1.6) * times, rtol=1e-5)
+    np.testing.assert_allclose(solution(times).v, solution.v, rtol=1e-5, atol=1e-18)

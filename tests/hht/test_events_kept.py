@@ -99,6 +99,50 @@ def test_a_ball_that_meets_a_corner_is_turned_by_both_walls(how, speed):
 
 
 @pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("half_angle", [20.0, 30.0, 40.0, 60.0])
+def test_a_ball_dropped_into_a_wedge_passes_neither_wall(how, half_angle):
+    """The change by the second wall leads back to the first, so that it is met again at the same time."""
+    x, y = np.cos(np.radians(half_angle)), np.sin(np.radians(half_angle))
+    normals = [np.array([x, y]), np.array([-x, y])]
+    walls = [
+        Event(lambda t, q, v, n=n: n @ q, direction=-1, change=lambda t, q, v, n=n: (q, v - 1.9 * (n @ v) * n))
+        for n in normals
+    ]
+    falls = NumpySystem(force=lambda t, q, v: np.array([0.0, -GRAVITY]))
+    solution = HHT(falls, events=walls).solve((0.0, 1.0), [0.0, 1.0], [0.0, 0.0], **how)
+    assert solution.success or "pile up" in solution.message
+    assert min((solution.q @ n).min() for n in normals) > -1e-14
+    assert len(solution.t_events[0]) >= 2 if half_angle < 40.0 else True
+
+
+@pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("gap", [0.0, 1e-15, -1e-15, 1e-12])
+def test_three_equal_masses_that_meet_together_part_in_their_order(how, order, gap):
+    """The outer ones exchange their speeds through the one in the middle, which stays at rest."""
+
+    def meeting(i):
+        swapped = [1, 0, 2] if i == 0 else [0, 2, 1]
+        return Event(lambda t, q, v: q[i + 1] - q[i], direction=-1, change=lambda t, q, v: (q, v[swapped]))
+
+    free = NumpySystem(force=lambda t, q, v: np.zeros(3))
+    events = [meeting(i) for i in order]
+    solution = HHT(free, events=events).solve((0.0, 2.0), [-1.0, gap, 1.0], [1.0, 0.0, -1.0], **how)
+    assert solution.success, solution.message
+    np.testing.assert_allclose(solution.q[-1], [-1.0, 0.0, 1.0], atol=1e-11)
+    assert sum(len(found) for found in solution.t_events) == 3
+
+
+@pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_a_terminal_floor_with_a_change_ends_a_motion_that_begins_on_it(how, speed):
+    event = Event(height, direction=-1, terminal=True, change=lambda t, q, v: (q, -0.5 * v))
+    solution = HHT(FREE, events=event).solve((0.0, 2.0), [0.0], [speed], **how)
+    assert solution.status is Status.event
+    assert (solution.t[-1], solution.v[-1, 0]) == (0.0, -0.5 * speed)
+
+
+@pytest.mark.parametrize("how", HOW, ids=str)
 @pytest.mark.parametrize(("level", "ulps"), [(0.0, 0), (-1.0, -1), (-1.0, 0), (-1.0, 1), (0.3, -1), (0.3, 0), (0.3, 1)])
 def test_a_start_at_rest_on_a_floor_is_ended_by_its_name(how, level, ulps):
     start = level + ulps * np.spacing(level)

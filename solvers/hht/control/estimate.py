@@ -91,7 +91,7 @@ def levels_inside(z: Any, h: Any) -> None:
     """The constraint levels of dense output inside the step, where its v errs most."""
     n, end, q, v, place = z.i[mem.N], part(z, mem.END), part(z, mem.Q), part(z, mem.V), part(z, mem.PLACE)
     for i in range(n):
-        place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i], v[i], end[n + i])
+        place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i] - q[i], v[i], end[n + i])
     levels_at(z, part(z, mem.NUMBER)[mem.T] + GAUSS * h)
 
 

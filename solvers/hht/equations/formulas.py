@@ -66,12 +66,18 @@ def third_difference(steps: Any, x: Any) -> Any:
     return h * h * h * (after - before) / (first + last + h)
 
 
-def cubic(s: Any, h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
-    """q and v at the part ``s`` of a step of ``h`` [s], (H17)."""
-    rise = q1 - q0
+def cubic(s: Any, h: Any, q0: Any, rise: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
+    """q and v at the part ``s`` of a step of ``h`` [s] in which q rises by ``rise``, (H17)."""
     q = q0 + s * (h * v0 + s * (3 * rise - h * (2 * v0 + v1) + s * (h * (v0 + v1) - 2 * rise)))
     v = v0 + s * (2 * (3 * rise / h - 2 * v0 - v1) + 3 * s * (v0 + v1 - 2 * rise / h))
     return q, v
+
+
+def smooth_rise(h: Any, q0: Any, q1: Any, v0: Any, v1: Any) -> Any:
+    """q1 - q0, or h (v0 + v1)/2 where they differ by roundoff of q: over h that is no velocity, (H17)."""
+    rise = q1 - q0
+    bent = rise - 0.5 * h * (v0 + v1)
+    return rise - bent * (np.abs(bent) <= 2.0 * EPS * np.maximum(np.abs(q0), np.abs(q1)))
 
 
 def allowed(rtol: Any, atol: Any, before: Any, after: Any) -> Any:

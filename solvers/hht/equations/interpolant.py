@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.result import DenseOutput
-from solvers.hht.equations.formulas import cubic
+from solvers.hht.equations.formulas import cubic, smooth_rise
 
 
 @dataclass(frozen=True)
@@ -48,5 +48,7 @@ class HermiteOutput:
         if i.size:
             h = (self.t[i + 1] - self.t[i])[:, None]
             s = (times[between] - self.t[i])[:, None] / h
-            q[between], v[between] = cubic(s, h, self.q[i], self.q[i + 1], self.v[i], self.v[i + 1])
+            v0, v1 = self.v[i], self.v[i + 1]
+            rise = smooth_rise(h, self.q[i], self.q[i + 1], v0, v1)
+            q[between], v[between] = cubic(s, h, self.q[i], rise, v0, v1)
         return q, v

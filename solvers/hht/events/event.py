@@ -35,9 +35,8 @@ class Event:
 
     The function is sampled at the end of each step and at ``samples`` points within it; a change of sign between two of
     these is an event.  So two zeros in one step are found where a sample lies between them; a zero without a change
-    of sign is found only if a sample meets it.  A motion that begins on a zero has no event there, but for one that is not
-    terminal and has a change and a direction in which the motion sets out; one that ends on a zero has.  A function that
-    jumps is fine.
+    of sign is found only if a sample meets it.  A motion that begins on a zero has no event there, but for one that has a
+    change and a direction in which the motion sets out; one that ends on a zero has.  A function that jumps is fine.
 
     Where an event neither stops the integration nor changes the state, its time is a zero along the dense output, and its
     state the dense output's, put onto both levels of the constraints, (H47).  Where it does, the step is taken again with
@@ -57,10 +56,11 @@ class Event:
     change
         ``(t, q, v)`` to a new ``(q, v)``, an impact, say.  It is projected onto both levels of the constraints in the norm
         of the mass matrix, (H20), and the integration begins anew there, with new multipliers and step control.  Where
-        several events change the state at one time they do so in the order in which they were given.  A change that turns
+        several events change the state at one time they do so in the order in which they were given, and again where the
+        change by one leads back to the zero of another, as between three bodies that meet together.  A change that turns
         the function back or stops it leaves the motion on the side of the zero from which it came; one that does not lets
-        it pass.  Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: let
-        the change end the motion there instead, or make the event terminal.
+        it pass.  Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: end
+        it there with a terminal event, and go on with a constraint in the place of the contact.
     name
         For messages; the function's own name without one.
     samples

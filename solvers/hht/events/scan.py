@@ -62,7 +62,7 @@ def value_at(z: Any, e: Any, t: Any) -> Any:
     for i in range(n):
         place[1 + i], place[1 + n + i] = end[i], end[n + i]
         if t != t1:
-            place[1 + i], place[1 + n + i] = cubic((t - t0) / h, h, q[i], end[i], v[i], end[n + i])
+            place[1 + i], place[1 + n + i] = cubic((t - t0) / h, h, q[i], end[i] - q[i], v[i], end[n + i])
     at, code = address(z, mem.PLACE), indices(z, mem.EVENT_CODE)
     part(z, mem.EVENT)[0] = math.nan
     invoke(code[2 * e], (address(z, mem.EVENT), code[2 * e + 1], at, at + 8, at + 8 + 8 * n))

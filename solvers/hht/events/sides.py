@@ -50,7 +50,7 @@ def _at_start(event: Event, state: State, h: float, work: Work) -> tuple[float, 
     here = _local(event, state, h, work)
     if abs(here.value) > max(ZERO * here.change, here.roundoff):
         return here.value, 0.0
-    held = event.change is not None and not event.terminal and event.direction
+    held = event.change is not None and event.direction
     return (-event.direction if held else here.side) * BESIDE, max(here.roundoff, abs(here.value), BESIDE)
 
 
@@ -59,8 +59,7 @@ def changed_values(
 ) -> Vector:
     """Those in ``state``, which changes have made at the end of a step that led to ``values`` (2k,).
 
-    ``sides``: the signs before the step's end of the functions whose events have changed the state, 0 for the others.  A
-    change that turns or stops its function leaves the motion on the side from which it came; any other lets it pass.
+    ``sides``: where :func:`side_after` says the motion is, of functions whose events have changed the state; 0 of others.
     """
     known = zip(events, sides, *np.split(values, 2), strict=True)
     return _paired([_after(event, side, before, off, state, h, work) for event, side, before, off in known])
@@ -73,9 +72,20 @@ def _after(
     if abs(here.value) > max(here.near, roundoff):
         return here.value, 0.0
     roundoff = max(here.roundoff, roundoff, abs(here.value), BESIDE)
-    if side and here.side == -side:
-        return here.side * BESIDE, roundoff
     return (side or float(np.sign(before))) * BESIDE, roundoff
+
+
+def side_after(event: Event, before: int, state: State, h: float, work: Work) -> int:
+    """On which side of the zero the motion is in ``state``, which the event's own change has made; ``before`` it was.
+
+    A change that turns or stops the function leaves the motion on the side from which it came; any other lets it pass.
+    """
+    return -before if is_leaving(event, -before, state, h, work) else before
+
+
+def is_leaving(event: Event, side: int, state: State, h: float, work: Work) -> bool:
+    """Whether the motion sets out from ``state`` to that ``side`` of the zero."""
+    return _local(event, state, h, work).side == side
 
 
 def _local(event: Event, state: State, h: float, work: Work) -> Local:

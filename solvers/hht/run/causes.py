@@ -129,8 +129,8 @@ def vibration(engine: Engine, state: State | Place, h: float, status: Status) ->
         return ""
     who = "Constraint forces" if by_reactions else "Forces"
     text = f"{who} carry a vibration of {omega:.3g} rad/s, and h omega is {abs(h) * omega:.2g}"
-    if by_reactions:
-        return f"{text}; take {' or '.join(['shorter steps', *remedies(engine)])}"
+    if by_reactions or status is Status.newton_failed:
+        return f"{text}; take {' or '.join(['shorter steps', *(remedies(engine) if by_reactions else [])])}"
     return f"{text}: if the steps follow it, start in balance, damp it, or loosen the tolerance"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hhtbench.lowering.compile.loops import BoolArray, FloatArray, FloatMatrix
-from solvers.hht.sources import called, cubic
+from solvers.hht.sources import called, cubic, smooth_rise
 from solvers.kernel.sections import put
 
 
@@ -31,4 +31,5 @@ def interpolate(n: int, m: int, steps: FloatMatrix, times: FloatArray, rows: Flo
             s = (t - start[0]) / h
             for j in range(n):
                 q, v = 2 + j, 2 + n + j
-                row[1 + j], row[1 + n + j] = cubic(s, h, start[q], end[q], start[v], end[v])
+                rise = smooth_rise(h, start[q], end[q], start[v], end[v])
+                row[1 + j], row[1 + n + j] = cubic(s, h, start[q], rise, start[v], end[v])

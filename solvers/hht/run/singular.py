@@ -198,10 +198,8 @@ def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition
 
 def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
     """The ends of steps in the rows ``t`` (k, 1), ``q`` and ``v`` (k, n) of a run, with v' by differences."""
-    if len(t) < 2:
-        return []
-    vdot = np.diff(v, axis=0) / np.diff(t, axis=0)
-    return [Place(float(time[0]), *rest) for time, *rest in zip(t[1:], q[1:], v[1:], vdot, strict=True)]
+    h = np.diff(t[:, 0])
+    return [Place(float(t[i + 1, 0]), q[i + 1], v[i + 1], (v[i + 1] - v[i]) / h[i]) for i in np.flatnonzero(h).tolist()]
 
 
 def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:

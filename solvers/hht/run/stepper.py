@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from solvers.hht.equations.formulas import SHORT
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings, together
-from solvers.hht.events.sides import BESIDE, changed_values, starting_values
+from solvers.hht.events.sides import BESIDE, changed_values, is_leaving, side_after, starting_values
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.march import look
 from solvers.hht.run.projecting import put_on_constraints
@@ -31,7 +32,8 @@ from solvers.kernel import memory as mem
 CUTS = 20  # of one step: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
-PILED_UP = "let the change end the motion there, or make the event terminal."
+PILED_UP = "end the run there with terminal=True, and go on with a constraint in the place of the contact."
+MOST_AT_ONCE = 100  # changes by one event at one time, between bodies that meet together
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ class EventState:
     counts: tuple[int, ...] = ()  #: occurrences so far
     values: Vector | None = None  #: (2k,) event functions at its end, roundoff of those beside a zero; None: a start
     changed: tuple[int, ...] = ()  #: events that have changed the state at this time
-    sides: tuple[int, ...] = ()  #: (k,) after a change the signs before it, 0 for other events; (): ``values`` hold
+    sides: tuple[int, ...] = ()  #: (k,) of zero on which a change left the motion, 0 without one; (): ``values`` hold
+    ahead: float = 0.0  #: [s] the signed length of the step that follows a start or a change
 
 
 class Accepted(NamedTuple):
@@ -107,7 +110,7 @@ class Stepper:
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
         if ended == mem.EVENT_FOUND:
-            return self._with_events(state, watch, stop, rows)
+            return self._with_events(state, watch, rows)
         return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
 
     def _begun(self, watch: EventState, state: State, h: float) -> EventState:
@@ -116,7 +119,7 @@ class Stepper:
             values = starting_values(self.events, state, h, self.engine.work)
         else:
             values = changed_values(self.events, watch.sides, watch.values, state, h, self.engine.work)
-        return replace(watch, values=values, sides=())
+        return replace(watch, values=values, sides=(), ahead=h)
 
     def _raise_nonfinite(self) -> None:
         """Raise for the event function that was not finite where the loops have looked last."""
@@ -134,30 +137,35 @@ class Stepper:
         before = {crossing.index: crossing.side for crossing in accepted.stopping}
         changing = [i for i in sorted(before) if self.events[i].change is not None]
         if changing:
-            changed = self._changed(state, [self.events[i] for i in changing])
+            sides = [before[i] if i in changing else 0 for i in range(len(self.events))]
+            changed = self._changed(state, sides, state.h or watch.ahead)
             if isinstance(changed, Failure):
                 return accepted._replace(ended=changed)
-            sides = tuple(before[i] if i in changing else 0 for i in range(len(self.events)))
-            state, watch = changed, replace(watch, changed=(*watch.changed, *changing), sides=sides)
+            state, watch = changed, replace(watch, changed=(*watch.changed, *changing), sides=tuple(sides))
         named = [self.events[i].name for i in sorted(before) if self.events[i].ends(watch.counts[i])]
         if named:
             text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
             ended = Failure(Status.event, text)
         return accepted._replace(state=state, watch=watch, ended=ended)
 
-    def _changed(self, state: State, events: Sequence[Event]) -> State | Failure:
-        """A first state at the time of ``state``, from what ``events`` make of q and v, projected by (H20)."""
-        where = f"after the change by event {', '.join(repr(event.name) for event in events)} at t = {state.t:.17g}"
-        engine, q, v = self.engine, state.q, state.v
+    def _changed(self, state: State, sides: list[int], h: float) -> State | Failure:
+        """A first state at the time of ``state``, from what events make of q and v, each projected by (H20).
+
+        ``sides`` (k,): those from which the motion came to the events that change it, 0 for others; those after it then.
+        """
+        changing = [(i, event) for i, event in enumerate(self.events) if sides[i]]
+        where = f"after the change by event {', '.join(repr(event.name) for _, event in changing)} at t = {state.t:.17g}"
+        engine, place = self.engine, Place(state.t, state.q, state.v)
         try:
-            for event in events:
-                q, v = changed_by(event, state.t, q, v)
-            place: Any = Place(state.t, q, v)
-            if engine.structure.constrained:
-                place = project(engine.dynamics, place, engine.work)
-                place = place if isinstance(place, Failure) else place[0]
-            failed = isinstance(place, Failure)
-            new = place if failed else first_state(engine, place, state.lam, state.mu, state.h or 0.0)
+            for i, event in changing:
+                made: Any = Place(state.t, *changed_by(event, state.t, place.q, place.v))
+                if engine.structure.constrained:
+                    made = project(engine.dynamics, made, engine.work)
+                if isinstance(made, Failure):
+                    return Failure(made.status, f"{where}: {made.message}")
+                place = made[0] if engine.structure.constrained else made
+                sides[i] = side_after(event, sides[i], replace(state, q=place.q, v=place.v), h, engine.work)
+            new = first_state(engine, place, state.lam, state.mu, state.h or 0.0)
         except BudgetSpent as spent:
             return budget_failure(spent, state.t)
         except NonFiniteValue as error:
@@ -166,7 +174,7 @@ class Stepper:
             return Failure(new.status, f"{where}: {new.message}")
         return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
 
-    def _with_events(self, before: State, watch: EventState, stop: float, rows: Matrix) -> Accepted:
+    def _with_events(self, before: State, watch: EventState, rows: Matrix) -> Accepted:
         """The step that the loops have tried, up to its first event that stops it."""
         engine, cut = self.engine, None
         now = engine.attempted()
@@ -202,12 +210,21 @@ class Stepper:
         return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
     def _at_once(self, before: State, watch: EventState, output: HermiteOutput, found: Sequence[Crossing]) -> Accepted:
-        """No step: ``found`` changes ``before``, which is beside its zero, unless it has done so at this time already."""
-        again = [repr(self.events[crossing.index].name) for crossing in found if crossing.index in watch.changed]
+        """No step: ``found`` changes ``before``, which is beside its zero.
+
+        An event that has changed the state at this time already does so again where the change by another one leads back to
+        it, as between three bodies that meet together; else changes pile up.
+        """
+        again = [repr(self.events[c.index].name) for c in found if self._piles_up(c, before, watch)]
         if again:
             text = f"changes by event {', '.join(again)} pile up at t = {before.t:.17g}; {PILED_UP}"
             return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
         return self._passed(before, output, found, watch)._replace(made=0)
+
+    def _piles_up(self, crossing: Crossing, before: State, watch: EventState) -> bool:
+        times = watch.changed.count(crossing.index)
+        leaving = partial(is_leaving, self.events[crossing.index], -crossing.side, before, watch.ahead, self.engine.work)
+        return times > MOST_AT_ONCE or (times > 0 and not leaving())
 
     def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
         """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.

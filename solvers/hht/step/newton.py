@@ -16,7 +16,7 @@ from solvers.hht.step.stopping import (
     enough,
     force_rows_end,
     is_roundoff,
-    measure_once,
+    measure,
     scaled,
     unmeasured,
 )
@@ -101,7 +101,7 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
             counts[mem.NONFINITES] += 1
             i = with_new_matrix(i)
             continue
-        i = incremented(z, i, moved)
+        i = incremented(i, moved)
         decision = judged(z, i, counts)
         if decision == GIVE_UP:
             return mem.DIVERGED, -1, 0.0
@@ -140,7 +140,7 @@ def cost_with_kept(z: Any, lagged: Any, renewed: Any, taken: Any) -> Any:
 
 
 @compiled
-def incremented(z: Any, i: Any, size: Any) -> Any:
+def incremented(i: Any, size: Any) -> Any:
     """The iteration after an increment of ``size``."""
     seen = math.isfinite(i.size)  # only this step's own: the last step's may have been better
     rate = size / i.size if seen else 0.0
@@ -199,7 +199,7 @@ def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > BLINDED
     if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
-    measure_once(z, i.slot, counts)
+    measure(z, i.slot, 0, counts)
     return True
 
 

@@ -16,6 +16,7 @@ from solvers.kernel.linear.matrix import correct, early, move, moved_by
 from solvers.kernel.numbers import EPS, TINY
 from solvers.kernel.sections import address, call, largest, part, put, spend, view, weighted_rms
 
+DRAWS = 12  # such subsets, of increments that do not shrink
 DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
 NOISE_MARGIN = 4.0  # times the measured roundoff: several sums take part, increments above it still shrink
 AT_ORIGIN = 1e-6  # of the way in a step: coordinates below it have no size of their own
@@ -153,8 +154,9 @@ def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
     if z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]:
         return True
     noise = part(z, mem.NOISE)
-    if noise[0] < 0.0 and spend(z, counts):
-        measure_once(z, slot, counts)
+    for draw in range(DRAWS):
+        if spend(z, counts):
+            measure(z, slot, draw, counts)
     return in_q <= NOISE_MARGIN * noise[0] and in_v <= NOISE_MARGIN * noise[1]
 
 
@@ -169,11 +171,11 @@ def compute_end(z: Any) -> None:
 
 
 @compiled
-def measure_once(z: Any, slot: Any, counts: Any) -> None:
-    """Put what roundoff makes of increments' q1 and v1 into NOISE, (H30): by one evaluation with arguments changed by it.
+def measure(z: Any, slot: Any, draw: Any, counts: Any) -> None:
+    """Raise NOISE to what roundoff makes of increments' q1 and v1, (H30): by one evaluation with arguments changed by it.
 
-    Changed are a random half of the entries of q, v, a, f, all away from zero: the roundoff of regular values is not of
-    both signs alike.
+    Changed are a random half of the entries of q, v, a, f, another for every ``draw``, all away from zero: the roundoff of
+    regular values is not of both signs alike.
     """
     state, before, found = view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED), part(z, mem.NOISE)
     increment, full = part(z, mem.INCREMENT), part(z, mem.FULL)
@@ -181,13 +183,14 @@ def measure_once(z: Any, slot: Any, counts: Any) -> None:
     put(before, 0, state)
     put(full, 0, increment)
     for i in range(state.size):
-        if (i * DRAWN[0] >> DRAWN[1]) % 2 == 1:
+        if (i * DRAWN[0] >> (DRAWN[1] + draw)) % 2 == 1:
             state[i] = before[i] * (1.0 + EPS)
     early(z)
     correct(z, slot, mem.C_RESIDUAL, False)
     for i in range(part(z, mem.X).size):
         increment[i] -= full[i]
-    found[0], found[1] = moved_by(z, slot, increment)
+    in_q, in_v = moved_by(z, slot, increment)
+    found[0], found[1] = max(found[0], in_q), max(found[1], in_v)
     put(state, 0, before)
     put(increment, 0, full)
     early(z)
