@@ -23,7 +23,7 @@ from solvers.hht.control.tolerances import Tolerances, make_tolerances
 from solvers.hht.solver import HHT
 from solvers.hht.step.state import State
 from solvers.hht.verify.measure import Run, guesses, run
-from solvers.hht.verify.study import Method, Progress, collected, named, order_row, run_all, shown_row, slope
+from solvers.hht.verify.study import Method, Progress, collected, judged_row, named, order_row, run_all, shown_row, slope
 from solvers.projected import solver as projected
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -50,10 +50,7 @@ Runs = list[Run]  # of one problem, one for each tolerance
 
 
 def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Achieved over requested error, slopes, rejections, and the quality of the estimate.
-
-    ``progress`` and ``jobs`` are those of :func:`~solvers.hht.verify.study.verify`.
-    """
+    """Achieved over requested error, slopes, rejections, and the quality of the estimate."""
     began, plan = time.perf_counter(), registered_plans()
     specs = [validated_spec(name, plan) for name in list_problems()]
     runs = run_all(
@@ -93,14 +90,8 @@ def overall_rows(library: Sequence[Runs]) -> list[Row]:
     text = f"{near} of {len(runs)}: {share:.0%}"
     most = f"{part:.1%}; most in {worst.spec} at {worst.tolerance:g}: {worst.rejected} of {worst.steps}"
     return [
-        Row(id="ratio/all", claim=claim, measured=text, bound=f">= {SHARE:.0%}", passed=share >= SHARE),
-        Row(
-            id="rejected/all",
-            claim="rejected steps, of all runs together",
-            measured=most,
-            bound=f"< {REJECTED:.0%}",
-            passed=part < REJECTED,
-        ),
+        judged_row("ratio/all", claim, text, f">= {SHARE:.0%}", share >= SHARE),
+        judged_row("rejected/all", "rejected steps, of all runs together", most, f"< {REJECTED:.0%}", part < REJECTED),
     ]
 
 
@@ -133,14 +124,10 @@ def quartiles(spec: str, method: Method) -> Row:
     """Those of estimated over true local error."""
     found = ratios(spec, method)
     low, middle, high = np.quantile(found, [0.25, 0.5, 0.75])
-    name = named(method)
-    return Row(
-        id=f"effectivity/{spec}/{name}",
-        claim=f"{spec}, {name}: estimated over true local error, quartiles of {len(found)} steps",
-        measured=f"{low:.2f} {middle:.2f} {high:.2f}",
-        bound=f"middle in [{RANGE[0]:g}, {RANGE[1]:g}]",
-        passed=RANGE[0] <= middle <= RANGE[1],
-    )
+    id, name = f"effectivity/{spec}/{named(method)}", named(method)
+    claim = f"{spec}, {name}: estimated over true local error, quartiles of {len(found)} steps"
+    bound = f"middle in [{RANGE[0]:g}, {RANGE[1]:g}]"
+    return judged_row(id, claim, f"{low:.2f} {middle:.2f} {high:.2f}", bound, RANGE[0] <= middle <= RANGE[1])
 
 
 def ratios(spec: str, method: Method, steps: int = STEPS) -> list[float]:

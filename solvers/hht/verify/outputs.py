@@ -22,7 +22,7 @@ from solvers.hht.events.event import Event
 from solvers.hht.solver import HHT
 from solvers.hht.verify.control import MAX_SECONDS, TOLERANCES
 from solvers.hht.verify.measure import FLOOR, guesses, known_motion, solved, typical_sizes, violations, weighted_error
-from solvers.hht.verify.study import Progress, shown_row, verify
+from solvers.hht.verify.study import Progress, judged_row, shown_row, verify
 
 MET = 1e-12  # scaled violation of either level
 GROWTH = 0.01  # of an error, at most
@@ -85,29 +85,19 @@ def outputs(spec: str, tolerances: Sequence[float] = TOLERANCES) -> list[Row]:
     )
     asked = f"rtol {tolerances[0]:g} .. {tolerances[-1]:g}"
     growth = [one.growth for one in found]
+    held = f"{spec}: largest scaled violation of both levels at rows between steps and events, {asked}"
+    moved = f"{spec}: change of the largest error by moving rows onto the constraints, {asked}"
+    measured = f"{between}; at ends of steps {ends}; interpolated {plain}"
+    changes = ", ".join("roundoff" if x is None else f"{x:+.2%}" for x in growth)
+    small = all(x is None or x <= GROWTH for x in growth)
     return [
-        Row(
-            id=f"levels/{spec}",
-            claim=f"{spec}: largest scaled violation of both levels at rows between steps and events, {asked}",
-            measured=f"{between}; at ends of steps {ends}; interpolated {plain}",
-            bound=f"< {MET:g}",
-            passed=all(one.rows < MET for one in found),
-        ),
-        Row(
-            id=f"error/{spec}",
-            claim=f"{spec}: change of the largest error by moving rows onto the constraints, {asked}",
-            measured=", ".join("roundoff" if x is None else f"{x:+.2%}" for x in growth),
-            bound=f"<= {GROWTH:.0%}",
-            passed=all(x is None or x <= GROWTH for x in growth),
-        ),
+        judged_row(f"levels/{spec}", held, measured, f"< {MET:g}", all(one.rows < MET for one in found)),
+        judged_row(f"error/{spec}", moved, changes, f"<= {GROWTH:.0%}", small),
     ]
 
 
 def verify_outputs(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Constraints and errors of rows between steps and at events, over all problems and tolerances.
-
-    ``progress`` and ``jobs`` are those of :func:`~solvers.hht.verify.study.verify`.
-    """
+    """Constraints and errors of rows between steps and at events, over all problems and tolerances."""
     plan = registered_plans()
     studies: list[Any] = [(outputs, validated_spec(name, plan)) for name in list_problems()]
     return verify("Rows and events between steps on the constraints", studies, progress, jobs)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.arguments import Vector
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.evidence import Evidence, Row
+from hhtbench.lowering import compile_function
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
+from solvers.hht.equations.discretise import unpack_matrix
+from solvers.hht.equations.methods import equations_of
 from solvers.hht.solver import HHT
-from solvers.hht.verify.conditioning import CONDITIONS
 from solvers.hht.verify.damping import OSCILLATOR
 from solvers.hht.verify.figures import extrapolated, pendulum_figures, test1_figures
 from solvers.hht.verify.measure import (
@@ -28,7 +31,21 @@ from solvers.hht.verify.measure import (
     solved,
     step_by_hand,
 )
-from solvers.hht.verify.study import ALPHAS, NAMES, Method, Progress, Study, below_row, named, order_row, slope, verify
+from solvers.hht.verify.study import (
+    ALPHAS,
+    NAMES,
+    Method,
+    Progress,
+    Study,
+    below_row,
+    judged_row,
+    named,
+    order_row,
+    shown_row,
+    slope,
+    verify,
+)
+from solvers.kernel import memory as mem
 
 MARGIN = 0.05
 STAGE_MARGIN = 0.1  # of the first-order stage multipliers
@@ -36,6 +53,8 @@ LOST = 0.3  # orders so near to one are order one: the second is lost
 SEED = 20070101  # of the random step pattern; any other gives second order too
 PATTERN = 8  # steps in one period of the random pattern
 HELD = 1e-12  # scaled residual that counts as roundoff
+LENGTHS = tuple(10.0**-k for k in range(2, 8))  # [s] over which the condition of Newton's matrix, (H13), is flat
+FLAT = 1.05  # its largest over its least: h times rates of the motion, 0.015 measured at most
 LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a global order before roundoff
 
 
@@ -52,14 +71,9 @@ def methods(alpha: float) -> Iterator[Method]:
         yield {"alpha": alpha, "b": 0.0, "reaction": reaction}
 
 
-def family(alpha: float) -> dict[str, Method]:
-    """:func:`methods` by name."""
-    return {f"{m['reaction']}, b = {m['b']:g}, alpha = {NAMES[alpha]}": m for m in methods(alpha)}
-
-
-def second_order(case: Case, kind: str, keys: str, numbers: Sequence[int], named: Mapping[str, Method]) -> list[Row]:
-    """Order two of ``keys`` for a ``kind`` of constraints, with every one of the ``named`` methods."""
-    found = {name: refine(case, numbers, **method).orders(keys.split()) for name, method in named.items()}
+def second_order(case: Case, kind: str, keys: str, numbers: Sequence[int], methods: Iterable[Method]) -> list[Row]:
+    """Order two of ``keys`` for a ``kind`` of constraints, with every one of the ``methods``."""
+    found = {named(method): refine(case, numbers, **method).orders(keys.split()) for method in methods}
     return [order_row(f"{kind}/{case}", f"{name}: orders (RMS)", orders, 2.0, MARGIN) for name, orders in found.items()]
 
 
@@ -71,7 +85,7 @@ def random_pattern(case: Case, periods: int) -> Vector:
         if abs(logs[0] - logs[-1]) <= 1.0:  # the step from one period to the next keeps the ratio too
             break
     pattern = 2.0**logs
-    return np.tile(pattern / pattern.sum() * ((case.t_end - case.span[0]) / periods), periods)
+    return np.tile(pattern / pattern.sum() * ((case.t_end - case.t_start) / periods), periods)
 
 
 def variable_steps(case: Case, alpha: float, b: float, periods: Sequence[int], finer: Sequence[int]) -> list[Row]:
@@ -112,19 +126,14 @@ def local_errors(case: Case, alpha: float, longest: float, count: int = 5) -> li
         for h in steps:
             hht = HHT(p.system, alpha=alpha, start=start)
             hht.init_step(p.t_span[0], p.q0, p.v0, step=h, **guesses(p))
-            state, end = step_by_hand(case.name, hht), case.exact(p.t_span[0] + h)
+            state, end = step_by_hand(case.name, hht), case.known(p.t_span[0] + h)
             errors.append([np.linalg.norm(state.q - end.q), np.linalg.norm(state.v - end.v)])
         q, v = (slope(steps, column) for column in np.transpose(errors))
         wanted = 3.0 if alpha == 0.0 or start != "f0" else 2.0
-        rows.append(
-            Row(
-                id=f"local/{case}",
-                claim=f"alpha = {NAMES[alpha]}, a0 = {start}: order of the local errors (Theorem 4.3)",
-                measured=f"q {q:.3f}, v {v:.3f}",
-                bound=f"q 3, v {wanted:g}, +- {LOCAL_MARGIN}",
-                passed=abs(q - 3.0) <= LOCAL_MARGIN and abs(v - wanted) <= LOCAL_MARGIN,
-            )
-        )
+        claim = f"alpha = {NAMES[alpha]}, a0 = {start}: order of the local errors (Theorem 4.3)"
+        passed = abs(q - 3.0) <= LOCAL_MARGIN and abs(v - wanted) <= LOCAL_MARGIN
+        bound = f"q 3, v {wanted:g}, +- {LOCAL_MARGIN}"
+        rows.append(judged_row(f"local/{case}", claim, f"q {q:.3f}, v {v:.3f}", bound, passed))
     return rows
 
 
@@ -142,7 +151,7 @@ def multiplier_guess(case: Case, factors: Sequence[float], h: float) -> Row:
     shown = ", ".join(f"{factor:g}" for factor in factors)
     claim = f"{case}: change of q1, v1 for starting multipliers times {shown} (Remark 4.2)"
     if rejected:  # the engine then starts again from the acceleration level, whatever the guess
-        return Row(id="guess", claim=claim, measured=f"{rejected} steps restarted", bound="0 restarted", passed=False)
+        return judged_row("guess", claim, f"{rejected} steps restarted", "0 restarted", passed=False)
     return below_row("guess", claim, worst, 1e-12)
 
 
@@ -169,24 +178,50 @@ def andrews() -> list[Row]:
     return [*rows, drift_row(p, solution, "default")]
 
 
+def newton_matrix(name: str, h: float, **method: Any) -> Matrix:
+    """That of the first step of ``h`` [s], (size, size), where it was made last."""
+    p = load_problem(name)
+    hht = HHT(p.system, **method)
+    hht.init_step(p.t_span[0], p.q0, p.v0, step=h, **guesses(p))
+    step_by_hand(name, hht)
+    engine: Any = hht._engine
+    made, section = engine.functions, engine.loops.section
+    at = np.split(section(mem.MADE_AT + int(section(mem.NUMBER)[mem.FACTOR])), [made.layout.size])
+    function = equations_of(made.method).residual_and_matrix
+    packed = compile_function(function, made.dynamics, made.method, made.layout)(*at)
+    return np.asarray(unpack_matrix(made.layout, packed)[1][: made.layout.size])
+
+
+def conditions(name: str, method: Method, judged: bool = True) -> list[Row]:
+    """Those of Newton's matrix as it is scaled, (H13), and the largest over the least; forces of stiff springs raise it."""
+    found = {f"h = {h:g}": float(np.linalg.cond(newton_matrix(name, h, **method))) for h in LENGTHS}
+    id, claim = f"condition/{name}", f"{named(method)}: condition of Newton's matrix, h = 1e-2 to 1e-7 s"
+    spread = max(found.values()) / min(found.values())
+    rows = [below_row(id, f"{claim}, largest over least", spread, FLAT)] if judged else []
+    return [*rows, shown_row(id, claim, found)]
+
+
 TEST1 = Case("jay_negrut_test1", 1.0, 20)
 PENDULUM = Case("jay_negrut_pendulum", 2.0, 25)
 KNIFE = Case("knife_edge", 2.0, 20)
 DISK = Case("rolling_disk3d_steady", 2.0, 20)
 CHAIN = Case("oscillator_chain", 0.5, 20)
 ON_TEST1, ON_PENDULUM = (100, 200, 400, 800, 1600), (250, 500, 1000, 2000)  # numbers of constant steps
-IMPLICIT = {f"alpha = {NAMES[a]}, b = 0": {"alpha": a, "b": 0.0, "reaction": "implicit"} for a in (0.0, -0.05, -0.3)}
-WEIGHTED = {f"alpha = -0.15, b = 0.3, {r}": {"alpha": -0.15, "b": 0.3, "reaction": r} for r in ("implicit", "predictor")}
-PLAIN = {f"alpha = {NAMES[a]}": {"alpha": a} for a in (0.0, -0.3)}
+IMPLICIT = [{"alpha": alpha, "b": 0.0} for alpha in (0.0, -0.05, -0.3)]
+WEIGHTED = [{"alpha": -0.15, "b": 0.3, "reaction": reaction} for reaction in ("implicit", "predictor")]
+PLAIN = [{"alpha": alpha} for alpha in (0.0, -0.3)]
 DAMPINGS = [{"alpha": alpha} for alpha in (0.0, -0.05, -1.0 / 3.0)]
-REACTIONS = [*DAMPINGS, *WEIGHTED.values(), {"alpha": -0.15, "reaction": "midpoint"}]
+REACTIONS = [*DAMPINGS, *WEIGHTED, {"alpha": -0.15, "reaction": "midpoint"}]
+MATRICES = ({"alpha": 0.0}, {"alpha": -0.3}, {"alpha": -0.05, "b": 1.0})
+CONDITIONED = ("jay_negrut_pendulum", "jay_negrut_test1", "rolling_disk3d_steady", "knife_edge")
+STIFF = "stiff_spring_pendulum(stiffness=1e6)"  # h w from 10 to 1e-4: force rows hold (h w)^2, S of section 10
 STUDIES: tuple[Study, ...] = (
     (test1_figures, TEST1),
     (pendulum_figures, PENDULUM),
     (extrapolated, PENDULUM),
-    *((second_order, TEST1, "order", "q v a", ON_TEST1, family(alpha)) for alpha in ALPHAS),
+    *((second_order, TEST1, "order", "q v a", ON_TEST1, tuple(methods(alpha))) for alpha in ALPHAS),
     *((variable_steps, TEST1, alpha, 0.3, (20, 40, 80, 160), (320, 640, 1280)) for alpha in ALPHAS),
-    *((second_order, PENDULUM, "order", "q v a", ON_PENDULUM, family(alpha)) for alpha in ALPHAS),
+    *((second_order, PENDULUM, "order", "q v a", ON_PENDULUM, tuple(methods(alpha))) for alpha in ALPHAS),
     *((variable_steps, PENDULUM, alpha, 0.0, (50, 100, 200, 400), (1000, 2000, 4000)) for alpha in ALPHAS),
     *((local_errors, TEST1, alpha, 0.004) for alpha in ALPHAS),
     *((local_errors, PENDULUM, alpha, 0.002) for alpha in ALPHAS),
@@ -195,11 +230,12 @@ STUDIES: tuple[Study, ...] = (
     *OSCILLATOR,
     *((multipliers, TEST1, alpha, (100, 200, 400, 800)) for alpha in (0.0, -0.3)),
     *((multipliers, PENDULUM, alpha, (500, 1000, 2000, 4000)) for alpha in (0.0, -0.3)),
-    *CONDITIONS,
+    *((conditions, name, method) for name in CONDITIONED for method in MATRICES),
+    *((conditions, STIFF, method, False) for method in MATRICES),
     (drift, TEST1, 400, REACTIONS),
     (drift, PENDULUM, 2000, REACTIONS),
     (second_order, KNIFE, "velocity-level", "q v mu", (100, 200, 400, 800), IMPLICIT),
-    (second_order, DISK, "mixed", "q v mu lam", (1000, 2000, 4000), IMPLICIT | WEIGHTED),
+    (second_order, DISK, "mixed", "q v mu lam", (1000, 2000, 4000), IMPLICIT + WEIGHTED),
     (second_order, CHAIN, "unconstrained", "q v a", (2000, 4000, 8000), PLAIN),
     (drift, KNIFE, 400, DAMPINGS),
     (drift, DISK, 1000, REACTIONS),
