@@ -52,9 +52,8 @@ class Case:
 
     def force(self, t: float) -> Vector:
         """f = M^-1 F (n,) along it."""
-        at, n = self.known(t), self.problem.q0.size
-        packed = _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
-        return np.linalg.solve(packed[n:].reshape(n, n), packed[:n])
+        at = self.known(t)
+        return _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
 
 
 @cache
@@ -66,11 +65,11 @@ def _known(name: str, t: float) -> Motion:
 @cache
 def _evaluator(name: str) -> Callable[..., Any]:
     p = _loaded(name)
-    return compile_function(_force_and_mass, derive(p.system, p.t_span[0], p.q0, p.v0))
+    return compile_function(_acceleration, derive(p.system, p.t_span[0], p.q0, p.v0))
 
 
-def _force_and_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    return dynamics.xp.concatenate([dynamics.force(t, q, v), dynamics.mass(t, q).ravel()])
+def _acceleration(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    return dynamics.xp.linalg.solve(dynamics.mass(t, q), dynamics.force(t, q, v))
 
 
 def known_at(problem: Problem, name: str, t: float) -> Vector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +20,7 @@ from solvers.hht.equations.discretise import unpack_matrix
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.solver import HHT
 from solvers.hht.verify.damping import OSCILLATOR
-from solvers.hht.verify.figures import extrapolated, pendulum_figures, test1_figures
+from solvers.hht.verify.figures import pendulum_figures, test1_figures
 from solvers.hht.verify.measure import (
     Case,
     alternating,
@@ -78,13 +79,8 @@ def second_order(case: Case, kind: str, keys: str, numbers: Sequence[int], metho
 
 
 def random_pattern(case: Case, periods: int) -> Vector:
-    """A fixed random pattern with ratios of neighbours in [1/2, 2], its period closed, repeated ``periods`` times."""
-    generator = np.random.default_rng(SEED)
-    while True:
-        logs = np.concatenate([[0.0], np.cumsum(generator.uniform(-1.0, 1.0, PATTERN - 1))])
-        if abs(logs[0] - logs[-1]) <= 1.0:  # the step from one period to the next keeps the ratio too
-            break
-    pattern = 2.0**logs
+    """A fixed random pattern with ratios of neighbours in [1/2, 2], repeated ``periods`` times."""
+    pattern = np.random.default_rng(SEED).uniform(1.0, 2.0, PATTERN)
     return np.tile(pattern / pattern.sum() * ((case.t_end - case.t_start) / periods), periods)
 
 
@@ -95,14 +91,14 @@ def variable_steps(case: Case, alpha: float, b: float, periods: Sequence[int], f
     out of the second-order one only there.
     """
     pairs, random = [alternating(case, 4 * n) for n in periods], [random_pattern(case, n) for n in periods]
-    lost = (2.0, MARGIN) if alpha == 0.0 else (1.0, LOST)
+    fine, lost = [alternating(case, n) for n in finer], (2.0, MARGIN) if alpha == 0.0 else (1.0, LOST)
     rows = []
-    for steps, changed, text, wanted in (
-        (pairs, {}, "alternating h/3, 2h/3 with (2.3)", (2.0, MARGIN)),
-        (random, {}, "random ratios in [1/2, 2] with (2.3)", (2.0, MARGIN)),
-        ([alternating(case, n) for n in finer], {"rescale_a": False}, "alternating h/3, 2h/3 without (2.3)", lost),
+    for steps, rescale_a, text, wanted in (
+        (pairs, True, "alternating h/3, 2h/3 with (2.3)", (2.0, MARGIN)),
+        (random, True, "random ratios in [1/2, 2] with (2.3)", (2.0, MARGIN)),
+        (fine, False, "alternating h/3, 2h/3 without (2.3)", lost),
     ):
-        orders = refine(case, steps, alpha=alpha, b=b, reaction="implicit", **changed).orders()
+        orders = refine(case, steps, alpha=alpha, b=b, reaction="implicit", rescale_a=rescale_a).orders()
         rows.append(order_row(f"steps/{case}", f"b = {b:g}, alpha = {NAMES[alpha]}: {text}", orders, *wanted))
     return rows
 
@@ -111,10 +107,10 @@ def multipliers(case: Case, alpha: float, numbers: Sequence[int]) -> list[Row]:
     """Orders of the stage multipliers, of their mean at the midpoint and of the recovered ones."""
     found, id, name = refine(case, numbers, alpha=alpha, b=0.0), f"multipliers/{case}", f"alpha = {NAMES[alpha]}"
     stages, others = found.orders(("lam_start", "lam_end")), found.orders(("lam_mean", "lam"))
+    claim = f"{name}: their mean at the midpoint, and those recovered from the acceleration level"
     return [
         order_row(id, f"{name}: stage multipliers at t0 and t1 (RMS order)", stages, 1.0, STAGE_MARGIN),
-        order_row(id, f"{name}: their mean at the midpoint", {"mean": others["lam_mean"]}, 2.0, MARGIN),
-        order_row(id, f"{name}: recovered from the acceleration level", {"lam": others["lam"]}, 2.0, MARGIN),
+        order_row(id, claim, others, 2.0, MARGIN),
     ]
 
 
@@ -147,12 +143,10 @@ def multiplier_guess(case: Case, factors: Sequence[float], h: float) -> Row:
         state = step_by_hand(case.name, hht)
         rejected += hht.counters.steps_rejected_newton or 0
         ends.append(np.concatenate([state.q, state.v]))
-    worst = float(np.max(np.abs(np.array(ends) - ends[0])))
+    change = float(np.max(np.abs(np.array(ends) - ends[0])))
     shown = ", ".join(f"{factor:g}" for factor in factors)
-    claim = f"{case}: change of q1, v1 for starting multipliers times {shown} (Remark 4.2)"
-    if rejected:  # the engine then starts again from the acceleration level, whatever the guess
-        return judged_row("guess", claim, f"{rejected} steps restarted", "0 restarted", passed=False)
-    return below_row("guess", claim, worst, 1e-12)
+    claim = f"{case}: change of q1, v1 for starting multipliers times {shown}, no step tried again (Remark 4.2)"
+    return below_row("guess", claim, math.inf if rejected else change, 1e-12)
 
 
 def drift(case: Case, steps: int, methods: Sequence[Method]) -> list[Row]:
@@ -169,13 +163,14 @@ def drift_row(problem: Problem, solution: Solution, name: str) -> Row:
 
 def andrews() -> list[Row]:
     """Andrews' mechanism at t = 0.03 with 12,000 steps against the reference; drift over the same run."""
-    p, rows = load_problem("andrews"), []
+    p = load_problem("andrews")
     solution = solved(p.name, HHT(p.system), (0.0, 0.03), p.q0, p.v0, steps=12_000)
+    rows = [drift_row(p, solution, "default")]
     for name, found in (("q", solution.q[-1]), ("v", solution.v[-1])):
         wanted = known_at(p, name, 0.03)
-        worst = float(np.max(np.abs(found - wanted)) / np.max(np.abs(wanted)))
-        rows.append(below_row("andrews", f"{name}(0.03) with 12,000 steps: error over max|{name}|", worst, 1e-6))
-    return [*rows, drift_row(p, solution, "default")]
+        off = float(np.max(np.abs(found - wanted)) / np.max(np.abs(wanted)))
+        rows.append(below_row("andrews", f"{name}(0.03) with 12,000 steps: error over max|{name}|", off, 1e-6))
+    return rows
 
 
 def newton_matrix(name: str, h: float, **method: Any) -> Matrix:
@@ -218,7 +213,6 @@ STIFF = "stiff_spring_pendulum(stiffness=1e6)"  # h w from 10 to 1e-4: force row
 STUDIES: tuple[Study, ...] = (
     (test1_figures, TEST1),
     (pendulum_figures, PENDULUM),
-    (extrapolated, PENDULUM),
     *((second_order, TEST1, "order", "q v a", ON_TEST1, tuple(methods(alpha))) for alpha in ALPHAS),
     *((variable_steps, TEST1, alpha, 0.3, (20, 40, 80, 160), (320, 640, 1280)) for alpha in ALPHAS),
     *((second_order, PENDULUM, "order", "q v a", ON_PENDULUM, tuple(methods(alpha))) for alpha in ALPHAS),
