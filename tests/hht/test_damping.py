@@ -13,21 +13,24 @@ from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify import damping
-from solvers.hht.verify.damping import one_step, overshoot, rho_inf, swing
-from solvers.hht.verify.measure import step_by_hand
-from solvers.hht.verify.study import ALPHAS
-from solvers.hht.verify.vibration import (
+from solvers.hht.verify.damping import (
     ROWS,
     STEP,
     closed_invariants,
     make_scene,
     measured_matrix,
+    one_step,
+    overshoot,
     radius,
+    rho_inf,
     roots,
     series,
     spectrum,
+    swing,
     swing_of,
 )
+from solvers.hht.verify.measure import step_by_hand
+from solvers.hht.verify.study import ALPHAS
 from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
 
 IMPLICIT = {"b": 0.0, "reaction": "implicit"}

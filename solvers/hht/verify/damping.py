@@ -1,33 +1,38 @@
 """``hhtbench verify damping``: amplification, damping, period and overshoot against closed forms.
 
-Scenes with constraints must have those of the oscillator: reactions do not enter the tangential motion.
+Each scene has one free direction ``u`` (n,) with u^T M u = 1.  The force along it is ``-w^2 y - 2 zeta w y'`` with
+``y = u^T M q``; across it there is a force too, which reactions must take up.  The extended method then promises that
+(y, h y', h^2 u^T M a) is advanced by the matrix (H18), constraints or not: reactions do not enter the tangential motion.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
+from hhtbench.arguments import Matrix, Vector
 from hhtbench.evidence import Curve, Evidence, Plot, Row
+from hhtbench.protocol import System, parameter
+from solvers.hht.solver import HHT
+from solvers.hht.verify.measure import solved, step_by_hand
 from solvers.hht.verify.study import ALPHAS, NAMES, Method, Progress, Study, below_row, judged_row, verify
-from solvers.hht.verify.vibration import (
-    Spectrum,
-    invariants_error,
-    make_scene,
-    measured_matrix,
-    measured_swing,
-    radius,
-    roots,
-    series,
-    spectrum,
-    swing_of,
-)
 
+STEP = 0.01  # h [s]; the matrix depends on w h alone
+MASS = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, -0.2], [0.1, -0.2, 1.5]])
+ROWS = np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 1.0]])
+ACROSS = (0.7, -0.4)  # force across the free direction per force along it, for each row of ROWS
+AMPLITUDE = 1e-3  # [rad] of the bead: its square is far below the elongations that are measured
+DIED_OUT = 20  # steps: the third root is below 1e-3 at w h <= 0.1
 ROUNDOFF = 1e-12  # of trace, minors and determinant
-AGREES = 1e-3  # relative: what the recurrence leaves out
+AGREES = 1e-3  # relative: what the recurrence of a run leaves out
 LEADING = 0.02  # relative: what the first term of the series leaves out at w h = 0.1
 KEPT = 1e-8  # damping ratio that counts as none
 DRAWN = (0.0, -0.05, -0.15, -1.0 / 3.0)  # -0.3 would lie on -1/3
@@ -43,18 +48,159 @@ RADIUS = (
 DAMPING = "Numerical damping grows as the cube of the frequency: slow motion is spared. alpha = 0 has none and is not drawn."
 ELONGATION = "Periods come out too long by a part that grows as the square of the frequency, least at alpha = 0."
 
+Spectrum = NDArray[np.complex128]
+Found = list[tuple[str, float, dict[float, Spectrum]]]  # what is drawn, its alpha, and its eigenvalues by w h
+
 
 def verify_damping(progress: Progress | None = None, jobs: int = 1) -> Evidence:
     """What ``alpha`` or ``rho_inf`` does to vibrations, measured by stepping; a minute on one core."""
     return verify("Damping in the user's terms", STUDIES, progress, jobs)
 
 
-def one_step(name: str, alphas: Sequence[float], method: Method, cases: Iterable[tuple[float, float]]) -> Row:
-    """Invariants of one step of a scene, which make its spectral radius, worst over ``alphas`` and ``cases`` (w h, zeta)."""
-    scene, cases, worst = make_scene(name), list(cases), 0.0
+class Masses(System):
+    """Masses on springs and dampers, and the constraints of a scene."""
+
+    mass_matrix: Any = parameter(doc="[kg]")
+    stiffness: Any = parameter(doc="[N/m]")
+    damper: Any = parameter(doc="[N s/m]")
+    constraint: Any = eqx.field(static=True, default=None)
+    velocity_constraint: Any = eqx.field(static=True, default=None)
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """(n,)."""
+        return -(self.stiffness @ q) - self.damper @ v
+
+
+CONSTRAINTS: dict[str, dict[str, Callable[..., Any]]] = {
+    "oscillator": {},
+    "guided": {"constraint": lambda t, q: ROWS @ q},
+    "rolling": {"velocity_constraint": lambda t, q, v: ROWS @ v},
+    "mixed": {"constraint": lambda t, q: ROWS[:1] @ q, "velocity_constraint": lambda t, q, v: ROWS[1:] @ v},
+    "bead": {"constraint": lambda t, q: jnp.stack([(q @ q - 1.0) / 2.0])},
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A system up to frequency and damping, with its free direction."""
+
+    name: str
+    mass: Matrix  #: (n, n)
+    free: Vector  #: (n,) u
+    shape: Matrix  #: (n, n) of the stiffness for w = 1, and of the damper
+    start: Vector  #: (n,) q at rest from which it is let go
+    constraints: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+
+    @property
+    def along(self) -> Vector:
+        """M u (n,): y = along @ q."""
+        return self.mass @ self.free
+
+    def integrator(self, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> HHT:
+        """Of a ``kind``, for the system with w h = ``frequency`` and damping ratio ``zeta``, for steps of STEP."""
+        omega = frequency / STEP
+        stiffness, damper = omega**2 * self.shape, 2.0 * zeta * omega * self.shape
+        return kind(Masses(mass_matrix=self.mass, stiffness=stiffness, damper=damper, **self.constraints), **method)
+
+
+def make_scene(name: str) -> Scene:
+    """One of CONSTRAINTS.
+
+    The bead on a circle of 1 m is pulled to the vertical line through its centre.  The others with constraints have three
+    coordinates and two rows.  Springs couple both ways with a coordinate that a position constraint holds.  A velocity
+    constraint lets it drift by O(h^3) a step, so there the coupling goes one way, from y into the reaction.  The springs
+    across are as stiff as those along: soft ones would drown in the roundoff of a stiffness of 1e16 in skew coordinates.
+    """
+    if name == "oscillator":
+        one = np.ones((1, 1))
+        return Scene(name, one, one[0], one, one[0])
+    if name == "bead":
+        start, free = np.array([np.sin(AMPLITUDE), -np.cos(AMPLITUDE)]), np.array([1.0, 0.0])
+        return Scene(name, np.eye(2), free, np.diag(free), start, CONSTRAINTS[name])
+    free = np.cross(*ROWS)
+    free = free / np.sqrt(free @ MASS @ free)
+    along = MASS @ free
+    shape = np.outer(along, along) + ROWS.T @ ROWS + np.outer(ACROSS @ ROWS, along)
+    if name != "rolling":
+        shape = shape + ACROSS[0] * np.outer(along, ROWS[0])
+    return Scene(name, MASS, free, shape, free, CONSTRAINTS[name])
+
+
+def measured_matrix(scene: Scene, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> Matrix:
+    """The (3, 3) map of (y, h y', h^2 u^T M a) made by one step of an integrator of a ``kind`` with w h = ``frequency``."""
+    hht, u, along, columns = scene.integrator(method, frequency, zeta, kind), scene.free, scene.along, []
+    for q, v, a in np.eye(3):
+        hht.init_step(0.0, q * u, v * u / STEP, step=STEP)
+        hht.restart(replace(hht.state, a=a * u / STEP**2, h=STEP))
+        state = step_by_hand(scene.name, hht)
+        columns.append([along @ state.q, STEP * (along @ state.v), STEP**2 * (along @ state.a)])
+    return np.array(columns).T
+
+
+class Swing(NamedTuple):
+    """How a vibration decays and how much too long its period is."""
+
+    damping: float  #: ratio xi
+    elongation: float  #: of the period 2 pi / w, relative
+
+
+def swing_of(eigenvalues: Spectrum, frequency: float) -> Swing:
+    """That of the vibration with the given eigenvalues at w h = ``frequency``."""
+    principal = np.log(max(eigenvalues, key=lambda root: root.imag))
+    return Swing(float(-principal.real / abs(principal)), float(frequency / principal.imag - 1.0))
+
+
+def measured_swing(scene: Scene, method: Method, frequency: float, periods: float) -> Swing:
+    """That of the recurrence y2 = p y1 - d y0 which fits a run without dampers best, when its third root has died out."""
+    steps = int(np.ceil(periods * 2.0 * np.pi / frequency))
+    start = (0.0, steps * STEP), scene.start, np.zeros(scene.start.size)
+    y = solved(scene.name, scene.integrator(method, frequency), *start, steps=steps).q[DIED_OUT:] @ scene.along
+    (p, d), *_ = np.linalg.lstsq(np.stack([y[1:-1], -y[:-2]], axis=1), y[2:], rcond=None)
+    return swing_of(np.roots([1.0, -p, d]).astype(np.complex128), frequency)
+
+
+def closed_invariants(alpha: float, frequency: float, zeta: float) -> tuple[float, float, float]:
+    """Trace, sum of principal minors and determinant in closed form, (H18) with (H3)."""
+    a, o, e = alpha, frequency, 1.0 + alpha
+    d = 4.0 + (1.0 - a) ** 2 * e * o**2 + 4.0 * zeta * o * e * (1.0 - 2.0 * a)
+    trace = (8.0 + (3.0 * a**3 - a - 2.0) * o**2 - 12.0 * zeta * o * a * (1.0 + 2.0 * a)) / d
+    minors = (4.0 + (3.0 * a**3 + 3.0 * a**2 + a + 1.0) * o**2 - 4.0 * zeta * o * (6.0 * a**2 + 3.0 * a + 1.0)) / d
+    return trace, minors, a * o * (e**2 * o - 4.0 * zeta * (1.0 + 2.0 * a)) / d
+
+
+def roots(alpha: float, frequency: float, zeta: float = 0.0) -> Spectrum:
+    """The three eigenvalues in closed form, complex: roots of the characteristic polynomial of (H18)."""
+    trace, minors, determinant = closed_invariants(alpha, frequency, zeta)
+    return np.roots([1.0, -trace, minors, -determinant]).astype(np.complex128)
+
+
+def series(alpha: float, frequency: float) -> Swing:
+    """The leading terms of both in w h for zeta = 0, from the logarithm of the principal root of (H18)."""
+    damping = -alpha * (1.0 + alpha) ** 2 * frequency**3 / 8.0
+    return Swing(damping, frequency**2 * (2.0 - 6.0 * alpha - 9.0 * alpha**2) / 24.0)
+
+
+def spectrum(matrix: Matrix) -> Spectrum:
+    """Its eigenvalues, complex also where they are real."""
+    return np.linalg.eigvals(matrix).astype(np.complex128)
+
+
+def radius(eigenvalues: Spectrum) -> float:
+    """Largest magnitude."""
+    return float(np.max(np.abs(eigenvalues)))
+
+
+def one_step(name: str, alphas: Sequence[float], method: Method, cases: Sequence[tuple[float, float]]) -> Row:
+    """Invariants of one step of a scene, which make its spectral radius, worst over ``alphas`` and ``cases`` (w h, zeta).
+
+    Errors are over the larger of one and the value.
+    """
+    scene, worst = make_scene(name), 0.0
     for alpha, (frequency, zeta) in itertools.product(alphas, cases):
-        measured = measured_matrix(scene, {**method, "alpha": alpha}, frequency, zeta)
-        worst = max(worst, invariants_error(measured, alpha, frequency, zeta))
+        _, trace, minors, determinant = np.poly(measured_matrix(scene, {**method, "alpha": alpha}, frequency, zeta))
+        closed = np.array(closed_invariants(alpha, frequency, zeta))
+        errors = np.abs([-trace, minors, -determinant] - closed) / np.maximum(1.0, np.abs(closed))
+        worst = max(worst, float(errors.max()))
     label = name if scene.free.size == 1 else f"{name}, {_variant(method)}"
     highest = max(frequency for frequency, _ in cases)
     seen = f"{label}, alpha = {', '.join(NAMES[a] for a in alphas)}, w h = 0.01 ... {highest:g}, zeta = 0 and 0.05"
@@ -81,8 +227,7 @@ def swing(name: str, method: Method, frequency: float, periods: float) -> list[R
     found = measured_swing(make_scene(name), method, frequency, periods)
     exact, leading = swing_of(roots(alpha, frequency), frequency), series(alpha, frequency)
     run = f"{name}, {_variant(method)}, alpha = {NAMES[alpha]}, w h = {frequency:g}, {periods:g} periods"
-    for quantity in ("damping", "elongation"):
-        measured, root, first = (getattr(x, quantity) for x in (found, exact, leading))
+    for quantity, measured, root, first in zip(Swing._fields, found, exact, leading, strict=True):
         id, claim = f"{quantity}/{name}", f"{run}: {quantity} (eigenvalue {root:.5g}, series {first:.5g})"
         if first == 0.0:
             rows.append(below_row(id, claim, abs(measured), KEPT))
@@ -110,26 +255,16 @@ def overshoot(alpha: float) -> Row:
 def curves() -> list[Plot]:
     """The three plots, zeta = 0; closed forms last, so that they are drawn over the lines between the marks."""
     up_to = [x for x in MEASURED if x <= GUIDED_UP_TO]
-    found = [("guided", -0.15, _measured("guided", {"alpha": -0.15, "b": 0.25}, up_to))]
+    found: Found = [("guided", -0.15, _measured("guided", {"alpha": -0.15, "b": 0.25}, up_to))]
     found += [("measured", alpha, _measured("oscillator", {"alpha": alpha}, MEASURED)) for alpha in DRAWN]
     found += [("closed form", alpha, {x: roots(alpha, x) for x in CLOSED}) for alpha in DRAWN]
     slow = [(name, alpha, {x: r for x, r in at.items() if x <= SMOOTH}) for name, alpha, at in found if name != "guided"]
-    damped = [(name, alpha, at) for name, alpha, at in slow if alpha != 0.0]
+    damped = [one for one in slow if one[1] != 0.0]
     return [
-        _plot("radius", "Spectral radius", "radius", RADIUS, found, lambda r, x: radius(r)),
-        _plot("damping", "Damping ratio", "damping ratio", DAMPING, damped, lambda r, x: swing_of(r, x).damping),
-        _plot(
-            "elongation",
-            "Period elongation",
-            "relative elongation",
-            ELONGATION,
-            slow,
-            lambda r, x: swing_of(r, x).elongation,
-        ),
+        _plot("radius", "Spectral radius", RADIUS, found, lambda r, x: radius(r)),
+        _plot("damping", "Damping ratio", DAMPING, damped, lambda r, x: swing_of(r, x).damping),
+        _plot("elongation", "Period elongation", ELONGATION, slow, lambda r, x: swing_of(r, x).elongation),
     ]
-
-
-Found = list[tuple[str, float, dict[float, Spectrum]]]  # what is drawn, alpha, and eigenvalues by w h
 
 
 def _measured(name: str, method: Method, frequencies: Iterable[float]) -> dict[float, Spectrum]:
@@ -137,13 +272,13 @@ def _measured(name: str, method: Method, frequencies: Iterable[float]) -> dict[f
     return {x: spectrum(measured_matrix(scene, method, x)) for x in frequencies}
 
 
-def _plot(id: str, title: str, y_label: str, caption: str, found: Found, of: Callable[[Spectrum, float], float]) -> Plot:
+def _plot(id: str, title: str, caption: str, found: Found, of: Callable[[Spectrum, float], float]) -> Plot:
     lines = []
     for name, alpha, at in found:
         values = tuple(max(of(eigenvalues, x), 0.0) or math.nan for x, eigenvalues in at.items())
         lines.append(Curve(label=f"alpha = {NAMES[alpha]}, {name}", x=tuple(at), y=values))
     x_label = "\N{GREEK SMALL LETTER OMEGA} h"
-    return Plot(id=id, title=title, caption=caption, x_label=x_label, y_label=y_label, curves=tuple(lines))
+    return Plot(id=id, title=title, caption=caption, x_label=x_label, y_label=title.lower(), curves=tuple(lines))
 
 
 REACTIONS = ("implicit", 0.0), ("implicit", 0.25), ("predictor", 0.0), ("predictor", 0.25), ("midpoint", 0.0)

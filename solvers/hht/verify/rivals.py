@@ -13,10 +13,10 @@ from hhtbench.result import Solution
 from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.solver import HHT
+from solvers.hht.verify.damping import make_scene, measured_matrix, radius, spectrum, swing_of
 from solvers.hht.verify.measure import Case, errors, integrate, scaled_drift
 from solvers.hht.verify.measure import alternating as pairs
 from solvers.hht.verify.study import Method, Progress, Study, below_row, judged_row, order_row, shown_row, slope, verify
-from solvers.hht.verify.vibration import make_scene, measured_matrix, radius, spectrum, swing_of
 
 METHODS: dict[str, tuple[type[HHT], Method]] = {
     "hht": (HHT, {}),
