@@ -6,18 +6,14 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.evidence import Evidence, Row
-from hhtbench.lowering import compile_function
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
-from solvers.hht.equations.discretise import unpack_matrix
-from solvers.hht.equations.methods import equations_of
 from solvers.hht.solver import HHT
 from solvers.hht.verify.damping import OSCILLATOR
 from solvers.hht.verify.figures import pendulum_figures, test1_figures
@@ -42,11 +38,9 @@ from solvers.hht.verify.study import (
     judged_row,
     named,
     order_row,
-    shown_row,
     slope,
     verify,
 )
-from solvers.kernel import memory as mem
 
 MARGIN = 0.05
 STAGE_MARGIN = 0.1  # of the first-order stage multipliers
@@ -54,8 +48,6 @@ LOST = 0.3  # orders so near to one are order one: the second is lost
 SEED = 20070101  # of the random step pattern; any other gives second order too
 PATTERN = 8  # steps in one period of the random pattern
 HELD = 1e-12  # scaled residual that counts as roundoff
-LENGTHS = tuple(10.0**-k for k in range(2, 8))  # [s] over which the condition of Newton's matrix, (H13), is flat
-FLAT = 1.05  # its largest over its least: h times rates of the motion, 0.015 measured at most
 LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a global order before roundoff
 
 
@@ -173,29 +165,6 @@ def andrews() -> list[Row]:
     return rows
 
 
-def newton_matrix(name: str, h: float, **method: Any) -> Matrix:
-    """That of the first step of ``h`` [s], (size, size), where it was made last."""
-    p = load_problem(name)
-    hht = HHT(p.system, **method)
-    hht.init_step(p.t_span[0], p.q0, p.v0, step=h, **guesses(p))
-    step_by_hand(name, hht)
-    engine: Any = hht._engine
-    made, section = engine.functions, engine.loops.section
-    at = np.split(section(mem.MADE_AT + int(section(mem.NUMBER)[mem.FACTOR])), [made.layout.size])
-    function = equations_of(made.method).residual_and_matrix
-    packed = compile_function(function, made.dynamics, made.method, made.layout)(*at)
-    return np.asarray(unpack_matrix(made.layout, packed)[1][: made.layout.size])
-
-
-def conditions(name: str, method: Method, judged: bool = True) -> list[Row]:
-    """Those of Newton's matrix as it is scaled, (H13), and the largest over the least; forces of stiff springs raise it."""
-    found = {f"h = {h:g}": float(np.linalg.cond(newton_matrix(name, h, **method))) for h in LENGTHS}
-    id, claim = f"condition/{name}", f"{named(method)}: condition of Newton's matrix, h = 1e-2 to 1e-7 s"
-    spread = max(found.values()) / min(found.values())
-    rows = [below_row(id, f"{claim}, largest over least", spread, FLAT)] if judged else []
-    return [*rows, shown_row(id, claim, found)]
-
-
 TEST1 = Case("jay_negrut_test1", 1.0, 20)
 PENDULUM = Case("jay_negrut_pendulum", 2.0, 25)
 KNIFE = Case("knife_edge", 2.0, 20)
@@ -207,9 +176,6 @@ WEIGHTED = [{"alpha": -0.15, "b": 0.3, "reaction": reaction} for reaction in ("i
 PLAIN = [{"alpha": alpha} for alpha in (0.0, -0.3)]
 DAMPINGS = [{"alpha": alpha} for alpha in (0.0, -0.05, -1.0 / 3.0)]
 REACTIONS = [*DAMPINGS, *WEIGHTED, {"alpha": -0.15, "reaction": "midpoint"}]
-MATRICES = ({"alpha": 0.0}, {"alpha": -0.3}, {"alpha": -0.05, "b": 1.0})
-CONDITIONED = ("jay_negrut_pendulum", "jay_negrut_test1", "rolling_disk3d_steady", "knife_edge")
-STIFF = "stiff_spring_pendulum(stiffness=1e6)"  # h w from 10 to 1e-4: force rows hold (h w)^2, S of section 10
 STUDIES: tuple[Study, ...] = (
     (test1_figures, TEST1),
     (pendulum_figures, PENDULUM),
@@ -224,8 +190,6 @@ STUDIES: tuple[Study, ...] = (
     *OSCILLATOR,
     *((multipliers, TEST1, alpha, (100, 200, 400, 800)) for alpha in (0.0, -0.3)),
     *((multipliers, PENDULUM, alpha, (500, 1000, 2000, 4000)) for alpha in (0.0, -0.3)),
-    *((conditions, name, method) for name in CONDITIONED for method in MATRICES),
-    *((conditions, STIFF, method, False) for method in MATRICES),
     (drift, TEST1, 400, REACTIONS),
     (drift, PENDULUM, 2000, REACTIONS),
     (second_order, KNIFE, "velocity-level", "q v mu", (100, 200, 400, 800), IMPLICIT),

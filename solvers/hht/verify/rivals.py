@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.arguments import Vector
 from hhtbench.evidence import Evidence, Row
 from hhtbench.result import Solution
-from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.solver import HHT
-from solvers.hht.verify.damping import make_scene, measured_matrix, radius, spectrum, swing_of
 from solvers.hht.verify.measure import Case, errors, integrate, scaled_drift
 from solvers.hht.verify.measure import alternating as pairs
-from solvers.hht.verify.study import Method, Progress, Study, below_row, judged_row, order_row, shown_row, slope, verify
+from solvers.hht.verify.study import Method, Progress, Study, below_row, order_row, shown_row, slope, verify
 
 METHODS: dict[str, tuple[type[HHT], Method]] = {
     "hht": (HHT, {}),
@@ -41,12 +39,6 @@ Names = tuple[str, ...]
 MARGIN = 0.1  # of an order
 ROUNDOFF = 1e-12  # scaled, of a level that a method holds
 SOME = 5  # first and last steps whose largest error counts: errors of multipliers may alternate
-RATES = (0.0, 0.3, 0.5, 0.8, 1.0)  # rho_inf
-FREQUENCIES = tuple(np.logspace(-2, 4, 25).tolist())  # w h
-SIMPLE = 1e-10  # of a spectral radius: roundoff of nearly double roots
-LEADING = 0.01  # relative: what the first term of a series leaves out at w h = 0.1
-LIMIT = 1e-5  # the same of what is a double root at infinity
-
 
 SWING = Case("simple_pendulum", 1.3, t_start=0.3, counts=(200, 400, 800))
 CASES = (
@@ -90,17 +82,33 @@ def orders(case: Case, method: str, names: Names = QUANTITIES, *, alternating: b
     return {name: slope([1.0 / count for count in case.counts], of) for name, of in found.items()}
 
 
+def order_rows(id: str, claim: str, found: dict[str, float], wanted: dict[str, float]) -> list[Row]:
+    """Orders ``found`` by method: those of one ``wanted`` order in a row, and those of none in a row that is not judged."""
+    rows = []
+    for order in (2.0, 1.0, None):
+        of = {method: at for method, at in found.items() if wanted.get(method) == order}
+        if of:
+            rows.append(shown_row(id, claim, of) if order is None else order_row(id, claim, of, order, MARGIN))
+    return rows
+
+
 def constant_steps(case: Case, methods: Names, names: Names = QUANTITIES) -> list[Row]:
     """Orders of ``methods`` with constant steps."""
-    found, rows = {method: orders(case, method, names) for method in methods}, []
+    found, rows = {method: orders(case, method, names) for method in methods}, list[Row]()
+    wanted = dict.fromkeys(methods, 2.0) | dict.fromkeys(FIRST_ORDER.get(case.name, ()), 1.0)
     for name in names:
-        of = {method: at[name] for method, at in found.items()}
-        slow = {method: of.pop(method) for method in FIRST_ORDER.get(case.name, ())}
         claim = f"{case}, constant steps: order of {name} at t = {case.t_end:g}"
-        rows.append(order_row(f"order/{case}/{name}", claim, of, 2.0, MARGIN))
-        if slow:
-            one = f"{claim}; its equations are of order one there"
-            rows.append(order_row(f"order/{case}/{name}", one, slow, 1.0, MARGIN))
+        rows += order_rows(f"order/{case}/{name}", claim, {method: at[name] for method, at in found.items()}, wanted)
+    return rows
+
+
+def changing_steps(case: Case) -> list[Row]:
+    """Orders on steps 1:2, judged where a method is made for them; index 3 keeps none of its multipliers."""
+    found = {m: orders(case, m, alternating=True) for m in (*ALL, "ggl not rescaled", "index3 not rescaled")}
+    wanted, rows = dict.fromkeys(BOTH_LEVELS, 2.0), list[Row]()
+    for name in QUANTITIES:
+        of = {method: at[name] for method, at in found.items()}
+        rows += order_rows(f"changing/{case}/{name}", f"{case}, steps 1:2: order of {name}", of, wanted)
     return rows
 
 
@@ -127,67 +135,9 @@ def first_steps(case: Case) -> list[Row]:
         of[method] = slope([1.0 / count for count in case.counts], largest)
         sizes.append(f"{method} {largest[-1]:.1e}")
     claim, id = f"{case} from t = {case.t_start:g}: worst error of lam in the first {SOME} steps", f"first/{case}"
-    return [
-        order_row(id, f"{claim}, its order", {method: of[method] for method in BEGIN_WELL}, 2.0, MARGIN),
-        order_row(id, f"{claim}, its order", {method: of[method] for method in BEGIN_BADLY}, 1.0, MARGIN),
-        shown_row(id, f"{claim}, {case.counts[-1]} steps a span", ", ".join(sizes)),
-    ]
-
-
-def changing_steps(case: Case) -> list[Row]:
-    """Orders on steps 1:2; index 3 keeps none of its multipliers, whatever is rescaled."""
-    found = {m: orders(case, m, alternating=True) for m in (*ALL, "ggl not rescaled", "index3 not rescaled")}
-    rows = []
-    for name in QUANTITIES:
-        of = {method: at[name] for method, at in found.items()}
-        held = {method: of.pop(method) for method in BOTH_LEVELS}
-        claim = f"{case}, steps 1:2: order of {name}"
-        rows.append(order_row(f"changing/{case}/{name}", claim, held, 2.0, MARGIN))
-        rows.append(shown_row(f"changing/{case}/{name}", f"{claim}, not made for them", of))
-    return rows
-
-
-def same_as_hht(case: Case) -> Row:
-    """RATTLE and HHT with alpha = 0, b = 0 under a constant force."""
-    steps = lengths(case, case.counts[0])
-    first, second = (integrated(case, method, steps) for method in ("undamped hht", "rattle"))
-    most = max(float(np.abs(first.q - second.q).max()), float(np.abs(first.v - second.v).max()))
-    claim = f"{case}: q, v of RATTLE less those of HHT with alpha = 0, b = 0"
-    return below_row("rattle/constant force", claim, most, ROUNDOFF)
-
-
-def leapfrog() -> Row:
-    """Period errors where the force depends on the position: those of the leapfrog and of the trapezoidal rule."""
-    scene, x = make_scene("oscillator"), 0.1
-    of_rattle = swing_of(spectrum(measured_matrix(scene, {}, x, kind=RattleIntegrator)), x).elongation
-    of_hht = swing_of(spectrum(measured_matrix(scene, {"alpha": 0.0}, x)), x).elongation
-    found = [elongation / x**2 * 24 for elongation in (of_rattle, of_hht)]
-    claim = f"oscillator, w h = {x:g}: too long a period by, over (w h)^2/24: RATTLE, HHT with alpha = 0"
-    passed = abs(found[0] + 1.0) < LEADING and abs(found[1] / 2.0 - 1.0) < LEADING
-    return judged_row("rattle/oscillator", claim, f"{found[0]:.4f}, {found[1]:.4f}", f"-1, 2 +- {LEADING:.0%}", passed)
-
-
-def vibrations(rho: float, form: str) -> list[Row]:
-    """The spectral radius of generalised-alpha on the oscillator, against the closed form and its limit rho_inf."""
-    scene, options = make_scene("oscillator"), {"rho_inf": rho, "form": form}
-    *found, last = (
-        radius(spectrum(measured_matrix(scene, options, x, kind=GeneralisedAlphaIntegrator))) for x in (*FREQUENCIES, 1e8)
-    )
-    wanted = [radius(spectrum(closed_form(rho, x))) for x in FREQUENCIES]
-    most = float(np.abs(np.subtract(found, wanted)).max())
-    claim = f"generalised-alpha, {form}, rho_inf = {rho:g}, oscillator: spectral radius"
-    return [
-        below_row("radius", f"{claim} up to w h = {FREQUENCIES[-1]:g} less that of the closed form", most, SIMPLE),
-        below_row("radius", f"{claim} at w h = 1e8 less rho_inf", abs(last - rho), LIMIT),
-    ]
-
-
-def closed_form(rho: float, frequency: float) -> Matrix:
-    """The (3, 3) map of (y, h y', h^2 a) of one step for y'' = -w^2 y, (H36) and (H39), with v' = -w^2 y at both ends."""
-    c, square = GeneralisedAlpha(rho_inf=rho, form="ggl"), frequency**2
-    end = np.array([[1.0, 0.0, -c.beta], [0.0, 1.0, -c.gamma], [(1.0 - c.alpha_f) * square, 0.0, 1.0 - c.alpha_m]])
-    begin = np.array([[1.0, 1.0, 0.5 - c.beta], [0.0, 1.0, 1.0 - c.gamma], [-c.alpha_f * square, 0.0, -c.alpha_m]])
-    return np.linalg.solve(end, begin)
+    wanted = dict.fromkeys(BEGIN_WELL, 2.0) | dict.fromkeys(BEGIN_BADLY, 1.0)
+    sizes_row = shown_row(id, f"{claim}, {case.counts[-1]} steps a span", ", ".join(sizes))
+    return [*order_rows(id, f"{claim}, its order", of, wanted), sizes_row]
 
 
 STUDIES: tuple[Study, ...] = (
@@ -196,7 +146,4 @@ STUDIES: tuple[Study, ...] = (
     *((drift, case) for case in CASES),
     (first_steps, SWING),
     (changing_steps, replace(SWING, counts=(800, 1600, 3200))),
-    (same_as_hht, SWING),
-    (leapfrog,),
-    *((vibrations, rho, form) for rho in RATES for form in ("ggl", "extended")),
 )
