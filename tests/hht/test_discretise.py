@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.lowering import compile_function
 from solvers.hht import HHT
 from solvers.hht.equations.discretise import unpack_matrix
 from solvers.hht.equations.methods import equations_of
@@ -68,3 +69,24 @@ def test_levels_hold_to_roundoff_also_at_steps_that_are_far_too_long():
     constraint = problem.system.constraint
     residual = max(float(np.abs(np.asarray(constraint(0.0, jnp.asarray(q)))).max()) for q in solution.q)
     assert residual < 1e-14
+
+
+@pytest.mark.parametrize("method", [{"alpha": 0.0}, {"alpha": -0.3}, {"alpha": -0.05, "b": 1.0}], ids=str)
+@pytest.mark.parametrize("name", ["jay_negrut_pendulum", "jay_negrut_test1", "rolling_disk3d_steady", "knife_edge"])
+def test_the_condition_of_newton_s_matrix_is_that_of_long_steps_in_short_ones(name, method):
+    """(H13), over h = 1e-2 to 1e-7 s; a row of the velocity level without its scale, 1/h, makes it grow."""
+    problem, conditions, unscaled = hb.load_problem(name), [], []
+    for h in 10.0 ** -np.arange(2.0, 8.0):
+        hht = HHT(problem.system, **method)
+        guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
+        hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=h, **guesses)
+        assert hht.step() is hb.Status.success
+        layout, dynamics, used = hht._engine.layout, hht._engine.dynamics, hht._engine.method
+        function = compile_function(equations_of(used).residual_and_matrix, dynamics, used, layout)
+        packed = function(*np.split(hht.state.factorised.at, [layout.size]))
+        matrix = np.array(unpack_matrix(layout, packed)[1][: layout.size])
+        conditions.append(np.linalg.cond(matrix))
+        matrix[-1] *= h
+        unscaled.append(np.linalg.cond(matrix))
+    assert max(conditions) < 1.05 * min(conditions)
+    assert max(unscaled) > 1e4 * max(conditions)

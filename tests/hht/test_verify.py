@@ -11,7 +11,7 @@ import pytest
 from hhtbench import load_problem
 from hhtbench.errors import ProblemError
 from solvers.hht.equations import known
-from solvers.hht.verify import conditioning, figures, paper
+from solvers.hht.verify import figures, paper
 from solvers.hht.verify.measure import Case, integrate, known_at, refine, scaled_drift
 from solvers.hht.verify.study import ALPHAS, below_row, slope, verify
 from tests.hht.scenes import forget_code
@@ -145,21 +145,3 @@ def test_values_known_at_a_time_are_found_by_that_time():
     np.testing.assert_array_equal(known_at(andrews, "v", 0.03), andrews.reference["v"][row])
     with pytest.raises(ProblemError, match=r"no row at t = 0\.0171 s"):
         known_at(andrews, "v", 0.0171)
-
-
-@pytest.mark.parametrize("name", ["jay_negrut_pendulum", "knife_edge"])
-def test_newton_s_matrix_is_as_well_conditioned_in_short_steps_as_in_long_ones(name):
-    assert conditioning.conditions(name, {"alpha": -0.3})[0].passed
-
-
-def test_a_matrix_with_rows_of_other_units_is_seen(monkeypatch):
-    """Position rows that are not over h^2, as Newton's iteration had them in index 3 for long."""
-    scaled = conditioning.newton_matrix
-
-    def unscaled(name, h, **method):
-        matrix = scaled(name, h, **method)
-        matrix[-2] *= h**2 / 2
-        return matrix
-
-    monkeypatch.setattr(conditioning, "newton_matrix", unscaled)
-    assert not conditioning.conditions("jay_negrut_pendulum", {"alpha": -0.3})[0].passed

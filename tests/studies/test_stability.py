@@ -28,7 +28,7 @@ from hhtbench.testing.extremes import linkages, modes, recurrence, scenes, servo
 from hhtbench.testing.extremes.cell import Kind, Outcome, measure
 from hhtbench.testing.extremes.quaternions import turning
 from hhtbench.testing.extremes.table import AXES, chosen_axes
-from solvers.hht.verify.vibration import roots
+from solvers.hht.verify.damping import roots
 from tests.studies.liars import (
     Across,
     Beside,

@@ -21,7 +21,7 @@ ABOUT = (
     "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
     "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
     f"{100 * SAFE:g} % are right. Steps on an oscillator are compared with rows of the closed recurrence; the condition "
-    "of HHT's Newton matrix is in hhtbench verify paper, by how much error control lets its steps grow in row M10 of "
+    "of HHT's Newton matrix is in tests/hht/test_discretise.py, by how much error control lets its steps grow in row M10 of "
     "hhtbench study acceptance, spans of 1e300 s in row S6. "
     "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
     "solvers with error control and prescribed steps through the same cases, and wrong answers that say success apart."

@@ -1,30 +1,18 @@
-"""``hhtbench verify control``: achieved over requested error for all problems and tolerances, and the estimate.
-
-The estimate is compared with the local error itself, computed by another method from the same state.
-"""
+"""``hhtbench verify control``: achieved over requested error for all problems and tolerances."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from hhtbench import list_problems, load_problem
-from hhtbench.arguments import Vector
+from hhtbench import list_problems
 from hhtbench.evidence import Curve, Evidence, Plot, Row
-from hhtbench.protocol import Problem
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.request import Request
-from hhtbench.result import Status
-from solvers.collocation import solver as collocation
-from solvers.hht.control.tolerances import Tolerances, make_tolerances
-from solvers.hht.solver import HHT
-from solvers.hht.step.state import State
-from solvers.hht.verify.measure import Run, guesses, run
-from solvers.hht.verify.study import Method, Progress, collected, named, order_row, run_all, shown_row, slope
-from solvers.projected import solver as projected
+from solvers.hht.verify.measure import Run, run
+from solvers.hht.verify.study import Progress, collected, judged_row, order_row, run_all, shown_row, slope
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 NEAR = 10.0  # factor around the calibrated error that counts as what was asked for
@@ -32,36 +20,17 @@ SHARE = 0.9  # of the runs that must be so near
 SLOPE = 0.2  # how far the slope of error over tolerance may lie from 1
 REJECTED = 0.15  # share of rejected steps
 MAX_SECONDS = 60.0  # of one solve [s]
-ESTIMATED = ("jay_negrut_test1", "jay_negrut_pendulum", "andrews", "knife_edge", "rolling_disk3d_steady", "flyball_governor")
-METHODS: tuple[Method, ...] = (
-    {"alpha": -0.05},
-    {"alpha": -0.3},
-    {"alpha": -0.3, "b": 0.25},
-    {"alpha": -0.15, "reaction": "midpoint"},
-    {"alpha": 0.0, "reaction": "predictor"},
-)
-ESTIMATE_TOLERANCE = 1e-5
-NONLINEAR = ("jay_negrut_test1",)  # its reaction: there is no underlying ODE by one linear solve
-STEPS = 40  # of each run; every third is compared
-RANGE = (0.8, 1.25)  # of the middle of estimated over true local error
-
-
 Runs = list[Run]  # of one problem, one for each tolerance
 
 
 def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Achieved over requested error, slopes, rejections, and the quality of the estimate.
-
-    ``progress`` and ``jobs`` are those of :func:`~solvers.hht.verify.study.verify`.
-    """
+    """Achieved over requested error, slopes and rejections."""
     began, plan = time.perf_counter(), registered_plans()
     specs = [validated_spec(name, plan) for name in list_problems()]
-    runs = run_all(
-        [(run, spec, Request(rtol=x, max_seconds=MAX_SECONDS)) for spec in specs for x in TOLERANCES], progress, jobs
-    )
-    items = run_all([(quartiles, spec, method) for spec in ESTIMATED for method in METHODS], progress, jobs)
+    requests = [Request(rtol=x, max_seconds=MAX_SECONDS) for x in TOLERANCES]
+    runs = run_all([(run, spec, request) for spec in specs for request in requests], progress, jobs)
     library = [runs[k : k + len(TOLERANCES)] for k in range(0, len(runs), len(TOLERANCES))]
-    items += [*problem_rows(library), *overall_rows(library), drawn(library)]
+    items = [*problem_rows(library), *overall_rows(library), drawn(library)]
     return collected("Error control: requested and achieved error", items, began)
 
 
@@ -93,14 +62,8 @@ def overall_rows(library: Sequence[Runs]) -> list[Row]:
     text = f"{near} of {len(runs)}: {share:.0%}"
     most = f"{part:.1%}; most in {worst.spec} at {worst.tolerance:g}: {worst.rejected} of {worst.steps}"
     return [
-        Row(id="ratio/all", claim=claim, measured=text, bound=f">= {SHARE:.0%}", passed=share >= SHARE),
-        Row(
-            id="rejected/all",
-            claim="rejected steps, of all runs together",
-            measured=most,
-            bound=f"< {REJECTED:.0%}",
-            passed=part < REJECTED,
-        ),
+        judged_row("ratio/all", claim, text, f">= {SHARE:.0%}", share >= SHARE),
+        judged_row("rejected/all", "rejected steps, of all runs together", most, f"< {REJECTED:.0%}", part < REJECTED),
     ]
 
 
@@ -127,50 +90,3 @@ def drawn(library: Iterable[Runs]) -> Plot:
         curves=tuple(curve for curve in map(_curve, library) if curve.x),
         slope=1.0,
     )
-
-
-def quartiles(spec: str, method: Method) -> Row:
-    """Those of estimated over true local error."""
-    found = ratios(spec, method)
-    low, middle, high = np.quantile(found, [0.25, 0.5, 0.75])
-    name = named(method)
-    return Row(
-        id=f"effectivity/{spec}/{name}",
-        claim=f"{spec}, {name}: estimated over true local error, quartiles of {len(found)} steps",
-        measured=f"{low:.2f} {middle:.2f} {high:.2f}",
-        bound=f"middle in [{RANGE[0]:g}, {RANGE[1]:g}]",
-        passed=RANGE[0] <= middle <= RANGE[1],
-    )
-
-
-def ratios(spec: str, method: Method, steps: int = STEPS) -> list[float]:
-    """Estimated over true local error, in the norm of the error test, of every third step of a controlled run."""
-    problem, values = load_problem(spec), list[float]()
-    hht, (t0, t1) = HHT(problem.system, **method), problem.t_span
-    if hht.init_step(t0, problem.q0, problem.v0, rtol=ESTIMATE_TOLERANCE, **guesses(problem)) is not Status.success:
-        raise RuntimeError(f"{spec}: {hht.message}")
-    tolerances = make_tolerances(ESTIMATE_TOLERANCE, None, hht.state, hht.state.f)
-    for index in range(steps):
-        before, status = hht.state, hht.step(tstop=t1)
-        if status is not Status.success or hht.state.t == t1:
-            break
-        if index % 3 == 2:
-            values.append(_ratio(problem, tolerances, before, hht.state))
-    return values
-
-
-def _ratio(problem: Problem, tolerances: Tolerances, before: State, after: State) -> float:
-    if after.memory is None or after.memory.error is None:
-        raise RuntimeError(f"{problem.name}: the step to {after.t:g} has no estimate")
-    true = np.concatenate([after.q, after.v]) - local_solution(problem, before, after.t)
-    return after.memory.error / tolerances.size(before, after, true)
-
-
-def local_solution(problem: Problem, state: State, t1: float) -> Vector:
-    """[q, v] (2n,) at ``t1`` [s] of the exact motion through ``state``, by a method of order eight or more."""
-    own = replace(problem, t_span=(state.t, t1), q0=state.q, v0=state.v, exact=None, reference=None)
-    other = collocation() if problem.name in NONLINEAR else projected(method="DOP853")
-    solution = other.solve(own, Request(rtol=1e-13, atol=1e-15, t_eval=np.array([t1])))
-    if solution.status is not Status.success:
-        raise RuntimeError(f"{problem.name}: no local solution: {solution.message}")
-    return np.concatenate([solution.q[-1], solution.v[-1]])

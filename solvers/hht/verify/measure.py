@@ -25,14 +25,18 @@ from solvers.hht.verify.study import slope
 RIGID = "stiff_spring_pendulum(stiffness=inf)"  # differs from k = 1e10 by 1e-9 in q and 1e-5 in v
 FLOOR = 1e-11  # weighted errors below it are roundoff and limits of references, not of steps
 
+_loaded = cache(load_problem)
+
 
 @dataclass(frozen=True)
 class Case:
-    """A registered problem with an exact solution, the interval and the common times its errors are measured at."""
+    """A problem of the library between two times at which its motion is known."""
 
     name: str
     t_end: float  #: [s]
-    times: int  #: number of common times, equally spaced, the end included
+    times: int = 1  #: number of equally spaced times at which errors count, the end included
+    t_start: float = 0.0  #: [s]
+    counts: tuple[int, ...] = ()  #: numbers of steps
 
     def __str__(self) -> str:
         return self.name
@@ -42,48 +46,34 @@ class Case:
         """With its own interval."""
         return _loaded(self.name)
 
-    @property
-    def span(self) -> tuple[float, float]:
-        """[s]."""
-        return self.problem.t_span[0], self.t_end
-
-    def exact(self, t: float) -> Motion:
-        """The motion at ``t`` [s]."""
-        return _exact(self.name, t)
+    def known(self, t: float) -> Motion:
+        """The motion at ``t`` [s], by the closed solution or a row of the reference; the end may be off by roundoff."""
+        return _known(self.name, self.t_end if math.isclose(t, self.t_end, rel_tol=1e-12) else t)
 
     def force(self, t: float) -> Vector:
         """f = M^-1 F (n,) along it."""
-        at, n = self.exact(t), self.problem.q0.size
-        packed = _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
-        return np.linalg.solve(packed[n:].reshape(n, n), packed[:n])
-
-
-_loaded = cache(load_problem)
+        at = self.known(t)
+        return _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
 
 
 @cache
-def _exact(name: str, t: float) -> Motion:
-    return _loaded(name).exact(t)  # type: ignore[misc]
+def _known(name: str, t: float) -> Motion:
+    p = _loaded(name)
+    return p.exact(t) if p.exact else Motion(*(known_at(p, key, t) for key in Motion._fields))
 
 
 @cache
 def _evaluator(name: str) -> Callable[..., Any]:
     p = _loaded(name)
-    return compile_function(_force_and_mass, derive(p.system, p.t_span[0], p.q0, p.v0))
+    return compile_function(_acceleration, derive(p.system, p.t_span[0], p.q0, p.v0))
 
 
-def _force_and_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    return dynamics.xp.concatenate([dynamics.force(t, q, v), dynamics.mass(t, q).ravel()])
+def _acceleration(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    return dynamics.xp.linalg.solve(dynamics.mass(t, q), dynamics.force(t, q, v))
 
 
 def known_at(problem: Problem, name: str, t: float) -> Vector:
-    """Row ``t`` [s] of the problem's reference: ``name`` is q, v, lam or mu.
-
-    Raises
-    ------
-    ProblemError
-        The reference has no such time.
-    """
+    """Row ``t`` [s] of the problem's reference, q, v, lam or mu by ``name``; a ``ProblemError`` where there is none."""
     reference = problem.reference or {"t": []}
     rows = np.flatnonzero(np.asarray(reference["t"]) == t)
     if rows.size != 1:
@@ -162,13 +152,7 @@ def guesses(problem: Problem) -> dict[str, Any]:
 
 
 def solved(name: str, hht: HHT, *start: Any, **request: Any) -> Solution:
-    """``hht.solve``; :func:`step_by_hand` is the same for single steps.
-
-    Raises
-    ------
-    RuntimeError
-        It failed: a verification has nothing to measure then.
-    """
+    """``hht.solve``; a run that fails raises a ``RuntimeError``, as a verification has nothing to measure then."""
     solution = hht.solve(*start, **request)
     if not solution.success:
         raise RuntimeError(f"{name}: {solution.status.label}: {solution.message}")
@@ -176,72 +160,79 @@ def solved(name: str, hht: HHT, *start: Any, **request: Any) -> Solution:
 
 
 def step_by_hand(name: str, hht: HHT) -> State:
-    """The state after one more step.
-
-    Raises
-    ------
-    RuntimeError
-        It failed.
-    """
+    """The state after one more step; a step that fails raises a ``RuntimeError``."""
     if (status := hht.step()) is not Status.success:
         raise RuntimeError(f"{name}: {status.label}: {hht.message}")
     return hht.state
 
 
-def integrate(case: Case, steps: int | Vector, **method: Any) -> Solution:
-    """``case`` with the given steps, output at its common times."""
-    p, t_eval = case.problem, np.linspace(*case.span, case.times + 1)[1:]
-    hht = HHT(p.system, **method)
-    return solved(f"{case} with {method}", hht, case.span, p.q0, p.v0, steps=steps, t_eval=t_eval, **guesses(p))
+def integrate(case: Case, steps: int | Vector, kind: type[HHT] = HHT, **method: Any) -> Solution:
+    """``case`` with the given steps, a number of equal ones or their lengths [s], by an integrator of a ``kind``."""
+    p, t0 = case.problem, case.t_start
+    start = (p.q0, p.v0) if t0 == p.t_span[0] else case.known(t0)[:2]
+    t1 = case.t_end if isinstance(steps, int) else t0 + float(steps.sum())
+    return solved(f"{case} with {method}", kind(p.system, **method), (t0, t1), *start, steps=steps, **guesses(p))
 
 
-def errors(case: Case, solution: Solution, alpha: float) -> dict[str, Vector]:
-    """2-norms (k,) of the errors at the common times.
+def errors(case: Case, solution: Solution, key: str, ends: Iterable[int], alpha: float = 0.0) -> Vector:
+    """2-norms (k,) of the errors of ``key`` after each of ``ends`` (k,), numbers of steps.
 
-    Those of q, v, lam, mu, of a against f(t + alpha h), and of the stage multipliers.
+    ``q``, ``v``, ``lam`` and ``mu`` are those of the rows; ``a`` is compared with f(t + alpha h).  Multipliers of stages
+    are ``lam_start`` and ``lam_end`` of the step, their mean ``lam_mean`` at its midpoint, and ``lam_between``, which lies
+    between the stages on either side of the step's end and is of second order.
     """
     data: Any = solution.steps_data
-    index = (np.arange(1, case.times + 1) * data.t.size) // case.times - 1  # of the steps that end at the common times
-    exact = [case.exact(float(t)) for t in solution.t]
-    wanted = {name: np.array([np.asarray(getattr(x, name)) for x in exact]) for name in ("q", "v", "lam", "mu")}
-    found = {name: getattr(solution, name) for name in wanted}
+    index = np.asarray(list(ends)) - 1
     t, h = data.t[index], data.h[index]
-    wanted["a"] = np.array([case.force(float(x)) for x in t + alpha * h])
-    found["a"] = data.a[index]
-    if wanted["lam"].shape[1]:
-        stage_times = {"lam_start": t - h, "lam_end": t, "lam_mean": t - 0.5 * h}
-        start, end = data.lam_start[index], data.lam_end[index]
-        found |= {"lam_start": start, "lam_end": end, "lam_mean": 0.5 * (start + end)}
-        wanted |= {name: np.array([case.exact(float(x)).lam for x in times]) for name, times in stage_times.items()}
-    return {name: np.linalg.norm(found[name] - wanted[name], axis=1) for name in wanted}
+    times = {"a": t + alpha * h, "lam_start": t - h, "lam_mean": t - 0.5 * h}.get(key, t)
+    if key in Motion._fields:
+        found = getattr(solution, key)[index + 1]
+    elif key == "lam_mean":
+        found = 0.5 * (data.lam_start[index] + data.lam_end[index])
+    elif key == "lam_between":
+        before, after = h[:, None], data.h[index + 1, None]
+        found = (after * data.lam_end[index] + before * data.lam_start[index + 1]) / (before + after)
+    else:
+        found = getattr(data, key)[index]
+    exact = case.force if key == "a" else lambda at: getattr(case.known(at), key.split("_")[0])
+    return np.linalg.norm(found - np.array([np.asarray(exact(float(at))) for at in times]), axis=1)
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """What refining the steps does to the errors of one method."""
+    """Runs of one method with ever more steps."""
 
-    steps: list[float]  #: mean lengths [s]
-    rms: dict[str, list[float]]  #: of :func:`errors` over the common times, for each length
-    end: dict[str, list[float]]  #: the same at the last of them
+    case: Case
+    runs: list[Solution]
+    alpha: float
+
+    @property
+    def steps(self) -> list[float]:
+        """Mean lengths [s]."""
+        return [(self.case.t_end - self.case.t_start) / run.steps_data.t.size for run in self.runs]  # type: ignore[union-attr]
+
+    def errors(self, key: str) -> list[Vector]:
+        """Those of every run at the times of the case."""
+        share = np.arange(1, self.case.times + 1)
+        sizes = [run.steps_data.t.size for run in self.runs]  # type: ignore[union-attr]
+        ends = [share * size // self.case.times for size in sizes]
+        return [errors(self.case, run, key, at, self.alpha) for run, at in zip(self.runs, ends, strict=True)]
 
     def orders(self, keys: Iterable[str] = ("q", "v", "a")) -> dict[str, float]:
         """Slopes of the root mean squares."""
-        return {key: slope(self.steps, self.rms[key]) for key in keys}
+        sizes = {key: [float(np.sqrt(np.mean(at**2))) for at in self.errors(key)] for key in keys}
+        return {key: slope(self.steps, of) for key, of in sizes.items()}
 
 
 def refine(case: Case, refinements: Iterable[int | Vector], **method: Any) -> Convergence:
     """``case`` with ever more steps: numbers of equal ones, or their lengths [s]."""
-    runs = [integrate(case, steps, **method) for steps in refinements]
-    lengths = [(case.t_end - case.span[0]) / run.steps_data.t.size for run in runs]  # type: ignore[union-attr]
-    found = [errors(case, run, method["alpha"]) for run in runs]
-    rms = {key: [float(np.sqrt(np.mean(at[key] ** 2))) for at in found] for key in found[0]}
-    return Convergence(lengths, rms, {key: [float(at[key][-1]) for at in found] for key in found[0]})
+    return Convergence(case, [integrate(case, steps, **method) for steps in refinements], method["alpha"])
 
 
-def alternating(case: Case, periods: int) -> Vector:
-    """Steps h/3, 2h/3, h/3, ... with ``periods`` pairs."""
-    h = (case.t_end - case.span[0]) / periods
-    return np.tile([h / 3, 2 * h / 3], periods)
+def alternating(case: Case, pairs: int) -> Vector:
+    """Steps h/3, 2h/3, h/3, ... in ``pairs``."""
+    h = (case.t_end - case.t_start) / pairs
+    return np.tile([h / 3, 2 * h / 3], pairs)
 
 
 def violations(problem: Problem, t: Vector, q: Matrix, v: Matrix) -> tuple[float, float]:

@@ -7,8 +7,7 @@ the interpolant, and the change of the error by moving the rows onto the constra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from solvers.hht.events.event import Event
 from solvers.hht.solver import HHT
 from solvers.hht.verify.control import MAX_SECONDS, TOLERANCES
 from solvers.hht.verify.measure import FLOOR, guesses, known_motion, solved, typical_sizes, violations, weighted_error
-from solvers.hht.verify.study import Progress, shown_row, verify
+from solvers.hht.verify.study import Progress, judged_row, shown_row, verify
 
 MET = 1e-12  # scaled violation of either level
 GROWTH = 0.01  # of an error, at most
@@ -30,8 +29,7 @@ ROWS = 101  # beside the times at which the motion is known
 SAMPLED = 200  # ends of steps that are checked, at most
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(NamedTuple):
     """Largest scaled violations of either level in one run."""
 
     rows: float  #: of rows between steps, and at events
@@ -80,34 +78,25 @@ def outputs(spec: str, tolerances: Sequence[float] = TOLERANCES) -> list[Row]:
     if not derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure.constrained:
         return [shown_row(f"levels/{spec}", f"{spec}: constraints at rows and events", "it has none")]
     found = [output(problem, tolerance) for tolerance in tolerances]
-    between, ends, plain = (
-        ", ".join(f"{getattr(one, name):.0e}" for one in found) for name in ("rows", "steps", "interpolated")
-    )
+    between, ends, plain, growth = zip(*found, strict=True)
     asked = f"rtol {tolerances[0]:g} .. {tolerances[-1]:g}"
-    growth = [one.growth for one in found]
+    held = f"{spec}: largest scaled violation of both levels at rows between steps and events, {asked}"
+    moved = f"{spec}: change of the largest error by moving rows onto the constraints, {asked}"
+    measured = f"{_listed(between)}; at ends of steps {_listed(ends)}; interpolated {_listed(plain)}"
+    changes = ", ".join("roundoff" if x is None else f"{x:+.2%}" for x in growth)
+    small = all(x is None or x <= GROWTH for x in growth)
     return [
-        Row(
-            id=f"levels/{spec}",
-            claim=f"{spec}: largest scaled violation of both levels at rows between steps and events, {asked}",
-            measured=f"{between}; at ends of steps {ends}; interpolated {plain}",
-            bound=f"< {MET:g}",
-            passed=all(one.rows < MET for one in found),
-        ),
-        Row(
-            id=f"error/{spec}",
-            claim=f"{spec}: change of the largest error by moving rows onto the constraints, {asked}",
-            measured=", ".join("roundoff" if x is None else f"{x:+.2%}" for x in growth),
-            bound=f"<= {GROWTH:.0%}",
-            passed=all(x is None or x <= GROWTH for x in growth),
-        ),
+        judged_row(f"levels/{spec}", held, measured, f"< {MET:g}", max(between) < MET),
+        judged_row(f"error/{spec}", moved, changes, f"<= {GROWTH:.0%}", small),
     ]
 
 
-def verify_outputs(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Constraints and errors of rows between steps and at events, over all problems and tolerances.
+def _listed(sizes: Sequence[float]) -> str:
+    return ", ".join(f"{size:.0e}" for size in sizes)
 
-    ``progress`` and ``jobs`` are those of :func:`~solvers.hht.verify.study.verify`.
-    """
+
+def verify_outputs(progress: Progress | None = None, jobs: int = 1) -> Evidence:
+    """Constraints and errors of rows between steps and at events, over all problems and tolerances."""
     plan = registered_plans()
     studies: list[Any] = [(outputs, validated_spec(name, plan)) for name in list_problems()]
     return verify("Rows and events between steps on the constraints", studies, progress, jobs)

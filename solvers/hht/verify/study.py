@@ -26,21 +26,16 @@ def named(method: Method) -> str:
 
 
 def verify(title: str, studies: Iterable[Study], progress: Progress | None, jobs: int) -> Evidence:
-    """What all ``studies`` find, in their order.
-
-    Parameters
-    ----------
-    progress
-        Called with the number of finished studies and of all.
-    jobs
-        Worker processes.  The rows do not depend on it.
-    """
+    """What all ``studies`` find, in their order; the other arguments are those of :func:`run_all`."""
     began = time.perf_counter()
     return collected(title, run_all(studies, progress, jobs), began)
 
 
 def run_all(studies: Iterable[Study], progress: Progress | None, jobs: int) -> list[Any]:
-    """The results of ``studies`` in their order, made here or by ``jobs`` processes if there are to be more than one."""
+    """The results of ``studies`` in their order, which do not depend on the number ``jobs`` of processes.
+
+    ``progress`` is called with the number of finished studies and of all.
+    """
     studies, tell = list(studies), progress or (lambda *_: None)
     tell("studies", 0, len(studies))
     if jobs == 1:
@@ -63,15 +58,20 @@ def collected(title: str, found: Iterable[Any], began: float) -> Evidence:
     return Evidence(title=title, rows=rows, plots=plots, seconds=time.perf_counter() - began)
 
 
+def judged_row(id: str, claim: str, measured: str | float, bound: str, passed: bool) -> Row:
+    """A row of a claim that holds or not."""
+    return Row(id=id, claim=claim, measured=measured, bound=bound, passed=passed)
+
+
 def below_row(id: str, claim: str, measured: float, bound: float) -> Row:
     """A row for a number that must stay below ``bound``."""
-    return Row(id=id, claim=claim, measured=measured, bound=f"< {bound:g}", passed=measured < bound)
+    return judged_row(id, claim, measured, f"< {bound:g}", measured < bound)
 
 
 def order_row(id: str, claim: str, orders: Mapping[str, float], wanted: float, margin: float) -> Row:
     """A row for orders that must all lie within ``margin`` of ``wanted``."""
     passed = all(abs(value - wanted) <= margin for value in orders.values())
-    return Row(id=id, claim=claim, measured=_listed(orders), bound=f"{wanted:.2f} +- {margin:g}", passed=passed)
+    return judged_row(id, claim, _listed(orders), f"{wanted:.2f} +- {margin:g}", passed)
 
 
 def shown_row(id: str, claim: str, measured: str | Mapping[str, float]) -> Row:
