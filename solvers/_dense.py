@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,58 +17,6 @@ from solvers._projection import Unmet, sizes_from
 Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet | str]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
 
 
-class Steps(Protocol):
-    """Dense output that tells the ends of its steps."""
-
-    @property
-    def t(self) -> Vector:
-        """Those ends [s], (k,)."""
-
-    @property
-    def q(self) -> Matrix:
-        """The states there, (k, n)."""
-
-    @property
-    def v(self) -> Matrix:
-        """Likewise."""
-
-    def __call__(self, t: Any) -> DenseOutput:
-        """The interpolated states at times (k,)."""
-
-
-@dataclass(frozen=True)
-class Until:
-    """Dense output as far as the rows go."""
-
-    output: Steps
-    last: float  #: [s]
-    ahead: float  #: its sign is the direction of time
-
-    def __call__(self, t: Any) -> DenseOutput:
-        """The same at ``t``, scalar or (k,); later times are refused."""
-        if not self._within(np.asarray(t, dtype=np.float64)).all():
-            raise ProblemError(f"the solution ends at t = {self.last:.17g}; it is not extrapolated.")
-        return self.output(t)
-
-    @property
-    def t(self) -> Vector:
-        """Ends of the steps [s], (k,), the start first."""
-        return self.output.t[self._within(self.output.t)]
-
-    @property
-    def q(self) -> Matrix:
-        """There, (k, n)."""
-        return self.output.q[self._within(self.output.t)]
-
-    @property
-    def v(self) -> Matrix:
-        """There, (k, n)."""
-        return self.output.v[self._within(self.output.t)]
-
-    def _within(self, t: Any) -> Any:
-        return (t - self.last) * self.ahead <= 0.0
-
-
 class OnConstraints:
     """``Solution.projection`` of a solve: states of its dense output moved onto both levels of the constraints.
 
@@ -79,11 +26,13 @@ class OnConstraints:
     ----------
     put
         Moves states.
+    steps
+        The dense output: its states at times, and ``t``, ``q``, ``v`` at the ends of its steps.
     held
         Whether the ends of steps are on the constraints as they are: they keep their bits.
     """
 
-    def __init__(self, dynamics: Dynamics, put: Put, steps: Steps, *, held: bool) -> None:
+    def __init__(self, dynamics: Dynamics, put: Put, steps: Any, *, held: bool) -> None:
         self._dynamics, self._put, self._steps, self._held = dynamics, put, steps, held
 
     def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:

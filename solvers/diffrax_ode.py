@@ -120,7 +120,7 @@ class DiffraxSolver(Adapter):
                 run.work.output["residual_evaluations"] += inside
                 _book(run, inside)
             if not accepted:
-                run.look_ahead(run.direction * lost)
+                _look_ahead(run, run.direction * lost)
                 status = Status.step_too_small
                 raise Halt(status, f"diffrax accepts no step from t = {run.now:.17g}. {status.text}")
 
@@ -154,6 +154,16 @@ class _Called:
             return found
 
         return call
+
+
+def _look_ahead(run: Run, lost: float) -> None:
+    """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none)."""
+    if np.isfinite(lost):
+        t, y, h = run.t, run.y, lost - run.t
+        slope = run.rhs(t, y)
+        for part in (1.0, 0.5, 0.25, 0.125, 0.0):
+            if run.guard.nonfinite is None:
+                run.rhs(t + part * h, y + part * h * slope)
 
 
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:

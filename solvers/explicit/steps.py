@@ -18,7 +18,6 @@ from solvers._run import Halt, Run
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
 from solvers.kernel import memory as mem
-from solvers.kernel.acceleration import recover
 from solvers.kernel.kkt import Places, acceleration_level, places_of
 from solvers.kernel.memory import copied, integer_view, view
 
@@ -70,7 +69,6 @@ class CompiledSteps:
         """From the start to the end of the interval."""
         run, count = self.run, FIRST
         run.tells_no_steps()
-        run.recover = recover.following(self.z)
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
         while run.unfinished():
