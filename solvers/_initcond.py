@@ -129,7 +129,6 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
     return moved, note
 
 
-
 def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
     """Why no motion begins at ``place``; None where one does.  ``levels`` and ``guesses`` are of all rows of [g; k].
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -12,13 +11,13 @@ import numpy as np
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.counting import Clock
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, Dynamics, padded
+from hhtbench.lowering import AccelerationLevel
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, check_output_times
 from hhtbench.result import Ends, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
-from solvers._dense import OnConstraints, Pieces
+from solvers._dense import Kept, OnConstraints, Pieces
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
@@ -34,54 +33,6 @@ OTHER_ROOT = (
     "which lam_guess picks; take one of the dae forms"
 )
 Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y' (size,)
-INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers
-
-
-@dataclass
-class Kept:
-    """Rows that a run keeps on its way."""
-
-    form: forms.Form
-    times: list[float] = field(default_factory=list)  #: [s]
-    states: list[Vector] = field(default_factory=list)  #: (size,) each
-    rates: list[Vector] = field(default_factory=list)  #: (m + p,) of the multipliers' integrals, where the library gives y'
-
-    def keep(self, time: float, y: Any, rate: Callable[[], Any] | None) -> None:
-        """One more row; ``rate`` gives y' there."""
-        self.times.append(time)
-        self.states.append(np.array(y, dtype=np.float64))
-        integrals = [self.form.blocks[name] for name in INTEGRALS if name in self.form.blocks]
-        if rate is not None and integrals:
-            yp = np.array(rate(), dtype=np.float64)
-            self.rates.append(np.concatenate([yp[block] for block in integrals]))
-
-    def drop_last(self) -> None:
-        """Forget the last row."""
-        del self.times[-1], self.states[-1], self.rates[-1:]
-
-    @property
-    def motion(self) -> tuple[Vector, Matrix, Matrix]:
-        """t (k,), q and v (k, n), arrays of their own."""
-        q, v = (part.copy() for part in self.form.state(self._y))
-        return np.array(self.times), q, v
-
-    @property
-    def _y(self) -> Matrix:
-        return np.array(self.states).reshape(-1, self.form.size)
-
-    def multipliers(self, m: int) -> list[Matrix] | None:
-        """The ``m`` lam and the mu (k, ...) that the solver itself holds; None where it has none."""
-        if self.rates and len(self.rates) == len(self.times):
-            return [part.copy() for part in np.split(np.array(self.rates), [m], axis=1)]
-        blocks = self.form.blocks
-        if "lam" not in blocks and "mu" not in blocks:
-            return None
-        return [self._y[:, blocks.get(name, slice(0, 0))] for name in ("lam", "mu")]
-
-    def carried(self, dynamics: Dynamics) -> Mapping[str, Matrix] | None:
-        """The same by name, with zeros for redundant rows, which the solver leaves out."""
-        held = self.multipliers(dynamics.structure.m)
-        return None if held is None else dict(zip(("lam", "mu"), padded(dynamics, *held), strict=True))
 
 
 class Run:
