@@ -156,8 +156,9 @@ class Run:
     # --- the steps -------------------------------------------------------------------------------------------------
 
     def unfinished(self) -> bool:
-        """Whether the end is not reached; a spent budget ends the run here, as does an exception that was swallowed."""
-        self.guard.raise_cause()
+        """Whether the end is not reached; a spent budget ends the run here, as does an exception under compiled code."""
+        if self.guard.cause is not None:
+            raise self.guard.cause
         if self.t == self.t1:
             return False
         most = self.request.max_num_steps
@@ -200,7 +201,7 @@ class Run:
     def _arrive(self, steps: int, t: float, y: Vector) -> None:
         """Go on from the end (t, y) of so many more ``steps``."""
         self.t, self.y = t, y
-        self.guard.step_taken(self.time(t))
+        self.guard.step_taken()
         self.steps += steps
         self.work.add("steps_accepted", steps)
 

@@ -17,8 +17,8 @@ from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
 from hhtbench.lowering.scalar_compiler import native, native_call
 from problems import planar_chain
-from solvers._initcond import project
-from solvers._start import Place, inconsistency
+from solvers._initcond import inconsistency, project
+from solvers._start import Place
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
