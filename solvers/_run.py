@@ -280,4 +280,5 @@ class Run:
         """The ends of the steps, where they are kept beside the rows."""
         if not (self.request.keep_steps and self._keeps_ends):
             return None
-        return Ends(*self._ends.motion, carried=self._ends.carried(self.dynamics))
+        t, q, v = self._ends.motion
+        return Ends(t=t, q=q, v=v, carried=self._ends.carried(self.dynamics))

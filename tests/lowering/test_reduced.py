@@ -223,7 +223,7 @@ def test_steps_and_events_go_where_rows_are_lost():
         solution = hht.solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], steps=1000, t_eval=[0.0, 1e-5, 0.9])
     assert solution.status is Status.redundant_constraints, solution.message
     assert "smaller steps" not in solution.message
-    assert solution.t.tolist() == [0.0, 1e-5]
+    assert solution.t.tolist() == [0.0]
     assert solution.t_events == ()
     assert solution.steps_data is None and solution.interpolant is None
 
