@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import Any
 
 import jax
@@ -23,6 +22,7 @@ from hhtbench.protocol import MinimalCoordinates, Problem, Scales, Solver
 from hhtbench.request import Request
 from hhtbench.result import Ends, Solution, ends_of
 from solvers import cvode, hht, scipy_ivp
+from solvers._adapter import choose
 from solvers._ending import OwnMultipliers, solution_of
 from solvers._start import Failure, Place, dynamics_for
 
@@ -122,9 +122,6 @@ def _embedded(make: Callable[[], MinimalCoordinates], s: Matrix, u: Matrix) -> l
 
 def solver(*, solver: str = "scipy", **options: Any) -> MinimalSolver:
     """Minimal coordinates; options ``solver``: scipy (default), cvode or hht, and the options of that one."""
-    if solver not in INNER:
-        close = get_close_matches(solver, INNER, n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
-        raise ProblemError(f"minimal: solver must be {', '.join(INNER)}; got {solver!r}.{hint}")
+    choose("minimal", {"solver": solver}, {"solver": tuple(INNER)})
     inner = INNER[solver](**options)
     return MinimalSolver(f"minimal({inner.name})", inner)
