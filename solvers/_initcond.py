@@ -141,36 +141,18 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
     """
     s = levels.structure
     if s.constrained:
-        failure = inconsistency(levels, place, reduced=unreduced(dynamics) is not dynamics)
-        if failure is not None:
-            return failure
+        at = finite_levels(levels, place.t, place.q, place.v)
+        if text := violations(at, place, CONSISTENT):
+            return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
+        whole = unreduced(dynamics) is dynamics and not issparse(at.position_jacobian)  # there the KKT matrix shows it
+        if whole and at.rank.redundant:
+            return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
     elif singular_mass(dynamics, place):
         message = "the mass matrix is singular at the start and no constraint determines the accelerations"
         return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
     for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
         if guess is not None and guess.shape != (size,):
             raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
-    return None
-
-
-def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:
-    """None for a consistent start; else the violated rows with their sizes, or the redundant rows.
-
-    ``reduced``: the solver works without those.
-
-    Raises
-    ------
-    NonFiniteValue
-        A constraint or its Jacobian holds NaN or infinity.
-    """
-    at = finite_levels(levels, place.t, place.q, place.v)
-    text = violations(at, place, CONSISTENT)
-    if text:
-        return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
-    if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
-        return None
-    if at.rank.redundant and not reduced:
-        return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
     return None
 
 

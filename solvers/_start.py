@@ -90,13 +90,19 @@ def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
     return failure
 
 
+def typical_sizes(problem: Problem) -> Vector:
+    """Of q and v, (2n,): the problem's scales."""
+    n, sizes = problem.q0.size, np.empty(2 * problem.q0.size)
+    sizes[:n], sizes[n:] = problem.scales.q, problem.scales.v
+    return sizes
+
+
 def absolute_tolerances(problem: Problem, request: Request) -> Vector:
-    """Of q and v, (2n,): those of the request, or ``rtol`` times the problem's scales where it gives none."""
-    n, scales, atol = problem.q0.size, problem.scales, request.atol
+    """Of q and v, (2n,): those of the request, or ``rtol`` times the typical sizes where it gives none."""
+    n, atol = problem.q0.size, request.atol
     if atol is None:
-        typical, rtol = np.empty(2 * n), 0.0 if request.rtol is None else request.rtol
-        typical[:n], typical[n:] = scales.q, scales.v
-        return typical * (rtol if type(rtol) is float else np.resize(rtol, 2 * n))
+        rtol = 0.0 if request.rtol is None else request.rtol
+        return typical_sizes(problem) * (rtol if type(rtol) is float else np.resize(rtol, 2 * n))
     if np.shape(atol) not in ((), (n,), (2 * n,)):
         raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)

@@ -23,6 +23,7 @@ from hhtbench.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._dense import Polynomial, barycentric
 from solvers._run import Halt, Run
+from solvers._start import typical_sizes
 
 KNOWN = {"form": ("ggl", "index2", "index1")}
 STAGES = 7
@@ -83,8 +84,8 @@ class CollocationSolver(Adapter):
 
 def _scales(run: Run) -> Vector:
     """Typical sizes of y, (size,): the problem's for q and v, one elsewhere."""
-    scales, n = np.ones(run.form.size), run.problem.q0.size
-    scales[:n], scales[n : 2 * n] = run.problem.scales.q, run.problem.scales.v
+    scales, known = np.ones(run.form.size), typical_sizes(run.problem)
+    scales[: known.size] = known
     return scales
 
 
