@@ -1,4 +1,4 @@
-"""What the adapters of foreign libraries share: options, what they accept, and the stepping of SUNDIALS.
+"""What the adapters of foreign libraries share: options, and what they accept.
 
 A library is driven one accepted step at a time.  :class:`~solvers._run.Run` hands it the equations of a form as callbacks,
 each counted and guarded, and takes the steps; the subclass of :class:`Adapter` holds what differs between libraries.
@@ -6,17 +6,13 @@ each counted and guarded, and takes the steps; the subclass of :class:`Adapter` 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import timed
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
@@ -24,23 +20,9 @@ from hhtbench.protocol import PHYSICS, Problem, System, declared, reaction_takes
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
 from solvers import forms
-from solvers._dense import NODES, Polynomial
 from solvers._ending import empty_solution, solved
-from solvers._run import Halt, Run
+from solvers._run import Run
 from solvers._start import Failure
-from solvers._sundials import overheard
-
-LAPACK = 100  # unknowns from which LAPACK's blocked LU is faster than SUNDIALS' own
-TOO_ACCURATE = -2
-SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
-    -1: Status.max_steps,
-    TOO_ACCURATE: Status.step_too_small,  # accuracy beyond roundoff was asked for
-    -3: Status.step_too_small,
-    -4: Status.newton_failed,
-    -6: Status.singular_iteration_matrix,
-    -7: Status.singular_iteration_matrix,
-    -22: Status.declined,
-}
 
 
 def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
@@ -141,75 +123,3 @@ def _structure(problem: Problem) -> Structure | None:
     m, p = int(there["constraint"]), int(there["velocity_constraint"])  # how many, only the functions know
     uses_v = reaction_takes_velocity(system)
     return Structure(n=problem.q0.size, m=m, p=p, mass="variable", linear_reaction=linear, reaction_uses_v=uses_v)
-
-
-class SundialsMatrix:
-    """Newton's matrix as SUNDIALS takes it: by which of its linear solvers, and its values in their order."""
-
-    def __init__(self, form: forms.Form) -> None:
-        self._order: Any = ...
-        self._options: dict[str, Any] = {"linsolver": "dense" if form.size < LAPACK else "lapackdense"}
-        if form.pattern is not None:
-            rows, columns = form.pattern.rows, form.pattern.columns
-            self._order = np.lexsort((rows, columns))
-            pattern = csc_matrix((np.ones(rows.size), (rows, columns)), shape=form.pattern.shape)
-            self._options = {"linsolver": "sparse", "sparsity": pattern}
-
-    def solver(self, library: Any, function: Any, **options: Any) -> Any:
-        """An IDA or CVODE for this matrix."""
-        if self._order is ...:
-            return library(function, **self._options, **options)
-        with warnings.catch_warnings():
-            text = "Custom sparse Jacobian approximation will be ignored"  # as it should: the Jacobian is given
-            warnings.filterwarnings("ignore", message=text)
-            return library(function, **self._options, **options)
-
-    def values(self, found: Vector | Matrix) -> Vector | Matrix:
-        """What a Jacobian of the form gives: the full matrix, or of a pattern the entries column by column."""
-        return found[self._order]
-
-
-def step_sundials(run: Run, solver: Any) -> None:
-    """Take the steps of ``solver``, an IDA or CVODE of scikit-sundae after ``init_step``, until ``run.t1``."""
-    with overheard() as said:
-        while run.unfinished():
-            step = solver.step(run.t1, method="onestep", tstop=run.t1)
-            if step.status < 0:
-                status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
-                text = _roundoff(run) if step.status == TOO_ACCURATE else status.text
-                where = f"t = {run.now:.17g} was reached; the library's times count from {run.time(run.t0):.17g}."
-                raise Halt(status, f"{step.message} {' '.join(said)} {text} {where}")
-            dense = partial(_sampled, solver, run.t, step)
-            run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step), dense=dense)
-
-
-def _roundoff(run: Run) -> str:
-    """At which tolerances SUNDIALS would go on: those of which the roundoff of y is less than half."""
-    size = np.sqrt(np.mean((run.y / (run.rtol * np.abs(run.y) + run.weights)) ** 2))
-    below = 2 * np.finfo(np.float64).eps * size
-    return f"Roundoff is reached: loosen the tolerances {below:.2g} times."
-
-
-def _state(solver: Any, step: Any, time: float) -> Vector:
-    """y at ``time`` within the last step."""
-    return _within(solver, step.t, time).y
-
-
-def _rate(solver: Any, step: Any, time: float) -> Vector:
-    """y' at ``time`` within the last step of an IDA, or at its end."""
-    return step.yp if time == step.t else _within(solver, step.t, time).yp
-
-
-def _sampled(solver: Any, start: float, step: Any) -> Polynomial:
-    """The library's polynomial over the last step, from ``start``: it keeps none, so that values of it are kept."""
-    times = start + (step.t - start) * NODES
-    values = np.array([np.array(solver.step(time, method="normal", tstop=None).y) for time in times.tolist()])
-    solver.step(step.t, method="normal", tstop=None)
-    return Polynomial(times, values)
-
-
-def _within(solver: Any, end: float, time: float) -> Any:
-    """What the library gives at ``time``; it is put back to the step's end, from where it goes on."""
-    found = solver.step(time, method="normal", tstop=None)
-    solver.step(end, method="normal", tstop=None)
-    return found

@@ -1,73 +1,72 @@
-"""Dense output: a library's own interpolant as :class:`Pieces`, and what puts states onto the constraints."""
+"""What a run keeps of its steps: rows, a library's own interpolant, and what puts states onto the constraints."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import Dynamics
+from hhtbench.lowering import Dynamics, padded
 from hhtbench.result import DenseOutput
 from solvers._projection import Unmet, sizes_from
+from solvers.forms.form import Form
 
 Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet | str]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
 
 
-class Steps(Protocol):
-    """Dense output that tells the ends of its steps."""
+INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers
+
+
+@dataclass
+class Kept:
+    """Rows that a run keeps on its way."""
+
+    form: Form
+    times: list[float] = field(default_factory=list)  #: [s]
+    states: list[Vector] = field(default_factory=list)  #: (size,) each
+    rates: list[Vector] = field(default_factory=list)  #: (m + p,) of the multipliers' integrals, where the library gives y'
+
+    def keep(self, time: float, y: Any, rate: Callable[[], Any] | None) -> None:
+        """One more row; ``rate`` gives y' there."""
+        self.times.append(time)
+        self.states.append(np.array(y, dtype=np.float64))
+        integrals = [self.form.blocks[name] for name in INTEGRALS if name in self.form.blocks]
+        if rate is not None and integrals:
+            yp = np.array(rate(), dtype=np.float64)
+            self.rates.append(np.concatenate([yp[block] for block in integrals]))
+
+    def drop_last(self) -> None:
+        """Forget the last row."""
+        del self.times[-1], self.states[-1], self.rates[-1:]
 
     @property
-    def t(self) -> Vector:
-        """Those ends [s], (k,)."""
+    def motion(self) -> tuple[Vector, Matrix, Matrix]:
+        """t (k,), q and v (k, n), arrays of their own."""
+        q, v = (part.copy() for part in self.form.state(self._y))
+        return np.array(self.times), q, v
 
     @property
-    def q(self) -> Matrix:
-        """The states there, (k, n)."""
+    def _y(self) -> Matrix:
+        return np.array(self.states).reshape(-1, self.form.size)
 
-    @property
-    def v(self) -> Matrix:
-        """Likewise."""
+    def multipliers(self, m: int) -> list[Matrix] | None:
+        """The ``m`` lam and the mu (k, ...) that the solver itself holds; None where it has none."""
+        if self.rates and len(self.rates) == len(self.times):
+            return [part.copy() for part in np.split(np.array(self.rates), [m], axis=1)]
+        blocks = self.form.blocks
+        if "lam" not in blocks and "mu" not in blocks:
+            return None
+        return [self._y[:, blocks.get(name, slice(0, 0))] for name in ("lam", "mu")]
 
-    def __call__(self, t: Any) -> DenseOutput:
-        """The interpolated states at times (k,)."""
-
-
-@dataclass(frozen=True)
-class Until:
-    """Dense output as far as the rows go."""
-
-    output: Steps
-    last: float  #: [s]
-    ahead: float  #: its sign is the direction of time
-
-    def __call__(self, t: Any) -> DenseOutput:
-        """The same at ``t``, scalar or (k,); later times are refused."""
-        if not self._within(np.asarray(t, dtype=np.float64)).all():
-            raise ProblemError(f"the solution ends at t = {self.last:.17g}; it is not extrapolated.")
-        return self.output(t)
-
-    @property
-    def t(self) -> Vector:
-        """Ends of the steps [s], (k,), the start first."""
-        return self.output.t[self._within(self.output.t)]
-
-    @property
-    def q(self) -> Matrix:
-        """There, (k, n)."""
-        return self.output.q[self._within(self.output.t)]
-
-    @property
-    def v(self) -> Matrix:
-        """There, (k, n)."""
-        return self.output.v[self._within(self.output.t)]
-
-    def _within(self, t: Any) -> Any:
-        return (t - self.last) * self.ahead <= 0.0
+    def carried(self, dynamics: Dynamics) -> Mapping[str, Matrix] | None:
+        """The same by name, with zeros for redundant rows, which the solver leaves out."""
+        held = self.multipliers(dynamics.structure.m)
+        return None if held is None else dict(zip(("lam", "mu"), padded(dynamics, *held), strict=True))
 
 
 class OnConstraints:
@@ -79,11 +78,13 @@ class OnConstraints:
     ----------
     put
         Moves states.
+    steps
+        The dense output: its states at times, and ``t``, ``q``, ``v`` at the ends of its steps.
     held
         Whether the ends of steps are on the constraints as they are: they keep their bits.
     """
 
-    def __init__(self, dynamics: Dynamics, put: Put, steps: Steps, *, held: bool) -> None:
+    def __init__(self, dynamics: Dynamics, put: Put, steps: Any, *, held: bool) -> None:
         self._dynamics, self._put, self._steps, self._held = dynamics, put, steps, held
 
     def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:

@@ -6,7 +6,6 @@ used: it cannot go on exactly where an earlier call has stopped.
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import diffrax
@@ -22,19 +21,11 @@ SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short
 AT_START = 3  # evaluations for the length of the first step and for its first stage
 CLIP = 2e-14  # relative: a step that ends this close to the end goes to the end, as diffrax has it
 
-WITHIN, COUNTED, OUTSIDE = "within", "counted", "outside"  # where y' is computed: in this code, the same counted, in Python
-
-evaluations: Counter[int] = Counter()  # ticket of a counted solve -> evaluations so far
-
 
 def evaluations_per_step(name: str) -> int | None:
     """Evaluations of one attempted step of an explicit method, whose last stage is the next step's first; else None."""
     tableau: Any = getattr(diffrax, name).tableau
     return tableau.num_stages - 1 if tableau.a_diagonal is None else None
-
-
-def _tick(ticket: Any) -> None:
-    evaluations[int(ticket)] += 1
 
 
 @jax.custom_jvp
@@ -50,15 +41,16 @@ def _along(primals: Any, tangents: Any) -> Any:
     return rhs_outside(ticket, t, y), called(ticket, (y.size, y.size), t, y) @ tangents[2]
 
 
-def _method(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
-    """Terms, solver and step size controller; time runs forward in s = direction * (t - t0)."""
+def _method(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
+    """Terms, solver and step size controller; time runs forward in s = direction * (t - t0).
+
+    ``outside``: whether y' is computed by functions of Python, which count, and not in this code.
+    """
     direction, ticket, t0, rtol = fixed[0], fixed[1], fixed[2], fixed[4]
 
     def field(s: Any, y: Any, _: Any) -> Any:
-        if where == OUTSIDE:
+        if outside:
             return direction * rhs_outside(ticket, direction * s, y)
-        if where == COUNTED:
-            jax.debug.callback(_tick, ticket)
         return direction * rhs_function(dynamics, t0 + direction * s, y)
 
     controller = diffrax.PIDController(rtol=rtol, atol=weights)
@@ -69,9 +61,9 @@ def _method(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any)
     return diffrax.ODETerm(field), getattr(diffrax, name)(**options), controller
 
 
-def _first(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
+def _first(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
     """The state of the loop before the first step."""
-    terms, solver, controller = _method(dynamics, name, where, fixed, weights)
+    terms, solver, controller = _method(dynamics, name, outside, fixed, weights)
     s, end = jnp.zeros_like(fixed[2]), fixed[3]
     following, control = controller.init(terms, s, end, y, None, None, solver.func, solver.error_order(terms))
     following = jnp.minimum(following, end)
@@ -79,19 +71,19 @@ def _first(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, 
     return {"s": s, "next": following, "y": y, "memory": memory, "control": control}
 
 
-def start_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, y: Any) -> Any:
+def start_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, y: Any) -> Any:
     """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
-    return ravel_pytree(_first(dynamics, name, where, fixed, weights, y))[0]
+    return ravel_pytree(_first(dynamics, name, outside, fixed, weights, y))[0]
 
 
-def take_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
+def take_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
     """Attempt SEGMENT steps or until ``most`` are accepted: the state, three numbers and a row per step, as one vector.
 
     The numbers: steps accepted, steps attempted, and the end of the first attempt since the last step whose error was not
     finite.  A row holds a step: its start and end, then y at its end and at its start.
     """
-    terms, solver, controller = _method(dynamics, name, where, fixed, weights)
-    shapes = jax.eval_shape(lambda y: _first(dynamics, name, where, fixed, weights, y), weights)
+    terms, solver, controller = _method(dynamics, name, outside, fixed, weights)
+    shapes = jax.eval_shape(lambda y: _first(dynamics, name, outside, fixed, weights, y), weights)
     unravel = ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes))[1]
     end = fixed[3]
 
@@ -123,20 +115,20 @@ def take_steps(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: A
     return jnp.concatenate([ravel_pytree(state)[0], jnp.stack([accepted, attempted, bad]), rows.ravel()])
 
 
-def inside(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, row: Any, times: Any) -> Any:
+def inside(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, row: Any, times: Any) -> Any:
     """y (k, size) at ``times`` (k,) within the step that ``row`` holds, which is made again, by the method's interpolant."""
-    terms, solver, _ = _method(dynamics, name, where, fixed, weights)
+    terms, solver, _ = _method(dynamics, name, outside, fixed, weights)
     begin, end, y = row[0], row[1], row[2 + weights.size :]
     _, _, known, _, _ = solver.step(terms, begin, end, y, None, solver.init(terms, begin, end, y, None), False)
     return jax.vmap(solver.interpolation_cls(t0=begin, t1=end, **known).evaluate)(times)
 
 
-def step_to(dynamics: Dynamics, name: str, where: str, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
+def step_to(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
     """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
 
     The interpolants of these methods are less accurate than their steps, up to forty times at rtol 1e-9.
     """
-    terms, solver, _ = _method(dynamics, name, where, fixed, weights)
+    terms, solver, _ = _method(dynamics, name, outside, fixed, weights)
     begin, y = row[0], row[2 + weights.size :]
     reached, _, _, _, result = solver.step(terms, begin, s, y, None, solver.init(terms, begin, s, y, None), False)
     return jnp.where(result == diffrax.RESULTS.successful, reached, jnp.nan)

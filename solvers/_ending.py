@@ -1,23 +1,25 @@
-"""What every solver hands over: rows with multipliers from the acceleration level, or what is left when something raises."""
+"""The Solution of every solver: rows with multipliers from the acceleration level, or the rows before an exception."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, size_of, unreduced
+from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, route_of, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.result import Counters, Ends, Solution, Status
-from solvers._dense import Steps, Until
+from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
+from solvers.kernel import acceleration
+from solvers.kernel.blocks import FEW, in_blocks
+from solvers.kernel.kkt import kkt_of
 
 EPS = float(np.finfo(np.float64).eps)
+BLOCK = 256  # rows of the first call of machine code
 AGAIN = 20  # rows, one after the other, that are looked at again where many at once have missed them
 MARGIN = 1e3  # times what the rows that are held are off, or roundoff: so much the rows that are left out may be
 DATA = 10.0  # times what the start is off: lengths may be given with few digits
@@ -28,7 +30,7 @@ ADVICE = (
     "of the motion."
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
-RecoverMany = Callable[[], Any] | None  # puts the multipliers of easy rows in their place and tells which
+RecoverMany = Callable[[], Any]  # puts the multipliers of easy rows in their place and returns which (k,)
 
 
 class OwnMultipliers(NamedTuple):
@@ -56,7 +58,7 @@ def solution_of(
     end: Failure,
     rows: Rows,
     own: OwnMultipliers,
-    recover_many: RecoverMany = None,
+    recover_many: RecoverMany | None = None,
     note: str = "",
     *,
     carried: Mapping[str, Matrix] | None = None,
@@ -64,7 +66,8 @@ def solution_of(
 ) -> Solution:
     """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
 
-    ``note`` ends its message; ``more`` are other fields of it, and ``_read(name)`` gives those that are made when read.
+    ``recover_many`` is the solver's own code for multipliers of rows.  ``note`` ends the message; ``more`` are other fields,
+    and ``_read(name)`` gives those that are made when read.  It has none of them where a redundant constraint costs rows.
     """
     with run.work.for_output():
         found = whole = recover_multipliers(run, rows, own, recover_many)
@@ -76,7 +79,7 @@ def solution_of(
     if whole is not found:
         end = _noted(end, whole)
         if len(whole.lam) < len(found.lam):
-            more = until(float(t[-1]) if t.size else None, float(rows[0][-1] - rows[0][0]), more)
+            more = {}
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
     note = f"{note} {run.work.clock.note_of_differences()}".strip()
@@ -97,7 +100,7 @@ def _noted(end: Failure, found: Recovered) -> Failure:
     return Failure(end.status, sentences(end.message, found.note))
 
 
-def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany = None) -> Recovered:
+def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany | None) -> Recovered:
     """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
 
     Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
@@ -106,8 +109,11 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if not run.dynamics.structure.constrained:
         return Recovered(own.lam, own.mu)
     times = rows[0]
-    done = _together(recover_many, times.size)
-    found = _one_by_one(run, rows, own, done, times.size if recover_many is None else AGAIN)
+    try:
+        done = recover_many() if recover_many else _by_machine_code(run, rows, own)
+    except BudgetSpent:  # nothing more can be compiled
+        done = np.zeros(times.size, dtype=bool)
+    found = _one_by_one(run, rows, own, done)
     note = found.note
     if found.instead is None and np.count_nonzero(done) < done.size:  # in a fifth of the time of all()
         undetermined = times[~done]
@@ -116,10 +122,28 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     return found._replace(note=note)
 
 
-def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any, misses: int) -> Recovered:
+def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
+    """Which rows (k,) have multipliers in ``own``: by code of full matrices or, where many rows pay for it, of entries."""
+    (times, q, v), lam, mu, dynamics = rows, own.lam, own.mu, run.dynamics
+    done = np.zeros(times.size, dtype=bool)
+    level = of_dynamics(dynamics).compiled
+    entries = kkt_of(dynamics) if level is None and times.size >= FEW and route_of(dynamics) != "numpy" else None
+    if level is None and entries is None:
+        return done
+    recover = level.recover if level else acceleration.recover.following(entries.memory(dynamics))  # type: ignore[union-attr]
+    packed = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
+    going = lambda: run.work.clock.left() >= 0.0  # noqa: E731
+    in_blocks(times.size, BLOCK, lambda block: recover(packed[block], done[block]), going)
+    found = packed[done, 1 + 2 * q.shape[1] :]
+    lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
+    run.work.add("residual_evaluations", int(done.sum()))
+    return done
+
+
+def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Recovered:
     """The multipliers of those ``rows`` that are not ``done``, which it notes where it finds them.
 
-    Until so many ``misses`` in a row: the same iteration, from the same guesses, may have missed them together already.
+    Until ``AGAIN`` in a row are missed: the same iteration, from the same guesses, may have missed them together already.
     """
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if np.count_nonzero(done) == done.size:
@@ -127,7 +151,7 @@ def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any, misses
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     missed = 0
     for i in np.flatnonzero(~done).tolist():
-        if missed == misses:
+        if missed == AGAIN:
             break
         guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
         try:
@@ -146,19 +170,11 @@ def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any, misses
     return Recovered(lam, mu)
 
 
-def _together(recover_many: RecoverMany, count: int) -> Any:
-    """Which of ``count`` rows have their multipliers by ``recover_many``."""
-    try:
-        return np.zeros(count, dtype=bool) if recover_many is None else recover_many()
-    except BudgetSpent:  # nothing more can be compiled
-        return np.zeros(count, dtype=bool)
-
-
 def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:
     """The acceleration level at one output time; a value that is not finite is tried once more."""
     for last in (False, True):
         try:
-            found = run.acceleration.solve(t, q, v, *guess)
+            found = of_dynamics(run.dynamics).acceleration.solve(t, q, v, *guess)
             run.work.add("residual_evaluations", points_of(run.dynamics))
             if not (all_finite(found.lam) and all_finite(found.mu)):
                 explain_nonfinite(run.dynamics, t, q, v)
@@ -170,7 +186,7 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
     return found
 
 
-def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps | None) -> Recovered:
+def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) -> Recovered:
     """Multipliers of all constraints as far as some were ``found``, of least norm where redundant ones are left out.
 
     Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time, one of theirs
@@ -203,7 +219,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Steps
     return Recovered(lam, mu, f"{told}; they hold to {worst:.1e} of their size." if order.size else f"{told}.")
 
 
-def _with_steps(rows: Rows, steps: Steps | None) -> tuple[Rows, Any]:
+def _with_steps(rows: Rows, steps: Any) -> tuple[Rows, Any]:
     """``rows`` and after them ends of some ``steps`` up to the last of them; and their order in time."""
     t = rows[0]
     if steps is None or not t.size:
@@ -214,26 +230,6 @@ def _with_steps(rows: Rows, steps: Steps | None) -> tuple[Rows, Any]:
     some = some[ahead * (ends[some] - t[-1]) < 0.0]
     both = [np.concatenate([x, y[some]]) for x, y in zip(rows, (ends, steps.q, steps.v), strict=True)]
     return (both[0], both[1], both[2]), np.argsort(ahead * both[0], kind="stable")
-
-
-def until(last: float | None, ahead: float, more: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a Solution, steps, events and dense output, cut to what is not after ``last`` [s]; None: nothing stays."""
-    read, found = more.get("_read", {}.get), dict(more)
-    early = lambda t: np.zeros(t.size, dtype=bool) if last is None else (t - last) * ahead <= 0.0  # noqa: E731
-    steps, output = (more.get(name) or read(name) for name in ("steps_data", "interpolant"))
-    if steps is not None:
-        arrays = {field.name: getattr(steps, field.name)[early(steps.t)] for field in fields(steps)}
-        found["steps_data"] = replace(steps, **arrays)
-    if times := more.get("t_events"):
-        for name in ("t_events", "q_events", "v_events"):
-            found[name] = tuple(x[early(t)] for x, t in zip(more[name], times, strict=True))
-    if ends := more.get("ends"):
-        kept = early(ends.t)
-        carried = None if ends.carried is None else {name: values[kept] for name, values in ends.carried.items()}
-        found["ends"] = Ends(t=ends.t[kept], q=ends.q[kept], v=ends.v[kept], carried=carried)
-    if output is not None:
-        found["interpolant"] = None if last is None else Until(output, last, ahead)
-    return found
 
 
 def _off_level(at: Levels, sizes: tuple[float, float]) -> Vector:

@@ -12,7 +12,11 @@ from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.compile.inverse import inverse
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
-from solvers._trust import as_arguments
+
+
+def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
+    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
+    return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
 
 
 def inverse_mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:

@@ -13,7 +13,6 @@ from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, Stop
 from hhtbench.result import Counters, Status
 
-MOST_NONFINITE = 100  # values that are not finite within one step: a library shrinks its step tenfold long before
 OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
 
 
@@ -45,18 +44,16 @@ class Halt(Stop):
 class Guard:
     """Wraps callbacks of one solve.
 
-    A callback that has raised is not called again, and its exception is raised again after the library has returned,
-    whatever the library made of it.  Values that are not finite go to the library as they are, since most shrink
-    their step then; the function that gave them is named if the library fails.
+    An exception of a callback is kept, so that it is raised again as it is after the library has returned.  Values that are
+    not finite go to the library as they are, since most shrink their step then; the function that gave them is named if the
+    library fails.
     """
 
     def __init__(self, work: Work, t_span: tuple[float, float]) -> None:
         self.work, self.t_span = work, t_span
-        self.t = t_span[0]  #: end of the last step [s]
         self.cause: BaseException | None = None  #: what a callback has raised
         self.nonfinite: Any = None  #: first value of this step that is not finite: the error, or (t, y)
         self._nonfinite_before: Any = None  # the same of the step before: Radau fails one step late
-        self._count = 0
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock, which starts at 0."""
@@ -68,7 +65,6 @@ class Guard:
         counted = self.work.counted(function, **points)
 
         def call(t: float, y: Any, *more: Any) -> Any:
-            self.raise_cause()
             t, y = self.time(float(t)), np.array(y)
             try:
                 try:
@@ -86,14 +82,8 @@ class Guard:
 
         return call
 
-    def raise_cause(self) -> None:
-        """Raise again what a callback has raised, where it was swallowed."""
-        if self.cause is not None:
-            raise self.cause
-
-    def step_taken(self, t: float) -> None:
-        """A step that ended at ``t`` was accepted: what was not finite on the way did no harm, unless the next one fails."""
-        self.t, self._count = t, 0
+    def step_taken(self) -> None:
+        """A step was accepted: what was not finite on the way did no harm, unless the next one fails."""
         self.nonfinite, self._nonfinite_before = None, self.nonfinite
 
     @property
@@ -102,9 +92,6 @@ class Guard:
         return self._nonfinite_before if self.nonfinite is None else self.nonfinite
 
     def _note_nonfinite(self, y: Vector, where: Any) -> None:
-        self._count += 1
         if np.isfinite(y).all():  # else the library passes on what it was given before
             self.work.add("nonfinite_evaluations")
             self.nonfinite = where if self.nonfinite is None else self.nonfinite
-        if self._count >= MOST_NONFINITE:
-            raise Halt(Status.nonfinite_callback, f"{MOST_NONFINITE} values were not finite after t = {self.t:.17g}")

@@ -1,17 +1,74 @@
-"""The consistent start nearest to one that is given, for every solver."""
+"""The start of a run: consistent, or the nearest that is; its accelerations and multipliers, or why there is no motion."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from scipy.sparse import issparse
 
-from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import Dynamics, size_of, unreduced
+from hhtbench.arguments import all_finite
+from hhtbench.counting import Work, uncounted
+from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, constraint_rank, derive, size_of, unreduced
+from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
+from solvers._finite import explain_nonfinite
 from solvers._projection import MOST_ITERATIONS, PROJECTED, Projection
-from solvers._start import Failure, Guesses, Place, check_start, finite_levels, of_dynamics, violations
+from solvers._start import (
+    CORRECT,
+    Failure,
+    Guesses,
+    Place,
+    dynamics_for,
+    finite_levels,
+    of_dynamics,
+    points_of,
+    singular_mass,
+    violations,
+)
 
+NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
 AT_REST = 1e-15  # of v0: constraints that leave no more of a velocity leave none
+
+
+class Begun(NamedTuple):
+    """The start of a run."""
+
+    dynamics: Dynamics
+    place: Place
+    found: Acceleration
+    note: str  #: what was moved how far
+
+
+def begun(
+    system: System | NumpySystem, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
+) -> Begun | Failure:
+    """The start at ``place``: by machine code where it is plainly good, else with every check.
+
+    Raises
+    ------
+    NonFiniteValue
+        A function of the system is not finite at the start.
+    ProblemError
+        A guess has not one entry per constraint.
+    """
+    if not calc_initcond and issubclass(type(system), System):
+        with uncounted():
+            dynamics: Dynamics = derive(system, place.t, place.q, place.v)
+        known = of_dynamics(dynamics)
+        plain = known.compiled.at(place, guesses) if known.plain and known.compiled is not None else None
+        if plain is not None:
+            work.add("residual_evaluations")
+            return Begun(dynamics, place, plain, "")
+    dynamics = dynamics_for(system, place)
+    start = consistent_start(dynamics, place, guesses, work, calc_initcond=calc_initcond)
+    if isinstance(start, Failure):
+        return start
+    place, note = start
+    found = start_acceleration(dynamics, work, place, guesses)
+    return found if isinstance(found, Failure) else Begun(dynamics, place, found, note)
 
 
 def consistent_start(
@@ -70,3 +127,60 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
     note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}."
     return moved, note
+
+
+def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
+    """Why no motion begins at ``place``; None where one does.  ``levels`` and ``guesses`` are of all rows of [g; k].
+
+    Raises
+    ------
+    NonFiniteValue
+        A constraint or its Jacobian holds NaN or infinity.
+    ProblemError
+        A guess has not one entry per constraint.
+    """
+    s = levels.structure
+    if s.constrained:
+        at = finite_levels(levels, place.t, place.q, place.v)
+        if text := violations(at, place, CONSISTENT):
+            return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
+        whole = unreduced(dynamics) is dynamics and not issparse(at.position_jacobian)  # there the KKT matrix shows it
+        if whole and at.rank.redundant:
+            return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
+    elif singular_mass(dynamics, place):
+        message = "the mass matrix is singular at the start and no constraint determines the accelerations"
+        return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
+    for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
+        if guess is not None and guess.shape != (size,):
+            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
+    return None
+
+
+def start_acceleration(dynamics: Dynamics, work: Work, place: Place, guesses: Guesses) -> Acceleration | Failure:
+    """Accelerations and multipliers of the start, or why there are none; a linear reaction looks at no guess.
+
+    Raises
+    ------
+    NonFiniteValue
+        A function of the system is not finite at the start.
+    """
+    t, q, v = place.t, place.q, place.v
+    known = of_dynamics(dynamics)
+    found = known.acceleration.solve(t, q, v, *guesses)
+    work.add("residual_evaluations", points_of(dynamics))
+    if found.singular:
+        at = known.levels.at(t, q, v)
+        if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
+            return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
+        message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
+        nearly = constraint_rank(at.rows, NEARLY) if at.ranked else None
+        if nearly and nearly.redundant:
+            message += f", as rows nearly depend on others: up to {NEARLY:g} of their length {nearly.text}"
+            message += "; take them out, or write them so that they differ by more"
+        return Failure(Status.singular_iteration_matrix, message)
+    if not all_finite(found.vdot):
+        explain_nonfinite(dynamics, t, q, v)
+    if not found.converged:
+        message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
+        return Failure(Status.newton_failed, message)
+    return found

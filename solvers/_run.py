@@ -17,32 +17,13 @@ from hhtbench.request import Request, check_output_times
 from hhtbench.result import Ends, Solution, Status
 from hhtbench.trust import unresolved
 from solvers import forms
-from solvers._dense import OnConstraints, Pieces
-from solvers._ending import empty_solution, solution_of, unrecovered
+from solvers._dense import Kept, OnConstraints, Pieces
+from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._initcond import consistent_start
-from solvers._multipliers import Recover, plain_start, recovered
+from solvers._initcond import begun
 from solvers._projection import OneByOne
-from solvers._rows import (
-    Kept,
-    Rows,
-    carried,
-    holds_integrals,
-    own_multipliers,
-    rates_of,
-)
-from solvers._start import (
-    Failure,
-    Guesses,
-    Place,
-    absolute_tolerances,
-    budget_failure,
-    dynamics_for,
-    of_dynamics,
-    start_acceleration,
-    tried_twice,
-)
+from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, tried_twice
 
 __all__ = ["Halt", "Run"]
 
@@ -74,10 +55,8 @@ class Run:
         self.y: Any = None  #: (size,) at t
         self.steps = 0
         self.note = ""  #: what is said of a run beside how it ended
-        self.recover: Recover | None = None  #: the code of a solver that finds many rows' multipliers at once
         self.guard = Guard(self.work, problem.t_span)
         self.pieces: Pieces | None = None  #: dense output, where it was asked for
-        self._asked, self._ends = Kept(), Kept()  # rows at t_eval, and ends of steps
         self._keeps_ends = request.t_eval is None or request.keep_steps
 
     def solution(self, drive: Callable[[Run], None]) -> Solution:
@@ -91,25 +70,32 @@ class Run:
             self._end(self._raised(drive))
         )  # held by no frame of its own traceback, so that the run is freed at once
         self.work.only_output_is_left()
-        rows = self.rows()
-        own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        held = carried(self.form, rows, self.dynamics)
         end = Failure(end.status, f"{end.message} {self.note}".strip())
-        more: dict[str, Any] = {"ends": self._told_ends()}
+        more: dict[str, Any] = {"ends": self._kept_ends(), "carried": self._rows.carried(self.dynamics)}
         if self.pieces is not None and self.steps:
             put = OneByOne(self.dynamics).put_all
-            projection = OnConstraints(self.dynamics, put, self.pieces, held=False)
-            more |= {"interpolant": self.pieces, "projection": projection}
-        recover_many = partial(recovered, self.dynamics, self.work, self.recover, *rows.motion, own.lam, own.mu)
-        return solution_of(self, end, rows.motion, own, recover_many, carried=held, **more)
+            more["projection"] = OnConstraints(self.dynamics, put, self.pieces, held=False)
+            more["interpolant"] = self.pieces
+        return solution_of(self, end, self._rows.motion, self._own_multipliers(), **more)
 
     def left_over(self, end: Failure) -> Solution:
         """What was accepted before an exception; no function of the system is called for it."""
         if not hasattr(self, "start"):
             return self._nothing(end)
-        rows = self.rows()
-        own = own_multipliers(self.form, rows, self.dynamics, self.first)
-        return unrecovered(self, end, rows.motion, own, carried=carried(self.form, rows, self.dynamics))
+        carried = self._rows.carried(self.dynamics)
+        return unrecovered(self, end, self._rows.motion, self._own_multipliers(), carried=carried)
+
+    @property
+    def _rows(self) -> Kept:
+        """The rows so far."""
+        return self._ends if self.wanted is None else self._asked
+
+    def _own_multipliers(self) -> OwnMultipliers:
+        """Those that the solver holds, NaN where it has none."""
+        s, k, every = self.dynamics.structure, len(self._rows.times), "those of the form, NaN where it has none"
+        lam, mu = self._rows.multipliers(s.m) or (np.full((k, s.m), np.nan), np.full((k, s.p), np.nan))
+        some = "the values of the form or of the row before stand there"
+        return OwnMultipliers(lam, mu, (self.first.lam, self.first.mu), every, f"the rest are {every}", some)
 
     def _nothing(self, failure: Failure) -> Solution:
         return empty_solution(self.problem.q0.size, failure, self.work.counters())
@@ -129,15 +115,12 @@ class Run:
         problem = self.problem
         place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
-        found = None if self.request.calc_initcond else plain_start(problem.system, place, guesses, self.work)
-        if found is None:
-            place_or_failure = self._looked_at(place, guesses)
-            if isinstance(place_or_failure, Failure):
-                return place_or_failure
-            place = place_or_failure
-        else:
-            self.dynamics, self.first = found
+        start = begun(problem.system, place, guesses, self.work, calc_initcond=self.request.calc_initcond)
+        if isinstance(start, Failure):
+            return start
+        self.dynamics, place, self.first, self.note = start
         self.form = form = forms.make_form(self.form_name, self.dynamics)
+        self._asked, self._ends = Kept(form), Kept(form)  # rows at t_eval, and ends of steps
         self.start = form.start(place.q, place.v, self.first.vdot, self.first.lam, self.first.mu)
         self.rtol, self.weights = float(self.request.rtol or 0.0), form.error_weights(self.atol)
         vector = (form.size,)
@@ -161,35 +144,10 @@ class Run:
         vdot, found = self.first.vdot, self.rhs(self.t0, self.start.y)[self.first.vdot.size :]
         return bool(np.max(np.abs(found - vdot)) <= ROOT * max(1.0, float(np.max(np.abs(vdot)))))
 
-    def _looked_at(self, place: Place, guesses: Guesses) -> Place | Failure:
-        """Derive, and find the accelerations and multipliers of a start that may be bad or unusual; where it is then."""
-        self.dynamics = dynamics_for(self.problem.system, place)
-        begun = consistent_start(self.dynamics, place, guesses, self.work, calc_initcond=self.request.calc_initcond)
-        if isinstance(begun, Failure):
-            return begun
-        place, self.note = begun
-        found = start_acceleration(self, place, guesses)
-        if isinstance(found, Failure):
-            return found
-        self.first = found
-        return place
-
     @property
     def acceleration(self) -> AccelerationLevel:
         """Of those that are solved with."""
         return of_dynamics(self.dynamics).acceleration
-
-    def look_ahead(self, lost: float) -> None:
-        """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none).
-
-        For an ODE whose steps are taken inside compiled code, where nobody watches.
-        """
-        if np.isfinite(lost):
-            t, y, h = self.t, self.y, lost - self.t
-            slope = self.rhs(t, y)
-            for part in (1.0, 0.5, 0.25, 0.125, 0.0):
-                if self.guard.nonfinite is None:
-                    self.rhs(t + part * h, y + part * h * slope)
 
     def tells_no_steps(self) -> None:
         """Of a solver whose loop gives rows only, or that ends steps at output times: it keeps the ends of none."""
@@ -198,8 +156,9 @@ class Run:
     # --- the steps -------------------------------------------------------------------------------------------------
 
     def unfinished(self) -> bool:
-        """Whether the end is not reached; a spent budget ends the run here, as does an exception that was swallowed."""
-        self.guard.raise_cause()
+        """Whether the end is not reached; a spent budget ends the run here, as does an exception under compiled code."""
+        if self.guard.cause is not None:
+            raise self.guard.cause
         if self.t == self.t1:
             return False
         most = self.request.max_num_steps
@@ -233,19 +192,16 @@ class Run:
 
     def _expect_good(self, t: float, y: Vector) -> None:
         """Raise :class:`Halt` where steps that ended at (t, y) cannot be what they were reported to be."""
-        now, end = self.now, self.time(t)
-        if t == self.t:
-            raise Halt(Status.step_too_small, f"A step did not advance t = {now:.17g}. {Status.step_too_small.text}")
-        if not self.direction * self.t < self.direction * t <= self.direction * self.t1:
-            text = f"a step from t = {now:.17g} towards {self.time(self.t1):.17g} led to t = {end:.17g}"
+        if not self.direction * self.t < self.direction * t:
+            raise Halt(Status.step_too_small, f"A step did not advance t = {self.now:.17g}. {Status.step_too_small.text}")
+        if not all_finite(y):
+            text = f"the step to t = {self.time(t):.17g} was reported as good but its state is not finite"
             raise Halt(Status.unreliable, text)
-        if y.shape != (self.form.size,) or not all_finite(y):
-            raise Halt(Status.unreliable, f"the step to t = {end:.17g} was reported as good but its state is not finite")
 
     def _arrive(self, steps: int, t: float, y: Vector) -> None:
         """Go on from the end (t, y) of so many more ``steps``."""
         self.t, self.y = t, y
-        self.guard.step_taken(self.time(t))
+        self.guard.step_taken()
         self.steps += steps
         self.work.add("steps_accepted", steps)
 
@@ -267,18 +223,12 @@ class Run:
             if t != self.t1:
                 return
             self._ends.drop_last()
-        self._keep(self._ends, self.time(t), y, partial(rate, t) if rate else None)
+        self._ends.keep(self.time(t), y, partial(rate, t) if rate else None)
 
     def _keep_asked(self, time: float, y: Any, rate: Interpolate | None) -> None:
         """The row at the next of ``t_eval``, which is ``time`` on the library's clock."""
         asked: Any = self.request.t_eval
-        self._keep(self._asked, float(asked[len(self._asked.times)]), y, partial(rate, time) if rate else None)
-
-    def _keep(self, kept: Kept, time: float, y: Any, rate: Callable[[], Any] | None) -> None:
-        kept.times.append(time)
-        kept.states.append(np.array(y, dtype=np.float64))
-        if rate is not None and holds_integrals(self.form):
-            kept.rates.append(rates_of(self.form, np.array(rate(), dtype=np.float64)))
+        self._asked.keep(float(asked[len(self._asked.times)]), y, partial(rate, time) if rate else None)
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
@@ -326,13 +276,9 @@ class Run:
                 found = named
         return Failure(Status.nonfinite_callback, f"{found}; {self.name}: {end.message}")
 
-    def rows(self) -> Rows:
-        """The rows so far."""
-        return (self._ends if self.wanted is None else self._asked).rows(self.form)
-
-    def _told_ends(self) -> Ends | None:
+    def _kept_ends(self) -> Ends | None:
         """The ends of the steps, where they are kept beside the rows."""
         if not (self.request.keep_steps and self._keeps_ends):
             return None
-        rows = self._ends.rows(self.form)
-        return Ends(t=rows.t, q=rows.q, v=rows.v, carried=carried(self.form, rows, self.dynamics))
+        t, q, v = self._ends.motion
+        return Ends(t=t, q=q, v=v, carried=self._ends.carried(self.dynamics))

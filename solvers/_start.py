@@ -1,7 +1,8 @@
-"""What every solver does before its first step: derive, check the start, find its accelerations and multipliers."""
+"""What every solver begins with: a place, the dynamics that are derived there, and what is kept of them."""
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,26 +10,24 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import issparse
 
-from hhtbench.arguments import Vector, all_finite
+from hhtbench.arguments import Vector
 from hhtbench.counting import Work, uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
-    CONSISTENT,
     AccelerationLevel,
     ConstraintLevels,
     Dynamics,
     Levels,
+    NotNative,
     augment,
-    constraint_rank,
     derive,
     reduce_redundant,
     route_of,
     singular_at,
-    unreduced,
 )
 from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.lowering.dynamics.mass import infinite_entry
@@ -36,10 +35,13 @@ from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._finite import expect_finite, explain_nonfinite
-from solvers._trust import EQUATIONS, check_sparsity, wrong_derivatives
+from solvers._declared import EQUATIONS, check_sparsity, wrong_derivatives
+from solvers._finite import expect_finite
+from solvers.kernel import acceleration
+from solvers.kernel import memory as mem
+from solvers.kernel.kkt import GOOD_START, of_full_matrices, plain_mass
+from solvers.kernel.memory import copied, view
 
-NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
 CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
@@ -67,10 +69,6 @@ class Solving(Protocol):
     dynamics: Dynamics
 
     @property
-    def acceleration(self) -> AccelerationLevel:
-        """Of the constraints that are solved with."""
-
-    @property
     def work(self) -> Work:
         """What is counted."""
 
@@ -92,16 +90,56 @@ def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
     return failure
 
 
+def typical_sizes(problem: Problem) -> Vector:
+    """Of q and v, (2n,): the problem's scales."""
+    n, sizes = problem.q0.size, np.empty(2 * problem.q0.size)
+    sizes[:n], sizes[n:] = problem.scales.q, problem.scales.v
+    return sizes
+
+
 def absolute_tolerances(problem: Problem, request: Request) -> Vector:
-    """Of q and v, (2n,): those of the request, or ``rtol`` times the problem's scales where it gives none."""
-    n, scales, atol = problem.q0.size, problem.scales, request.atol
+    """Of q and v, (2n,): those of the request, or ``rtol`` times the typical sizes where it gives none."""
+    n, atol = problem.q0.size, request.atol
     if atol is None:
-        typical, rtol = np.empty(2 * n), 0.0 if request.rtol is None else request.rtol
-        typical[:n], typical[n:] = scales.q, scales.v
-        return typical * (rtol if type(rtol) is float else np.resize(rtol, 2 * n))
+        rtol = 0.0 if request.rtol is None else request.rtol
+        return typical_sizes(problem) * (rtol if type(rtol) is float else np.resize(rtol, 2 * n))
     if np.shape(atol) not in ((), (n,), (2 * n,)):
         raise ProblemError(f"atol must be a number, ({n},) or ({2 * n},) for q and v; got shape {np.shape(atol)}.")
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
+
+
+class CompiledLevel:
+    """The acceleration level of starts and rows by machine code of full matrices.
+
+    In Python one row takes as long as ten rows here.
+
+    Raises
+    ------
+    NotNative
+        The functions of the system cannot be machine code.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        places = of_full_matrices(dynamics)
+        self._codes, z = places.codes, places.memory
+        view(z, mem.START_BOUNDS)[:] = GOOD_START
+        self._place, self._lam, self._mu, self._vdot = (view(z, name) for name in (mem.PLACE, mem.LAM, mem.MU, mem.VDOT))
+        self._start, self._lock = acceleration.start.following(z), threading.Lock()
+        #: (rows [t, q, v, lam, mu], done): fills multipliers and marks rows; of many threads at once
+        self.recover = acceleration.recover.following(copied(z))
+
+    def at(self, place: Place, guesses: Guesses) -> Acceleration | None:
+        """Of the start at ``place``; None where it is not plainly good, or a guess is of another system."""
+        n = place.q.size
+        with self._lock:
+            for section, guess in zip((self._lam, self._mu), guesses, strict=True):
+                if guess is not None and guess.shape != section.shape:
+                    return None
+                section[:] = 0.0 if guess is None else guess
+            self._place[0], self._place[1 : 1 + n], self._place[1 + n :] = place.t, place.q, place.v
+            if not self._start():
+                return None
+            return Acceleration(self._vdot.copy(), self._lam.copy(), self._mu.copy(), converged=True, singular=False)
 
 
 class OfDynamics:
@@ -121,6 +159,25 @@ class OfDynamics:
     def acceleration(self) -> AccelerationLevel:
         """Likewise."""
         return AccelerationLevel(self._dynamics)
+
+    @cached_property
+    def compiled(self) -> CompiledLevel | None:
+        """None of a system that is large, or whose functions are no machine code.
+
+        It depends on the system only: else results would depend on what was solved before.
+        """
+        dynamics = self._dynamics
+        if route_of(dynamics) == "numpy" or not dynamics.matrices or too_large(dynamics) is not None:
+            return None
+        try:
+            return CompiledLevel(dynamics)
+        except NotNative:
+            return None
+
+    @cached_property
+    def plain(self) -> bool:
+        """Whether nothing but its place determines whether a start is good."""
+        return plain_mass(self._dynamics) and not self.compared and not declared(self._dynamics.system, "sparsity")
 
 
 _of_dynamics = Cache(64)
@@ -169,7 +226,7 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics`` without dependent rows and with a regular mass."""
     with uncounted():
         dynamics = _independent(dynamics, place)
-        if dynamics.structure.constrained and _singular(dynamics, place):
+        if dynamics.structure.constrained and singular_mass(dynamics, place):
             dynamics = augment(dynamics, place.t, place.q)
         return dynamics
 
@@ -182,7 +239,7 @@ def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
     return with_full_matrices(dynamics)
 
 
-def _singular(dynamics: Dynamics, place: Place) -> bool:
+def singular_mass(dynamics: Dynamics, place: Place) -> bool:
     """Whether the mass is; one that is known by its entries has been looked at."""
     by_entries = dynamics.structure.mass == "variable" and isinstance(matrix_free(dynamics), VariableMass)
     return not by_entries and singular_at(dynamics, place.t, place.q)
@@ -210,51 +267,6 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     return reduced
 
 
-def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
-    """Why no motion begins at ``place``; None where one does.  ``levels`` and ``guesses`` are of all rows of [g; k].
-
-    Raises
-    ------
-    NonFiniteValue
-        A constraint or its Jacobian holds NaN or infinity.
-    ProblemError
-        A guess has not one entry per constraint.
-    """
-    s = levels.structure
-    if s.constrained:
-        failure = inconsistency(levels, place, reduced=unreduced(dynamics) is not dynamics)
-        if failure is not None:
-            return failure
-    elif _singular(dynamics, place):
-        message = "the mass matrix is singular at the start and no constraint determines the accelerations"
-        return Failure(Status.singular_iteration_matrix, f"{message}; give every coordinate a mass")
-    for name, guess, size in (("lam_guess", guesses[0], s.m), ("mu_guess", guesses[1], s.p)):
-        if guess is not None and guess.shape != (size,):
-            raise ProblemError(f"{name} must have shape ({size},), one entry per constraint; got {guess.shape}.")
-    return None
-
-
-def inconsistency(levels: ConstraintLevels, place: Place, *, reduced: bool = False) -> Failure | None:
-    """None for a consistent start; else the violated rows with their sizes, or the redundant rows.
-
-    ``reduced``: the solver works without those.
-
-    Raises
-    ------
-    NonFiniteValue
-        A constraint or its Jacobian holds NaN or infinity.
-    """
-    at = finite_levels(levels, place.t, place.q, place.v)
-    text = violations(at, place, CONSISTENT)
-    if text:
-        return Failure(Status.inconsistent_initial, f"the start violates {text}; {CORRECT}")
-    if issparse(at.position_jacobian):  # dependent rows make the KKT matrix singular: they are looked for only there
-        return None
-    if at.rank.redundant and not reduced:
-        return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
-    return None
-
-
 def violations(at: Levels, place: Place, bound: float) -> str:
     """Rows above ``bound`` in words, position level first; empty when there are none."""
     if at.hold(place.q, place.v, bound):
@@ -275,35 +287,6 @@ def finite_levels(levels: ConstraintLevels, t: float, q: Vector, v: Vector) -> L
     expect_finite("velocity_constraint_jacobian", at.velocity_jacobian, t)
     expect_finite("the velocity level of the constraints", at.velocity_drift, t)
     return at
-
-
-def start_acceleration(run: Solving, place: Place, guesses: Guesses) -> Acceleration | Failure:
-    """Accelerations and multipliers of the start, or why there are none; a linear reaction looks at no guess.
-
-    Raises
-    ------
-    NonFiniteValue
-        A function of the system is not finite at the start.
-    """
-    t, q, v = place.t, place.q, place.v
-    found = run.acceleration.solve(t, q, v, *guesses)
-    run.work.add("residual_evaluations", points_of(run.dynamics))
-    if found.singular:
-        at = of_dynamics(run.dynamics).levels.at(t, q, v)
-        if issparse(at.position_jacobian) and at.ranked and at.rank.redundant:
-            return Failure(Status.redundant_constraints, f"the constraint Jacobian at the start has {at.rank.text}")
-        message = "the KKT matrix [[M, C^T], [C, 0]] is singular at the start: accelerations are not determined"
-        nearly = constraint_rank(at.rows, NEARLY) if at.ranked else None
-        if nearly and nearly.redundant:
-            message += f", as rows nearly depend on others: up to {NEARLY:g} of their length {nearly.text}"
-            message += "; take them out, or write them so that they differ by more"
-        return Failure(Status.singular_iteration_matrix, message)
-    if not all_finite(found.vdot):
-        explain_nonfinite(run.dynamics, t, q, v)
-    if not found.converged:
-        message = "no multipliers satisfy the acceleration level at the start from lam_guess; give a better guess"
-        return Failure(Status.newton_failed, message)
-    return found
 
 
 def points_of(dynamics: Dynamics) -> int:

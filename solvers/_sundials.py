@@ -1,4 +1,4 @@
-"""What SUNDIALS says, for the status and not for the terminal: the one file that knows how it is printed.
+"""What IDA and CVODE of scikit-sundae share: Newton's matrix, steps, and the errors that they print.
 
 Warnings are written by SUNDIALS itself, in C, into the file that its variable names.  Errors come through scikit-sundae,
 which calls Python's ``print`` in the thread that took the step.  Its compiled code holds ``print`` itself, so that only
@@ -11,13 +11,107 @@ import os
 import re
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.result import Status
+from solvers import forms
+from solvers._dense import NODES, Polynomial
+from solvers._run import Halt, Run
 
 os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)  # read when a solver is made; else it is stdout
 
+LAPACK = 100  # unknowns from which LAPACK's blocked LU is faster than SUNDIALS' own
+TOO_ACCURATE = -2
+SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
+    -1: Status.max_steps,
+    TOO_ACCURATE: Status.step_too_small,  # accuracy beyond roundoff was asked for
+    -3: Status.step_too_small,
+    -4: Status.newton_failed,
+    -6: Status.singular_iteration_matrix,
+    -7: Status.singular_iteration_matrix,
+    -22: Status.declined,
+}
 PRINTED = re.compile(r"\n\[\w+, Error: -?\d+\] .*\n", re.DOTALL)  # by _sunerr_handler of sksundae/_cy_common.pyx
+
+
+class SundialsMatrix:
+    """Newton's matrix as SUNDIALS takes it: by which of its linear solvers, and its values in their order."""
+
+    def __init__(self, form: forms.Form) -> None:
+        self._order: Any = ...
+        self._options: dict[str, Any] = {"linsolver": "dense" if form.size < LAPACK else "lapackdense"}
+        if form.pattern is not None:
+            rows, columns = form.pattern.rows, form.pattern.columns
+            self._order = np.lexsort((rows, columns))
+            pattern = csc_matrix((np.ones(rows.size), (rows, columns)), shape=form.pattern.shape)
+            self._options = {"linsolver": "sparse", "sparsity": pattern}
+
+    def solver(self, library: Any, function: Any, **options: Any) -> Any:
+        """An IDA or CVODE for this matrix."""
+        if self._order is ...:
+            return library(function, **self._options, **options)
+        with warnings.catch_warnings():
+            text = "Custom sparse Jacobian approximation will be ignored"  # as it should: the Jacobian is given
+            warnings.filterwarnings("ignore", message=text)
+            return library(function, **self._options, **options)
+
+    def values(self, found: Vector | Matrix) -> Vector | Matrix:
+        """What a Jacobian of the form gives: the full matrix, or of a pattern the entries column by column."""
+        return found[self._order]
+
+
+def step_sundials(run: Run, solver: Any) -> None:
+    """Take the steps of ``solver``, an IDA or CVODE of scikit-sundae after ``init_step``, until ``run.t1``."""
+    with overheard() as said:
+        while run.unfinished():
+            step = solver.step(run.t1, method="onestep", tstop=run.t1)
+            if step.status < 0:
+                status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
+                text = _roundoff(run) if step.status == TOO_ACCURATE else status.text
+                where = f"t = {run.now:.17g} was reached; the library's times count from {run.time(run.t0):.17g}."
+                raise Halt(status, f"{step.message} {' '.join(said)} {text} {where}")
+            dense = partial(_sampled, solver, run.t, step)
+            run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step), dense=dense)
+
+
+def _roundoff(run: Run) -> str:
+    """At which tolerances SUNDIALS would go on: those of which the roundoff of y is less than half."""
+    size = np.sqrt(np.mean((run.y / (run.rtol * np.abs(run.y) + run.weights)) ** 2))
+    below = 2 * np.finfo(np.float64).eps * size
+    return f"Roundoff is reached: loosen the tolerances {below:.2g} times."
+
+
+def _state(solver: Any, step: Any, time: float) -> Vector:
+    """y at ``time`` within the last step."""
+    return _within(solver, step.t, time).y
+
+
+def _rate(solver: Any, step: Any, time: float) -> Vector:
+    """y' at ``time`` within the last step of an IDA, or at its end."""
+    return step.yp if time == step.t else _within(solver, step.t, time).yp
+
+
+def _sampled(solver: Any, start: float, step: Any) -> Polynomial:
+    """The library's polynomial over the last step, from ``start``: it keeps none, so that values of it are kept."""
+    times = start + (step.t - start) * NODES
+    values = np.array([np.array(solver.step(time, method="normal", tstop=None).y) for time in times.tolist()])
+    solver.step(step.t, method="normal", tstop=None)
+    return Polynomial(times, values)
+
+
+def _within(solver: Any, end: float, time: float) -> Any:
+    """What the library gives at ``time``; it is put back to the step's end, from where it goes on."""
+    found = solver.step(time, method="normal", tstop=None)
+    solver.step(end, method="normal", tstop=None)
+    return found
 
 
 class _Here(threading.local):
@@ -25,6 +119,21 @@ class _Here(threading.local):
 
     said: list[str] | None = None  #: None: nobody listens
     newline = False  #: ``print`` has yet to write the newline that ends a message
+
+
+class _Ear:
+    """The ``write`` of a stream while threads listen at it."""
+
+    def __init__(self, stream: Any) -> None:
+        self.write, self.listeners = stream.write, 0
+
+    def __call__(self, text: str) -> Any:
+        if _here.said is not None and PRINTED.fullmatch(text):
+            _here.said.append(text.strip())
+            _here.newline = True
+            return len(text)
+        ends, _here.newline = _here.newline and text == "\n", False
+        return len(text) if ends else self.write(text)
 
 
 _here = _Here()
@@ -35,54 +144,19 @@ _ears: dict[int, _Ear] = {}  # by id of the stream
 @contextmanager
 def overheard() -> Iterator[list[str]]:
     """The errors that SUNDIALS prints in this thread; all else that is written to stdout passes."""
-    said: list[str] = []
-    before, ear = _here.said, _listen(sys.stdout)
+    stream: Any = sys.stdout
+    before, said = _here.said, list[str]()
+    with _lock:
+        if id(stream) not in _ears:
+            _ears[id(stream)] = _Ear(stream)
+            stream.write = _ears[id(stream)]
+        _ears[id(stream)].listeners += 1
     _here.said = said
     try:
         yield said
     finally:
         _here.said = before
-        if ear is not None:
-            _leave(ear)
-
-
-class _Ear:
-    """The ``write`` of a stream while threads listen at it."""
-
-    def __init__(self, stream: Any) -> None:
-        self.stream, self.write, self.listeners = stream, stream.write, 0
-        self.own = vars(stream).get("write")  #: what stood in the place of the method before
-
-    def __call__(self, text: str) -> Any:
-        if _here.said is not None and isinstance(text, str) and PRINTED.fullmatch(text):
-            _here.said.append(text.strip())
-            _here.newline = True
-            return len(text)
-        ends, _here.newline = _here.newline and text == "\n", False
-        return len(text) if ends else self.write(text)
-
-
-def _listen(stream: Any) -> _Ear | None:
-    """The ear at ``stream``, with one more listener; None at a stream without attributes of its own, which is left alone."""
-    if not hasattr(stream, "__dict__"):
-        return None
-    with _lock:
-        ear = _ears.get(id(stream))
-        if ear is None:
-            ear = _ears[id(stream)] = _Ear(stream)
-            stream.write = ear
-        ear.listeners += 1
-        return ear
-
-
-def _leave(ear: _Ear) -> None:
-    """One listener less; with the last the stream is as it was."""
-    with _lock:
-        ear.listeners -= 1
-        if ear.listeners:
-            return
-        del _ears[id(ear.stream)]
-        if vars(ear.stream).get("write") is ear:  # else somebody has put another in its place
-            del ear.stream.write
-            if ear.own is not None:
-                ear.stream.write = ear.own
+        with _lock:
+            _ears[id(stream)].listeners -= 1
+            if not _ears[id(stream)].listeners:  # with the last listener the stream is as it was
+                del _ears[id(stream)], stream.write

@@ -22,6 +22,10 @@ EXECUTE = 3  # the stage that is a call, XLA_FFI_ExecutionStage_EXECUTE
 BUFFER = struct.Struct("6q")  # XLA_FFI_Buffer, and where in it ...
 DATA, RANK, SHAPE = 3, 4, 5  # ... things are
 METADATA = 1  # the extension that asks what a handler is, XLA_FFI_Extension_Metadata
+OF_TYPE, OF_METADATA = 8, 24  # [bytes] where things are in XLA_FFI_Metadata_Extension ...
+OF_VERSION, OF_TRAITS = 24, 32  # ... in XLA_FFI_Metadata: numbers of the version, major and minor in one word ...
+OF_API_VERSION = 32  # ... and in XLA_FFI_Api
+INT = 0xFFFFFFFF  # the half of a word that an int is
 MOST_PLACES = 256  # in memory at which arrays are remembered to have been
 
 functions: dict[int, Callable[..., Any]] = {}  #: ticket -> what is called: (shape of the result, *arrays) -> array
@@ -30,36 +34,21 @@ _known: dict[
 ] = {}  # places and shapes of the buffers -> arrays there, the result first
 
 
-class _Version(ctypes.Structure):
-    _fields_ = (("size", ctypes.c_size_t), ("extension", ctypes.c_void_p), ("major", ctypes.c_int), ("minor", ctypes.c_int))
-
-
-class _Api(ctypes.Structure):
-    _fields_ = (("size", ctypes.c_size_t), ("extension", ctypes.c_void_p), ("version", _Version))
-
-
-class _Metadata(ctypes.Structure):
-    _fields_ = (("size", ctypes.c_size_t), ("version", _Version), ("traits", ctypes.c_uint32))
-
-
-class _Extension(ctypes.Structure):
-    _fields_ = (
-        ("size", ctypes.c_size_t),
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-        ("metadata", ctypes.POINTER(_Metadata)),
-    )
+def _word(address: int) -> Any:
+    """The eight bytes at ``address``; its ``value`` can be set."""
+    return ctypes.c_int64.from_address(address)
 
 
 @ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
 def _handler(address: int) -> None:
     """Answers what XLA asks of a handler, and carries out a call."""
     frame = FRAME.unpack(ctypes.string_at(address, FRAME.size))
-    if frame[EXTENSION] and _Extension.from_address(frame[EXTENSION]).type == METADATA:
-        metadata = _Extension.from_address(frame[EXTENSION]).metadata.contents
-        running = _Api.from_address(frame[API]).version
-        metadata.version.major, metadata.version.minor, metadata.traits = running.major, running.minor, 0
-    elif frame[STAGE] & 0xFFFFFFFF == EXECUTE:
+    extension = frame[EXTENSION]
+    if extension and _word(extension + OF_TYPE).value & INT == METADATA:
+        metadata = _word(extension + OF_METADATA).value
+        _word(metadata + OF_VERSION).value = _word(frame[API] + OF_API_VERSION).value  # that which runs
+        ctypes.c_uint32.from_address(metadata + OF_TRAITS).value = 0
+    elif frame[STAGE] & INT == EXECUTE:
         count = frame[COUNT]
         places = ctypes.string_at(frame[RESULTS], 8) + ctypes.string_at(frame[ARGUMENTS], 8 * count)
         result, ticket, *arrays = _arrays(struct.unpack(f"{1 + count}q", places))

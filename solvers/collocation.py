@@ -2,22 +2,28 @@
 
 Order 2 s - 1: with seven stages 13, so that roundoff is reached with few steps, also on stiff problems and with both levels
 of the constraints as equations.  It is ours, and slow per step: it exists to certify others, not to compete with them.
+
+A step seeks a polynomial of degree s through the start that satisfies F(t, y, y') = 0 at s nodes, the last at the end of the
+step: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, Springer 1996, section VII.4.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy import linalg, special
 
 from hhtbench.arguments import Matrix, Vector, positive_integer
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
 from solvers._adapter import Adapter, choose
-from solvers._collocation import Collocation, radau_nodes
+from solvers._dense import Polynomial, barycentric
 from solvers._run import Halt, Run
+from solvers._start import typical_sizes
 
 KNOWN = {"form": ("ggl", "index2", "index1")}
 STAGES = 7
@@ -28,6 +34,12 @@ PATIENCE = 20  # steps without growth after a refusal
 KEEP = 1.3  # a step that could grow by less keeps its length, and with it the factorised matrix
 FIRST = 1e-4  # of the interval: the first step that is tried
 BETTER = 0.75  # the last Legendre coefficient may be rtol**BETTER: the end of a step is better by more than that
+MOST_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to five digits each
+SLOW, TOO_SLOW = 0.1, 0.5  # contraction from which the matrix is made anew, and from which the step is too long
+UNJUDGED = 3  # first increments that say nothing of the contraction: they mend the guess of the multipliers
+ROUNDOFF = 1e-15  # increments below this, relative to the sizes, change nothing
+BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
+STAGNATION = 1e-13  # increments below this that no longer shrink are roundoff in the defect
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,7 @@ class CollocationSolver(Adapter):
             method.advance(z, h)
             dense = partial(method.interpolant, run.t, run.y, z, h)
             run.accept(end, run.y + z[-1], _no_interior, dense=dense)
-            run.work.library = method.counters
+            run.work.library = dict(method.tally)
             patience = max(patience - 1, 0)
             if factor > KEEP and not patience:
                 length = max(length, abs(h) * factor)
@@ -72,8 +84,8 @@ class CollocationSolver(Adapter):
 
 def _scales(run: Run) -> Vector:
     """Typical sizes of y, (size,): the problem's for q and v, one elsewhere."""
-    scales, n = np.ones(run.form.size), run.problem.q0.size
-    scales[:n], scales[n : 2 * n] = run.problem.scales.q, run.problem.scales.v
+    scales, known = np.ones(run.form.size), typical_sizes(run.problem)
+    scales[: known.size] = known
     return scales
 
 
@@ -89,6 +101,121 @@ def _end_of_step(run: Run, length: float) -> float:
 
 def _no_interior(time: float) -> Any:
     raise AssertionError("every output time is the end of a step")
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Collocation points of a step of length one and what follows from them."""
+
+    c: Vector  #: (s,) nodes; the last is 1
+    slope: Matrix  #: (s, s) values at the nodes, start taken off -> derivatives at the nodes
+    leading: Vector  #: (s,) values at the nodes -> last coefficient in Legendre's polynomials
+
+
+@cache
+def radau_nodes(stages: int) -> Nodes:
+    """The nodes of Radau IIA with ``stages`` stages."""
+    inner = np.sort(special.roots_jacobi(stages - 1, 1.0, 0.0)[0]) if stages > 1 else np.zeros(0)
+    c = np.append((1 + inner) / 2, 1.0)
+    x = np.append(0.0, c)
+    weight, difference = barycentric(x), x[:, None] - x[None, :] + np.eye(stages + 1)
+    slope = weight[None, :] / weight[:, None] / difference
+    np.fill_diagonal(slope, 0.0)
+    np.fill_diagonal(slope, -slope.sum(axis=1))
+    monomial = weight[1:]  # coefficient of x^s: the divided difference of all points
+    legendre = 1 / special.comb(2 * stages, stages, exact=False)  # P_s on [0, 1] begins with comb(2s, s) x^s
+    return Nodes(c=c, slope=slope[1:, 1:], leading=monomial * legendre)
+
+
+@dataclass
+class Collocation:
+    """One step after the other on the DAE form of a run; keeps its factorised matrix while that serves."""
+
+    run: Any
+    nodes: Nodes
+    scales: Vector  #: (size,) typical sizes of y; those of multipliers are not used
+    rate: Vector  #: (size,) dy/dt at the end of the last step
+    last: tuple[Matrix, float] | None = None  #: change of y at the nodes of the last step, and its length [s]
+    factor: Any = None
+    factor_h: float = 0.0
+    tally: Counter[str] = field(default_factory=Counter)  #: Newton iterations, factorisations and solves so far
+
+    def step(self, t: float, y: Vector, h: float) -> Matrix | None:
+        """Change of y at the nodes, (s, size), in a step of length ``h`` from (t, y); None where Newton fails."""
+        guess = self._predicted(y.size, h)
+        if self.factor is not None and self.factor_h == h:
+            found = self._iterate(t, y, h, guess, SLOW)
+            if found is not None:
+                return found
+        self._factorise(t, y, h, guess)
+        return self._iterate(t, y, h, guess, TOO_SLOW)
+
+    def advance(self, z: Matrix, h: float) -> None:
+        """The step with the changes ``z`` (s, size) was taken."""
+        self.last, self.rate = (z, h), self.nodes.slope[-1] @ z / h
+
+    def interpolant(self, t: float, y: Vector, z: Matrix, h: float) -> Polynomial:
+        """The polynomial of the step from (t, y) with the changes ``z`` (s, size)."""
+        return Polynomial(t + h * np.append(0.0, self.nodes.c), np.vstack([y, y + z]))
+
+    def _predicted(self, size: int, h: float) -> Matrix:
+        """The last step's polynomial continued, as change from its end."""
+        if self.last is None:
+            return self.nodes.c[:, None] * h * self.rate
+        z, length = self.last
+        return extrapolation(self.nodes, h / length) @ z
+
+    def _iterate(self, t: float, y: Vector, h: float, z: Matrix, slow: float) -> Matrix | None:
+        """Simplified Newton iteration until the increments are roundoff; None where they shrink by less than ``slow``."""
+        residual, form = self.run.residual, self.run.form
+        counted = ~form.multipliers  # those follow
+        times, last, sizes = t + self.nodes.c * h, np.inf, self._sizes(y)
+        for iteration in range(MOST_ITERATIONS):
+            stages = zip(times, z, self.nodes.slope @ z / h, strict=True)
+            defect = np.concatenate([residual(time, y + change, rate) for time, change, rate in stages])
+            if not np.isfinite(defect).all():
+                return None
+            increment = linalg.lu_solve(self.factor, defect, check_finite=False).reshape(z.shape)
+            self.tally.update(newton_iterations=1, linear_solves=1)
+            z = z - increment
+            size = float(np.max((np.abs(increment) / sizes)[:, counted]))
+            judged = iteration >= UNJUDGED
+            if size <= ROUNDOFF or (judged and size <= STAGNATION and size > TOO_SLOW * last):
+                return z
+            if not np.isfinite(size) or (judged and size > slow * last and size > STAGNATION):
+                return None
+            last = size
+        return None
+
+    def _sizes(self, y: Vector) -> Vector:
+        """What increments are measured by, (size,): small coordinates carry the roundoff of the largest one beside them."""
+        sizes, n = self.scales + np.abs(y), self.run.form.blocks["q"].stop
+        for block in (slice(0, n), slice(n, 2 * n)):
+            sizes[block] = np.maximum(sizes[block], BESIDE * np.max(sizes[block]))
+        return sizes
+
+    def _factorise(self, t: float, y: Vector, h: float, guess: Matrix) -> None:
+        """The matrix of the whole step, its derivatives from the middle: blocks delta_ij dF/dy + slope_ij / h dF/dy'."""
+        s, size = self.nodes.c.size, y.size
+        middle = s // 2
+        place = t + self.nodes.c[middle] * h, y + guess[middle], self.nodes.slope[middle] @ guess / h
+        direct, other = (self.run.form.matrix(self.run.jacobian(*place, c)) for c in (0.0, 1.0))
+        matrix = np.kron(self.nodes.slope / h, other - direct)
+        for i in range(s):
+            block = slice(i * size, (i + 1) * size)
+            matrix[block, block] += direct
+        self.factor, self.factor_h = linalg.lu_factor(matrix, check_finite=False), h
+        self.tally.update(factorisations=1)
+
+
+def extrapolation(nodes: Nodes, ratio: float) -> Matrix:
+    """(s, s): changes at the nodes of one step -> changes from its end at the nodes of the next, ``ratio`` times as long."""
+    x = np.append(0.0, nodes.c)
+    weight = barycentric(x)
+    parts = weight / (1 + ratio * nodes.c[:, None] - x)
+    lagrange = parts / parts.sum(axis=1, keepdims=True)
+    lagrange[:, -1] -= 1.0
+    return lagrange[:, 1:]
 
 
 def solver(**options: Any) -> CollocationSolver:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from solvers._adapter import Adapter, SundialsMatrix, choose, step_sundials
+from solvers._adapter import Adapter, choose
 from solvers._run import Run
+from solvers._sundials import SundialsMatrix, step_sundials
 
 try:
     from sksundae.cvode import CVODE  # type: ignore[import-untyped, import-not-found, unused-ignore]

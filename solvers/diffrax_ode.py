@@ -3,7 +3,7 @@
 The loop over steps is compiled too (:mod:`solvers._diffrax_loop`); it returns to Python after every SEGMENT attempts, so
 that budgets hold.  A compiled solve cannot be watched.  An explicit method evaluates as often as it has stages, so its
 evaluations follow from its attempts.  An implicit one iterates: :meth:`DiffraxSolver.count` repeats its solve, untimed,
-with a callback at every evaluation; ``max_evaluations`` selects that code.
+with functions of Python, which count; ``max_evaluations`` selects that code.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
-import jax
 import numpy as np
 
 from hhtbench.errors import BudgetSpent
@@ -66,34 +65,24 @@ class DiffraxSolver(Adapter):
 
     def drive(self, run: Run) -> None:
         """Compiled segments until the end."""
-        where = self._place_of_rhs(run)
-        if loop.evaluations_per_step(self.method) is None and where != loop.OUTSIDE:
-            evaluations = ["residual_evaluations", "output_evaluations"] * (where == loop.WITHIN)
-            run.work.unseen = [*evaluations, "jacobian_evaluations"]
+        implicit = loop.evaluations_per_step(self.method) is None
+        outside = run.form.outside(implicit) or (implicit and run.request.max_evaluations is not None)
+        if implicit and not outside:
+            run.work.unseen = ["residual_evaluations", "output_evaluations", "jacobian_evaluations"]
         ticket, called = next(_tickets), _Called(run)
         functions[ticket] = called
         try:
-            self._segments(run, where, ticket, called)
+            self._segments(run, outside, ticket, called)
         finally:
-            loop.evaluations.pop(ticket, None)
             del functions[ticket]
 
-    def _place_of_rhs(self, run: Run) -> str:
-        """Where y' is computed."""
-        implicit = loop.evaluations_per_step(self.method) is None
-        if run.form.outside(implicit):
-            return loop.OUTSIDE
-        return loop.COUNTED if implicit and run.request.max_evaluations is not None else loop.WITHIN
-
-    def _segments(self, run: Run, where: str, ticket: int, called: _Called) -> None:
+    def _segments(self, run: Run, outside: bool, ticket: int, called: _Called) -> None:
         parts = loop.start_steps, loop.take_steps, loop.step_to, loop.inside
         start, segment, step_to, interpolate = (
-            called.watched(compile_function(part, run.dynamics, self.method, where, route="xla")) for part in parts
+            called.watched(compile_function(part, run.dynamics, self.method, outside, route="xla")) for part in parts
         )
         s1, most = run.direction * run.t1, run.request.max_num_steps  # time runs forward in s = +-(t - t0)
-        counted, per_step = where == loop.COUNTED, loop.evaluations_per_step(self.method) or 0
-        if where == loop.OUTSIDE:  # what is called counts itself
-            per_step = 0
+        per_step = 0 if outside else loop.evaluations_per_step(self.method) or 0  # functions of Python count themselves
         fixed = np.array([run.direction, ticket, run.time(run.t0), s1, run.rtol]), run.weights
         state, lost, rejected = start(*fixed, run.start.y), np.nan, 0
         room = loop.SEGMENT if run.request.max_seconds is None else 1
@@ -109,18 +98,14 @@ class DiffraxSolver(Adapter):
                 room = int(min(8 * room, loop.SEGMENT, max(SLOW / each, 1.0)))
             lost = numbers[2] if accepted or np.isnan(lost) else lost
             run.work.library = {"steps_rejected_error": rejected}
-            _book(run, _ticked(ticket) if counted else per_step * attempted)
+            _book(run, per_step * attempted)
             for row in rows.reshape(loop.SEGMENT, -1)[:accepted]:
                 t = run.t1 if row[1] == s1 else run.direction * row[1]
                 between = partial(_between, run, step_to, fixed, row, per_step)
                 dense = partial(_sampled, run, interpolate, fixed, row, per_step)
                 run.accept(t, row[2 : 2 + run.form.size], between, dense=dense)
-            if counted:
-                inside = _ticked(ticket)  # of the shorter steps to output times
-                run.work.output["residual_evaluations"] += inside
-                _book(run, inside)
             if not accepted:
-                run.look_ahead(run.direction * lost)
+                _look_ahead(run, run.direction * lost)
                 status = Status.step_too_small
                 raise Halt(status, f"diffrax accepts no step from t = {run.now:.17g}. {status.text}")
 
@@ -156,6 +141,16 @@ class _Called:
         return call
 
 
+def _look_ahead(run: Run, lost: float) -> None:
+    """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none)."""
+    if np.isfinite(lost):
+        t, y, h = run.t, run.y, lost - run.t
+        slope = run.rhs(t, y)
+        for part in (1.0, 0.5, 0.25, 0.125, 0.0):
+            if run.guard.nonfinite is None:
+                run.rhs(t + part * h, y + part * h * slope)
+
+
 def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: float) -> Any:
     _book(run, per_step + 1 if per_step else 0)
     return step_to(*fixed, row, fixed[0][0] * at)
@@ -166,12 +161,6 @@ def _sampled(run: Run, inside: Any, fixed: Any, row: Any, per_step: int) -> Poly
     _book(run, per_step + 1 if per_step else 0)
     times = row[0] + (row[1] - row[0]) * NODES
     return Polynomial(fixed[0][0] * times, np.asarray(inside(*fixed, row, times)))
-
-
-def _ticked(ticket: int) -> int:
-    """Evaluations of counted code since the last call."""
-    jax.effects_barrier()
-    return loop.evaluations.pop(ticket, 0)
 
 
 def _book(run: Run, evaluations: int) -> None:

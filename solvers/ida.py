@@ -12,8 +12,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from solvers._adapter import Adapter, SundialsMatrix, choose, step_sundials
+from solvers._adapter import Adapter, choose
 from solvers._run import Run
+from solvers._sundials import SundialsMatrix, step_sundials
 
 try:
     from sksundae.ida import IDA  # type: ignore[import-untyped, import-not-found, unused-ignore]

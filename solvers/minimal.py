@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import Any
 
 import jax
@@ -18,14 +17,14 @@ import numpy as np
 from hhtbench.arguments import Matrix
 from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import AccelerationLevel, Dynamics
+from hhtbench.lowering import Dynamics
 from hhtbench.protocol import MinimalCoordinates, Problem, Scales, Solver
 from hhtbench.request import Request
 from hhtbench.result import Ends, Solution, ends_of
 from solvers import cvode, hht, scipy_ivp
+from solvers._adapter import choose
 from solvers._ending import OwnMultipliers, solution_of
-from solvers._multipliers import recovered
-from solvers._start import Failure, Place, dynamics_for, of_dynamics
+from solvers._start import Failure, Place, dynamics_for
 
 INNER: dict[str, Callable[..., Any]] = {"scipy": scipy_ivp.solver, "cvode": cvode.solver, "hht": hht.solver}
 REMEMBERED = 16  # problems whose coordinates are kept with what is traced of them
@@ -61,13 +60,13 @@ class MinimalSolver:
         if ends is not None:
             at_ends = _embedded(problem.minimal, ends.q, ends.v)
             ends = Ends(t=ends.t, q=at_ends[0], v=at_ends[1])
-        run = _seen(problem)
+        place = Place(problem.t_span[0], problem.q0, problem.v0)
+        run = _Seen(dynamics_for(problem.system, place), Work())
         s = run.dynamics.structure
         lam, mu = np.full((found.t.size, s.m), np.nan), np.full((found.t.size, s.p), np.nan)
         guesses = (np.zeros(s.m) if problem.lam_guess is None else problem.lam_guess, np.zeros(s.p))
         own = OwnMultipliers(lam, mu, guesses, "unknown", "unknown", "unknown")
-        many = functools.partial(recovered, run.dynamics, run.work, None, found.t, q, v, lam, mu)
-        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, many, ends=ends)
+        whole = solution_of(run, Failure(found.status, found.message), (found.t, q, v), own, ends=ends)
         return replace(whole, counters=found.counters)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
@@ -89,13 +88,7 @@ class _Seen:
     """The constrained system at the rows of a solution, as :func:`~solvers._ending.solution_of` wants it."""
 
     dynamics: Dynamics
-    acceleration: AccelerationLevel
     work: Work
-
-
-def _seen(problem: Problem) -> _Seen:
-    dynamics = dynamics_for(problem.system, Place(problem.t_span[0], problem.q0, problem.v0))
-    return _Seen(dynamics, of_dynamics(dynamics).acceleration, Work())
 
 
 @functools.lru_cache(REMEMBERED)
@@ -129,9 +122,6 @@ def _embedded(make: Callable[[], MinimalCoordinates], s: Matrix, u: Matrix) -> l
 
 def solver(*, solver: str = "scipy", **options: Any) -> MinimalSolver:
     """Minimal coordinates; options ``solver``: scipy (default), cvode or hht, and the options of that one."""
-    if solver not in INNER:
-        close = get_close_matches(solver, INNER, n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
-        raise ProblemError(f"minimal: solver must be {', '.join(INNER)}; got {solver!r}.{hint}")
+    choose("minimal", {"solver": solver}, {"solver": tuple(INNER)})
     inner = INNER[solver](**options)
     return MinimalSolver(f"minimal({inner.name})", inner)

@@ -8,9 +8,7 @@ code, the same in a compiled loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,20 +51,12 @@ class ProjectedSolver(SciPySolver):
         solver = self._stepper(run, run.t0, run.start.y, run.t1)
         while run.unfinished():
             _step(run, solver)
-            shorter = partial(self._shorter, run, solver.t_old, solver.y_old)
             solver.y = projection.of(solver.t, solver.y)
             solver.f = run.rhs(solver.t, solver.y)
-            run.accept(solver.t, solver.y, partial(projection.of_step, shorter))
+            run.accept(solver.t, solver.y, lambda t: projection.of(t, self._between(run, solver, t)))
 
     def _stepper(self, run: Run, t0: float, y0: Any, t1: float, **options: Any) -> Any:
         return CLASSES[self.method](run.rhs, t0, y0, t1, rtol=max(run.rtol, 3e-14), atol=run.weights, **options)
-
-    def _shorter(self, run: Run, t0: float, y0: Any, time: float) -> Vector:
-        """y at ``time`` by a shorter step from the same start: the interpolant is less accurate than the step."""
-        shorter = self._stepper(run, t0, y0, time, first_step=abs(time - t0))
-        while shorter.status == "running":
-            _step(run, shorter)
-        return np.asarray(shorter.y)
 
 
 class Onto:
@@ -75,10 +65,6 @@ class Onto:
     def __init__(self, run: Run) -> None:
         self.run = run
         self._projection = Projection(run.dynamics) if run.dynamics.structure.constrained else None
-
-    def of_step(self, step: Callable[[float], Vector], t: float) -> Vector:
-        """The nearest consistent state to what ``step`` leads to at ``t``."""
-        return self.of(t, step(t))
 
     def of(self, t: float, y: Vector) -> Vector:
         """The nearest consistent state, (2n,)."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.result import Status
 from solvers._run import Halt, Run
+from solvers._start import typical_sizes
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
 from solvers.kernel import memory as mem
-from solvers.kernel.acceleration import recover
 from solvers.kernel.kkt import Places, acceleration_level, places_of
 from solvers.kernel.memory import copied, integer_view, view
 
@@ -58,7 +57,7 @@ class CompiledSteps:
             stage=np.zeros(size),
             end=np.zeros(size),
             mass=mass.copy(),
-            sizes=typical_sizes(run.problem.scales.q, run.problem.scales.v, s.n),
+            sizes=typical_sizes(run.problem),
             times=np.array([run.time(run.t0), run.time(run.t1)]),
             progress=np.zeros(6, dtype=np.int64),
         )
@@ -70,7 +69,6 @@ class CompiledSteps:
         """From the start to the end of the interval."""
         run, count = self.run, FIRST
         run.tells_no_steps()
-        run.recover = recover.following(self.z)
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
         while run.unfinished():
@@ -134,10 +132,3 @@ def _places(dynamics: Dynamics) -> Places:
     if route_of(dynamics) == "numpy":
         raise NotNative("the functions are plain callables")
     return places_of(dynamics)
-
-
-def typical_sizes(q: Any, v: Any, n: int) -> Vector:
-    """(2n,) from typical sizes of q and v, each a number or (n,)."""
-    sizes = np.empty(2 * n)
-    sizes[:n], sizes[n:] = q, v
-    return sizes

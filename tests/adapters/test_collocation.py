@@ -7,7 +7,7 @@ from hhtbench.errors import ProblemError
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import collocation
-from solvers._collocation import Collocation, extrapolation, radau_nodes
+from solvers.collocation import Collocation, extrapolation, radau_nodes
 from tests.adapters.scenes import KINDS, errors, numpy_ring, problem
 
 TIGHT = Request(rtol=1e-13, t_eval=np.linspace(0, 1, 7))

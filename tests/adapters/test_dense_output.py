@@ -10,7 +10,6 @@ import hhtbench as hb
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.result import Status
-from solvers._ending import until
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
@@ -77,16 +76,6 @@ def test_whose_steps_end_at_output_times_or_are_not_seen_tells_none(solver):
     found = hb.solve(swing(), solver, rtol=1e-4, t_eval=np.linspace(*SPAN, 7), keep_steps=True)
     assert found.success
     assert found.ends is None
-
-
-def test_ends_of_steps_are_cut_with_the_rows():
-    """As far as 2 s, in both directions of time."""
-    t = np.arange(5.0)
-    for sign in (1.0, -1.0):
-        told = hb.Ends(t=sign * t, q=t[:, None], v=t[:, None], carried={"lam": t[:, None]})
-        found = until(2.0 * sign, 4.0 * sign, {"ends": told})["ends"]
-        assert found.t.tolist() == [0.0, sign, 2.0 * sign]
-        assert found.q.size == found.v.size == found.carried["lam"].size == 3
 
 
 @pytest.mark.parametrize("solver", ["cvode", "scipy(method=BDF)", "ida", "scipy(method=LSODA)"])

@@ -17,8 +17,8 @@ from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
 from hhtbench.lowering.scalar_compiler import native, native_call
 from problems import planar_chain
-from solvers._initcond import project
-from solvers._start import Place, inconsistency
+from solvers._initcond import check_start, project
+from solvers._start import Place
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
@@ -139,9 +139,9 @@ def test_dependent_rows_of_a_large_system_end_as_a_singular_level():
 def test_an_inconsistent_start_of_a_large_system_is_projected(chain):
     levels = ConstraintLevels(chain)
     place = Place(0.0, CHAIN.q0 + 1e-5 * np.sin(np.arange(CHAIN.q0.size)), BENT_V)
-    assert inconsistency(levels, place) is not None
+    assert check_start(chain, levels, place, (None, None)) is not None
     projected, note = project(chain, place, Work())
-    assert inconsistency(levels, projected) is None and "moved q0" in note
+    assert check_start(chain, levels, projected, (None, None)) is None and "moved q0" in note
 
 
 def test_nothing_of_size_n_times_n_is_made_for_ten_thousand_links():

@@ -18,9 +18,9 @@ from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import route_of
 from hhtbench.protocol import declared
 from hhtbench.result import Status
+from solvers._finite import as_arguments
 from solvers._projection import Projection
 from solvers._start import Failure, Place
-from solvers._trust import as_arguments
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import dense
 from solvers.hht.run.start import make_engine

@@ -12,16 +12,9 @@ from hhtbench.counting import Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import NumpySystem, System
-from solvers._initcond import consistent_start
+from solvers._initcond import consistent_start, start_acceleration
 from solvers._projection import Projection, closest
-from solvers._start import (
-    Failure,
-    Guesses,
-    Place,
-    dynamics_for,
-    start_acceleration,
-    tried_twice,
-)
+from solvers._start import Failure, Guesses, Place, dynamics_for, tried_twice
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import idle
@@ -134,7 +127,7 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
     t, q, v = place.t, place.q, place.v
     found: Any = None
     if engine.structure.constrained:  # first: where the KKT matrix is singular there may be no f either
-        found = start_acceleration(engine, place, (lam, mu))
+        found = start_acceleration(engine.dynamics, engine.work, place, (lam, mu))
         if isinstance(found, Failure):
             return found
     f0, inverse = engine.force(t, q, v)
