@@ -7,7 +7,7 @@ depends on; patterns of products and of derivatives along the motion follow from
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -69,12 +69,9 @@ def complete(patterns: Patterns, s: Structure) -> bool:
 class Dependencies(Wrapper):
     """Functions that depend on what those of ``inner`` do, where ``patterns`` tell it; not their values."""
 
+    matrices: ClassVar[bool] = False
     patterns: Patterns
     columns: Any = None  #: (n, k) of a mass that varies, as in :class:`~.mass.Sparse`
-
-    @property
-    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
-        return False
 
     def _of(self, size: int, function: Callable[..., Any], *arguments: tuple[Any, str]) -> Any:
         """(size,) like ``function`` of the time and of other ``arguments``, each with the name of its pattern.
