@@ -37,10 +37,6 @@ def _elementwise(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]
     operation = OPERATIONS.get(kinds, {}).get(name)
     if operation is not None:
         return made(equation, ctx.graph.elementwise(operation, *(value.ids for value in lifted)))
-    if name in LOGIC:
-        raise NotNative(f"{name} on bits of integers")
-    if name in COMPARISONS:
-        raise NotNative(f"{name} of booleans")
     raise NotNative(f"{name} of {' and '.join(kinds)} values that depend on the arguments")
 
 
