@@ -92,13 +92,6 @@ def _convert(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     raise NotNative(f"{wanted} values")
 
 
-@rule_of_nodes("reduce_precision")
-def _reduce_precision(graph: Graph, equation: Any, x: Ids) -> Ids:
-    if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (11, 52):
-        raise NotNative("a precision below float64")
-    return x
-
-
 @rule("copy", "stop_gradient", "device_put", "optimization_barrier")
 def _same(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]:
     return list(inputs)
