@@ -50,11 +50,6 @@ class Cache:
                 self._values.pop(next(iter(self._values)))
             return self._values.setdefault(key, made)
 
-    def kept(self, key: Hashable) -> Any:
-        """The value of ``key``, or None where there is none yet."""
-        with self._lock:
-            return self._values.get(key)
-
     def values(self) -> list[Any]:
         """All that is kept."""
         with self._lock:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +22,12 @@ import scipy.sparse as sp
 from hhtbench.arguments import Vector
 from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.compile.compiling import Compilable, compile_function
+from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.flattening import Flat, flat_function
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call, pattern_along
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 Indices = npt.NDArray[np.integer[Any]]
 
@@ -81,7 +84,7 @@ def _detected(flat: Flat, example: tuple[Any, ...]) -> Pattern:
     return Pattern(found.shape, rows.astype(np.int32), columns.astype(np.int32), colour, max(int(coloured.num_colors), 1))
 
 
-def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> Pattern:
+def find_pattern(function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> Pattern:
     """That of ``function(dynamics, *static, x, *rest)`` by x, found once, whatever the parameter values.
 
     ``example``: arrays of the shapes of x and of the rest.
@@ -96,13 +99,8 @@ def find_pattern(function: Callable[..., Any], dynamics: Compilable, *static: An
     return found
 
 
-def together(function: Callable[[Any], Any], x: Any) -> Any:
-    """``function`` of every entry of x (k,), all at once: the shortest trace."""
-    return jax.vmap(function)(x)
-
-
 def value_and_entries(
-    dynamics: Compilable, function: Callable[..., Any], static: tuple[Any, ...], each: Any, colours: int, *arguments: Any
+    dynamics: Dynamics, function: Callable[..., Any], static: tuple[Any, ...], each: Any, colours: int, *arguments: Any
 ) -> Any:
     """Values (rows,) and derivative entries (entries,) of ``function(dynamics, *static, x, *rest)`` by x, one vector.
 
@@ -116,11 +114,12 @@ def value_and_entries(
 
 
 def by_pattern(
-    dynamics: Compilable, pattern: Pattern, function: Callable[..., Any], static: tuple[Any, ...], *arguments: Any
+    dynamics: Dynamics, pattern: Pattern, function: Callable[..., Any], static: tuple[Any, ...], *arguments: Any
 ) -> Any:
     """:func:`value_and_entries` with the pattern written into the code; ``arguments`` are x and the rest."""
     where = jnp.asarray(pattern.colour), jnp.asarray(pattern.places)
-    return value_and_entries(dynamics, function, static, together, pattern.colours, *where, *arguments)
+    all_at_once = lambda product, colours: jax.vmap(product)(colours)  # noqa: E731
+    return value_and_entries(dynamics, function, static, all_at_once, pattern.colours, *where, *arguments)
 
 
 class Coloured:
@@ -132,7 +131,7 @@ class Coloured:
     pattern: Pattern
     packed: Callable[..., Vector]  #: arrays -> values (rows,), then entries (entries,)
 
-    def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern = find_pattern(function, dynamics, *static, example=example)
         how = jax.lax.map, self.pattern.colours  # together, those of a large system leave the cache
         compiled = compile_function(value_and_entries, dynamics, function, static, *how, route="xla")
@@ -151,7 +150,7 @@ class OftenCalled(Coloured):
 
     native = True  #: whether no code of XLA is called
 
-    def __init__(self, function: Callable[..., Any], dynamics: Compilable, *static: Any, example: tuple[Any, ...]) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern = pattern = find_pattern(function, dynamics, *static, example=example)
         shapes = tuple(map(np.shape, example))
         try:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,9 @@ from hhtbench.lowering.caching import Cache, by_id, use_disk_cache
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 ROUTES = ("auto", "native", "xla")
 VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
@@ -53,32 +56,12 @@ class Route:
     operations: int | None = None  #: scalar operations, of the native route
 
 
-class Compilable(Protocol):
-    """A pytree of functions and parameters: what this room knows of :class:`~hhtbench.lowering.Dynamics`."""
-
-    @property
-    def structure(self) -> Any:
-        """Sizes n, m and p."""
-
-    @property
-    def xp(self) -> Any:
-        """The array namespace of the functions: ``numpy`` or ``jax.numpy``."""
-
-    @property
-    def matrices(self) -> bool:
-        """Whether its functions hold full matrices."""
-
-    @property
-    def dependencies(self) -> Any:
-        """The same, of which patterns of derivatives are found."""
-
-
-def route_of(dynamics: Compilable) -> str:
+def route_of(dynamics: Dynamics) -> str:
     """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
     return "numpy" if dynamics.xp is np else "xla"
 
 
-def too_large(dynamics: Compilable) -> str | None:
+def too_large(dynamics: Dynamics) -> str | None:
     """Why the native route would not pay for a system of this size, or None."""
     s = dynamics.structure
     unknowns = s.n + s.m + s.p
@@ -88,7 +71,7 @@ def too_large(dynamics: Compilable) -> str | None:
 
 
 def compile_function(
-    function: Callable[..., Any], dynamics: Compilable, *static: Any, route: str | None = None
+    function: Callable[..., Any], dynamics: Dynamics, *static: Any, route: str | None = None
 ) -> Callable[..., np.ndarray]:
     """``function(dynamics, *static, *arrays) -> array`` as a fast callable of the arrays alone.
 
@@ -118,7 +101,7 @@ def compile_function(
     return compiled.call
 
 
-def routes(dynamics: Compilable) -> tuple[Route, ...]:
+def routes(dynamics: Dynamics) -> tuple[Route, ...]:
     """Of every function of ``dynamics`` that has been called so far: its route and why."""
     if route_of(dynamics) == "numpy":
         return (Route("every function", "numpy", "the functions are plain callables on NumPy arrays"),)
@@ -132,7 +115,7 @@ def _nothing(*_: Any) -> None:
 class _Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
-    def __init__(self, function: Callable[..., Any], dynamics: Compilable, static: tuple[Any, ...], route: str) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], route: str) -> None:
         self.dynamics = dynamics
         self.routes: dict[Shapes, Route] = {}  #: taken so far, by the shapes of the arguments
         self._native, self._route = partial(native, function, dynamics, *static), route

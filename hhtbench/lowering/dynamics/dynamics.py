@@ -73,7 +73,7 @@ class Dynamics:
     xp: Any  #: the array namespace: ``numpy`` or ``jax.numpy``
     constant_mass: Any  #: M (n, n) [kg, kg m^2] where it is constant, or a ``Diagonal``; None: identity or variable
     inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
-    matrices: bool = True  #: whether its functions hold full matrices
+    matrices: ClassVar[bool] = True  #: whether its functions hold full matrices
     noise: ClassVar[float] = 0.0  #: relative error of reactions by differences
     least: float = 1.0  #: the size that coordinates near zero count as where one looks beside a place
     gives: Callable[[str], bool]  #: whether the function of that name is called, not derived

@@ -179,6 +179,7 @@ class Called(eqx.Module, Dynamics):
     addresses: Any  #: (functions,) float64 with the bits of their addresses
     callbacks: Callbacks = eqx.field(static=True)
     noise: float = eqx.field(static=True)  # type: ignore[misc] # of the dynamics
+    structure: Structure = eqx.field(static=True)
 
     @property
     def system(self) -> Any:
@@ -194,7 +195,6 @@ class Called(eqx.Module, Dynamics):
 class ForeignDynamics(Called):
     """By full matrices; see :class:`~.jax_dynamics.JaxDynamics`."""
 
-    structure: Structure = eqx.field(static=True)
     own: tuple[str, ...] = eqx.field(static=True)  #: the functions that are called; the rest are derived from them
     constant_mass: Any = None  #: (n, n) when the mass is a constant
     inverse_mass: Any = None  #: (n, n) its inverse, likewise

@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared, innermost
+from hhtbench.lowering.dynamics.dynamics import Dynamics, arguments_of, as_declared, innermost
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, SIZES, Callbacks, Called, foreign_p
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
@@ -109,19 +108,11 @@ def _taken(name: str) -> tuple[str, ...]:
 class ForeignProducts(Called):
     """As products; of all patterns and default reactions."""
 
-    whole: Structure = eqx.field(static=True)
+    matrices: ClassVar[bool] = False
     patterns: Patterns
     constant_mass: Diagonal | Sparse | None = None  #: None: the identity, or it varies
     inverse_mass: Diagonal | BandInverse | None = None
     entries: Entries | None = None  #: of a mass that varies
-
-    @property
-    def structure(self) -> Structure:  # type: ignore[override] # follows from the whole one
-        return self.whole
-
-    @property
-    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
-        return False
 
     @property
     def dependencies(self) -> Dynamics:

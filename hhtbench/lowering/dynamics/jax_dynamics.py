@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax
@@ -63,6 +63,7 @@ class JaxDynamics(eqx.Module, Dynamics):
 class MatrixFree(Wrapper):
     """The functions of ``inner`` as products; masses are diagonal or sparse."""
 
+    matrices: ClassVar[bool] = False
     inner: JaxDynamics | ReducedDynamics
     constant_mass: Diagonal | Sparse | None  #: None: the identity
     inverse_mass: Diagonal | BandInverse | None
@@ -71,10 +72,6 @@ class MatrixFree(Wrapper):
     def structure(self) -> Structure:  # type: ignore[override] # follows from that of ``inner``
         s = self.inner.structure
         return replace(s, mass="sparse") if isinstance(self.constant_mass, Sparse) else s
-
-    @property
-    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
-        return False
 
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass

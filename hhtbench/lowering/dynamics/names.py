@@ -15,8 +15,6 @@ from hhtbench.protocol import DECLARABLE, NumpySystem, System, near_name
 
 INSIDE = ("__wrapped__", "__func__", "fget", "func")  # where decorators keep the function that they wrap
 LOADS = ("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "LOAD_GLOBAL", "LOAD_NAME")
-
-
 BY_NAME = {"vars", "__dict__", "fields", "asdict", "getattr", "tree"}  # code that loads them may read any field
 
 
@@ -33,9 +31,8 @@ def expect_names(kind: type) -> None:
     own = [base for base in kind.__mro__ if base not in given]
     names = {name for base in own for name in (*vars(base), *get_annotations(base)) if not name.startswith("_")}
     near = {name: right for name in names - {*DECLARABLE} if (right := near_name(name))}
-    if not near or (kind.__module__ or "").startswith(
-        "hhtbench."
-    ):  # a class that is made from formulas reads its fields in these
+    made_from_formulas = (kind.__module__ or "").startswith("hhtbench.")  # and reads its fields in these
+    if not near or made_from_formulas:
         return
     read = {name for base in own for member, value in vars(base).items() for name in _read(member, value)}
     if read & BY_NAME:

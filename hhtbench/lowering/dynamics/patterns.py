@@ -7,7 +7,7 @@ depends on; patterns of products and of derivatives along the motion follow from
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -66,34 +66,51 @@ def complete(patterns: Patterns, s: Structure) -> bool:
     return set(names) <= set(patterns)
 
 
+def _term(name: str, size: str, *patterns: str) -> Callable[..., Any]:
+    """The function ``name`` of :class:`Dependencies`, of ``size`` rows; arguments after the time have these ``patterns``."""
+
+    def term(self: Dependencies, t: Any, *arguments: Any) -> Any:
+        by = zip(arguments, patterns, strict=True)
+        return self._of(getattr(self.structure, size), getattr(self.inner, name), t, *by)
+
+    return term
+
+
 class Dependencies(Wrapper):
     """Functions that depend on what those of ``inner`` do, where ``patterns`` tell it; not their values."""
 
+    matrices: ClassVar[bool] = False
     patterns: Patterns
     columns: Any = None  #: (n, k) of a mass that varies, as in :class:`~.mass.Sparse`
 
-    @property
-    def matrices(self) -> bool:  # type: ignore[override] # a field would be one of the class
-        return False
-
-    def _of(self, size: int, function: Callable[..., Any], *arguments: tuple[Any, str]) -> Any:
+    def _of(self, size: int, function: Callable[..., Any], t: Any, *arguments: tuple[Any, str]) -> Any:
         """(size,) like ``function`` of the time and of other ``arguments``, each with the name of its pattern.
 
         Where that is not known, the function itself, at a place that depends on nothing but the time in what is.
         """
-        t, rest = arguments[0][0], arguments[1:]
-        total, unknown = jnp.zeros(size), [name not in self.patterns for _, name in rest]
-        for x, name in rest:
+        total, unknown = jnp.zeros(size), [name not in self.patterns for _, name in arguments]
+        for x, name in arguments:
             if name in self.patterns:
                 rows, columns = self.patterns[name]
                 total = total.at[rows].add(x[columns])
         if any(unknown):
-            held = (x if open_ else t + jnp.zeros_like(x) for (x, _), open_ in zip(rest, unknown, strict=True))
+            held = (x if open_ else t + jnp.zeros_like(x) for (x, _), open_ in zip(arguments, unknown, strict=True))
             total = total + function(t, *held)
         return total
 
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        return self._of(self.structure.n, self.inner.force, (t, ""), (q, "force_q"), (v, "force_v"))
+    force = _term("force", "n", "force_q", "force_v")
+    constraint = _term("constraint", "m", "constraint_jacobian")
+    constraint_velocity = _term("constraint_velocity", "m", "constraint_jacobian", "constraint_jacobian")
+    constraint_acceleration = _term("constraint_acceleration", "m", "constraint_jacobian", "constraint_jacobian")
+    position_row = _term("position_row", "m", "constraint_jacobian", "constraint_jacobian")
+    position_column = _term("position_column", "n", "reaction_q", "position_column")
+    velocity_constraint = _term("velocity_constraint", "p", "velocity_constraint_q", "velocity_constraint_jacobian")
+    velocity_row = _term(
+        "velocity_row", "p", "velocity_constraint_q", "velocity_constraint_jacobian", "velocity_constraint_jacobian"
+    )
+    velocity_constraint_acceleration = _term(
+        "velocity_constraint_acceleration", "p", "velocity_constraint_q", "velocity_acceleration_v"
+    )
 
     def mass(self, t: Any, q: Any) -> Any:
         return self.inner.mass(t, q) if self.columns is None else Sparse(t + jnp.ones(self.columns.shape), self.columns)
@@ -101,51 +118,18 @@ class Dependencies(Wrapper):
     def mass_product(self, t: Any, q: Any, x: Any) -> Any:
         if self.columns is None:
             return self.inner.mass_product(t, q, x)
-        by = (q, "mass_product_jacobian"), (x, "mass_matrix")
-        return self._of(self.structure.n, self.inner.mass_product, (t, ""), *by)
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        return self._of(self.structure.m, self.inner.constraint, (t, ""), (q, "constraint_jacobian"))
-
-    def _along(self, function: Callable[..., Any], t: Any, q: Any, x: Any) -> Any:
-        by = (q, "constraint_jacobian"), (x, "constraint_jacobian")
-        return self._of(self.structure.m, function, (t, ""), *by)
-
-    def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
-        return self._along(self.inner.constraint_velocity, t, q, v)
-
-    def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        return self._along(self.inner.constraint_acceleration, t, q, v)
-
-    def position_row(self, t: Any, q: Any, x: Any) -> Any:
-        return self._along(self.inner.position_row, t, q, x)
-
-    def position_column(self, t: Any, q: Any, x: Any) -> Any:
-        by = (q, "reaction_q"), (x, "position_column")
-        return self._of(self.structure.n, self.inner.position_column, (t, ""), *by)
+        return self._of(self.structure.n, self.inner.mass_product, t, (q, "mass_product_jacobian"), (x, "mass_matrix"))
 
     def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         by_lam = "position_column" if declared(self.system, "reaction") is None else ""
         if self.structure.reaction_uses_v:
             by = (q, "reaction_q"), (v, "reaction_v"), (lam, by_lam)
-            return self._of(self.structure.n, self.inner.reaction, (t, ""), *by)
+            return self._of(self.structure.n, self.inner.reaction, t, *by)
         without = lambda t, q, lam: self.inner.reaction(t, q, v, lam)  # noqa: E731
-        return self._of(self.structure.n, without, (t, ""), (q, "reaction_q"), (lam, by_lam))
-
-    def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
-        by = (q, "velocity_constraint_q"), (v, "velocity_constraint_jacobian")
-        return self._of(self.structure.p, self.inner.velocity_constraint, (t, ""), *by)
-
-    def velocity_row(self, t: Any, q: Any, v: Any, x: Any) -> Any:
-        by = (q, "velocity_constraint_q"), (v, "velocity_constraint_jacobian"), (x, "velocity_constraint_jacobian")
-        return self._of(self.structure.p, self.inner.velocity_row, (t, ""), *by)
-
-    def velocity_constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        by = (q, "velocity_constraint_q"), (v, "velocity_acceleration_v")
-        return self._of(self.structure.p, self.inner.velocity_constraint_acceleration, (t, ""), *by)
+        return self._of(self.structure.n, without, t, (q, "reaction_q"), (lam, by_lam))
 
     def velocity_reaction(self, t: Any, q: Any, v: Any, mu: Any) -> Any:
         plain = declared(self.system, "velocity_reaction") is None
         names = ("velocity_reaction_q", "velocity_reaction_v", "velocity_column") if plain else ("", "", "")
         by = zip((q, v, mu), names, strict=True)
-        return self._of(self.structure.n, self.inner.velocity_reaction, (t, ""), *by)
+        return self._of(self.structure.n, self.inner.velocity_reaction, t, *by)

@@ -178,13 +178,9 @@ def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
     mass = np.asarray(compile_function(mass_at, dynamics)(t, q))
     largest = np.abs(rows).max(axis=1)
     weights = (np.abs(mass).max() or 1.0) / np.where(largest > 0.0, largest, 1.0) ** 2
-    found: AugmentedDynamics = _remembered(dynamics, tuple(weights.tolist()), lambda: augmented(dynamics, weights))
+    augmented = lambda: AugmentedDynamics(inner=dynamics, weights=dynamics.xp.asarray(weights))  # noqa: E731
+    found: AugmentedDynamics = _remembered(dynamics, tuple(weights.tolist()), augmented)
     return found
-
-
-def augmented(dynamics: Dynamics, weights: Vector) -> AugmentedDynamics:
-    """``dynamics`` with ``weights`` (rows,)."""
-    return AugmentedDynamics(inner=dynamics, weights=dynamics.xp.asarray(weights))
 
 
 def rows_of_mass(dynamics: Dynamics, t: Any, q: Any) -> Any:

@@ -134,7 +134,6 @@ def _div(graph: Graph, x: Ids, y: Ids) -> Ids:
         (binary, lambda i: _mul(graph, x[i], graph.constants(1.0 / b.value[i]))),
         (a.value == 0.0, lambda i: np.full(i.size, ZERO)),
         (a.negative, lambda i: _neg(graph, _div(graph, a.inner[i], y[i]))),
-        (b.negative, lambda i: _neg(graph, _div(graph, x[i], b.inner[i]))),
         (True, lambda i: _made(graph, "div", x[i], y[i])),
     )
 

@@ -50,8 +50,6 @@ def _unknown(values: list[Value]) -> Unknown | None:
 def _stacked(ctx: Interpreter, values: list[Value], aval: Any) -> Value:
     if missing := _unknown(values):
         return missing
-    if all(isinstance(value, np.ndarray) for value in values):
-        return np.array(values, dtype=aval.dtype).reshape(aval.shape)
     return nodes(np.stack(ctx.together(values)), aval)
 
 

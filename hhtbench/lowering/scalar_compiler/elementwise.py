@@ -37,10 +37,6 @@ def _elementwise(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value]
     operation = OPERATIONS.get(kinds, {}).get(name)
     if operation is not None:
         return made(equation, ctx.graph.elementwise(operation, *(value.ids for value in lifted)))
-    if name in LOGIC:
-        raise NotNative(f"{name} on bits of integers")
-    if name in COMPARISONS:
-        raise NotNative(f"{name} of booleans")
     raise NotNative(f"{name} of {' and '.join(kinds)} values that depend on the arguments")
 
 
@@ -94,13 +90,6 @@ def _convert(ctx: Interpreter, equation: Any, x: Value) -> list[Value]:
     if wanted == np.float64:
         return [Nodes(ctx.as_numbers(x), "float")]
     raise NotNative(f"{wanted} values")
-
-
-@rule_of_nodes("reduce_precision")
-def _reduce_precision(graph: Graph, equation: Any, x: Ids) -> Ids:
-    if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (11, 52):
-        raise NotNative("a precision below float64")
-    return x
 
 
 @rule("copy", "stop_gradient", "device_put", "optimization_barrier")

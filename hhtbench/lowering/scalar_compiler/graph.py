@@ -126,8 +126,6 @@ class Graph(Store):
             return ZERO
         if self.code[x] == NEG:
             return self.neg(self.div(self.x[x], y))
-        if self.code[y] == NEG:
-            return self.neg(self.div(x, self.x[y]))
         return self.node("div", x, y)
 
     def power(self, x: Ids, exponent: int) -> Ids:
@@ -151,13 +149,7 @@ class Graph(Store):
             return no
         if self.code[predicate] == NOT:
             return self.select(self.x[predicate], no, yes)
-        if (yes, no) == (TRUE, FALSE):
-            return predicate
-        if (yes, no) == (FALSE, TRUE):
-            return self.logic("not", predicate)
-        if self.is_bool(yes):
-            return self.node("select_bool", predicate, yes, no)
-        return self.node("select", predicate, yes, no)
+        return self.node("select_bool" if BOOLEAN[self.code[yes]] else "select", predicate, yes, no)
 
     def logic(self, name: str, *truths: int) -> int:
         """``and``, ``or``, ``xor``, ``not`` of booleans."""
@@ -172,8 +164,6 @@ class Graph(Store):
                 return y if x == FALSE else self.logic("not", y)
             decides = (name == "or") == (x == TRUE)
             return x if decides else y
-        if x == y:
-            return FALSE if name == "xor" else x
         return self.node(name, x, y)
 
     def apply(self, name: str, *operands: int) -> int:
@@ -190,10 +180,6 @@ class Graph(Store):
             value = FOLDS[name](*(number[x] for x in operands))
             return (TRUE if value else FALSE) if name in COMPARISONS else self.constant(value)
         return self.node(name, *(sorted(operands) if name in COMMUTATIVE else operands))
-
-    def is_bool(self, node: int) -> bool:
-        """Whether the node is a boolean and not a number."""
-        return bool(BOOLEAN[self.code[node]])
 
     def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
         """``apply`` entry by entry."""
@@ -224,10 +210,7 @@ def _in_total_order(name: str, graph: Graph, x: int, y: int) -> int:
 
 
 def _pow(graph: Graph, x: int, y: int) -> int:
-    exponent = graph.number.get(y)
-    if exponent == 1.0:
-        return x
-    return graph.mul(x, x) if exponent == 2.0 else graph.plain("pow", x, y)
+    return graph.mul(x, x) if graph.number.get(y) == 2.0 else graph.plain("pow", x, y)
 
 
 def _abs(graph: Graph, x: int) -> int:
