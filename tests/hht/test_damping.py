@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hhtbench import load_solver
-from hhtbench.registry import load_verification
-from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
-from solvers.hht.verify import damping, vibration
+from solvers.hht.verify import vibration
 from solvers.hht.verify.damping import one_step, overshoot, rho_inf, ringing, swing
 from solvers.hht.verify.study import ALPHAS
 from solvers.hht.verify.vibration import (
@@ -20,7 +17,6 @@ from solvers.hht.verify.vibration import (
     radius,
     roots,
     series,
-    spectrum,
     swing_of,
 )
 from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
@@ -71,19 +67,6 @@ def test_rho_inf_makes_the_same_steps_as_its_alpha():
         HHT(pendulum(), **name).solve((0.0, 0.1), Q0, V0, step=0.01) for name in ({"rho_inf": 0.6}, {"alpha": -0.25})
     )
     assert same_bits(first, second)
-
-
-def test_without_either_alpha_is_its_default():
-    assert HHT(pendulum()).options.method().coefficients.alpha == -0.05
-    assert HHT(pendulum(), alpha=None, rho_inf=None).options.method().coefficients.alpha == -0.05
-
-
-def test_spec_takes_rho_inf():
-    assert load_solver("hht(rho_inf=0.8)").options == {"rho_inf": 0.8}
-
-
-def test_verification_is_registered():
-    assert load_verification("damping") is damping.verify_damping
 
 
 @pytest.mark.parametrize(
@@ -148,15 +131,6 @@ def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_ma
     np.testing.assert_allclose(measured, amplification_matrix(-0.3, 3.0, 0.05), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("name", ["guided", "mixed"])
-def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
-    """Otherwise the reactions would have nothing to take up and the claim would be that of the oscillator."""
-    made = make_scene(name)
-    force = made.shape @ made.free
-    assert np.linalg.norm(force - made.along * (made.free @ force)) > 0.3
-    assert abs(made.free @ made.shape @ made.across) > 0.1
-
-
 @pytest.mark.parametrize("rho", [1.0, 0.8, 0.5])
 def test_rho_inf_is_the_measured_radius_at_infinite_frequency(rho):
     assert rho_inf(rho).passed
@@ -210,35 +184,3 @@ def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, fa
     found = rows()
     assert found
     assert not any(row.passed for row in found)
-
-
-def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
-    monkeypatch.setattr(damping, "STUDIES", ((rho_inf, 0.9), (overshoot, -0.3)))
-    assert damping.verify_damping().passed
-    forget_code(monkeypatch)
-    monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
-    progress = []
-    evidence = damping.verify_damping(lambda *counted: progress.append(counted))
-    assert not evidence.passed
-    assert "overshoot" in evidence.summary
-    assert progress == [("studies", 0, 2), ("studies", 1, 2), ("studies", 2, 2)]
-
-
-def test_curves_show_measured_marks_on_closed_lines(monkeypatch):
-    monkeypatch.setattr(damping, "MEASURED", (1e-2, 1.0, 1e4))
-    drawn = {plot.id: {curve.label: curve for curve in plot.curves} for plot in damping.curves()}
-    assert set(drawn) == {"radius", "damping", "elongation"}
-    for curves in drawn.values():
-        marks, line = curves["alpha = -0.15, measured"], curves["alpha = -0.15, closed form"]
-        closed = dict(zip(np.round(np.log10(line.x), 6), line.y, strict=True))
-        assert [closed[round(np.log10(x), 6)] for x in marks.x] == pytest.approx(list(marks.y), rel=1e-3)
-        assert len(marks.x) <= MOST_MARKS < len(line.x)  # the report draws marks or a line by the number of points
-    assert drawn["radius"]["alpha = -0.15, guided"].y == pytest.approx(
-        drawn["radius"]["alpha = -0.15, measured"].y, abs=1e-9
-    )
-
-
-def test_wrong_matrix_has_another_spectrum():
-    honest = amplification_matrix(-0.3, 1e3, 0.0)
-    assert radius(spectrum(honest)) == pytest.approx(radius(roots(-0.3, 1e3, 0.0)), abs=1e-9)
-    assert abs(radius(spectrum(honest * 1.001)) - radius(roots(-0.3, 1e3, 0.0))) > 1e-4

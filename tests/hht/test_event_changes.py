@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import FREE, GRAVITY, HOW, RESTITUTION, clock, height, impacts, wall
 from tests.hht.scenes import ALPHAS, Q0, SYSTEMS, V0, tension_at
@@ -84,21 +82,6 @@ def test_a_change_is_projected_onto_both_levels_in_the_norm_of_the_mass():
     assert np.max(np.abs(np.sum(solution.q**2, 1) - 1)) < 1e-13
 
 
-@pytest.mark.parametrize("how", [{"step": 0.03}, {"rtol": 1e-6}], ids=str)
-def test_a_force_that_flips_at_a_declared_time_costs_no_accuracy(how):
-    """Row P11 of the acceptance matrix: the step lands there, with the force before it, and begins anew with the other."""
-    force = [1.0]
-
-    def flip(t, q, v):
-        force[0] = -1.0
-        return q, v
-
-    flipping = NumpySystem(force=lambda t, q, v: np.array(force))
-    solution = HHT(flipping, events=clock(0.5, change=flip)).solve((0.0, 1.0), [0.0], [0.0], **how)
-    assert abs(solution.q[-1, 0] - 0.25) < 1e-13
-    assert abs(solution.v[-1, 0]) < 1e-13
-
-
 def test_prescribed_steps_keep_their_grid_after_an_event():
     solution = HHT(FREE, events=clock(0.25, change=lambda t, q, v: (q, v))).solve((0.0, 1.0), [0.0], [1.0], step=0.1)
     assert set(np.arange(11) / 10) <= set(solution.t)
@@ -119,17 +102,3 @@ def test_dense_output_is_that_of_its_side_of_a_change_and_the_new_state_at_it():
     assert np.array_equal(asked.v[1], solution.v[row + 1])
     assert np.array_equal(asked.lam[1], solution.lam[row + 1])
     np.testing.assert_allclose(asked.q, solution([0.5, at, 0.65]).q, rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("how", HOW, ids=str)
-def test_bounces_that_pile_up_end_with_a_status_and_not_below_the_floor(how, restitution):
-    """The sum of the flights converges: fall (1 + e) / (1 - e)."""
-    floor = Event(height, direction=-1, change=lambda t, q, v: (q, -restitution * v), name="floor")
-    solution = HHT(FREE, events=floor).solve((0.0, 10.0), [1.0], [0.0], **how)
-    assert solution.status is Status.time_resolution
-    assert "'floor' pile up" in solution.message
-    rest = np.sqrt(2.0 / GRAVITY) * (1 + restitution) / (1 - restitution)
-    assert abs(solution.t[-1] - rest) < 5e-4
-    assert np.min(solution.q) > -1e-12
-    assert abs(solution.v[-1, 0]) < 1e-3

@@ -10,7 +10,6 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.dynamics import jax_dynamics
-from hhtbench.lowering.dynamics.foreign import Callbacks
 from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import native_call
@@ -23,7 +22,6 @@ from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.run import functions, idle
 from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
 from solvers.kernel import kkt
-from solvers.kernel import memory as mem
 from tests.lowering.xla import compiled
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
@@ -77,34 +75,6 @@ def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
         given = flat.parameters, *arguments
         expected = np.asarray(compiled(jitted(flat), *given)(*given))
         np.testing.assert_allclose(value, expected, rtol=0.0, atol=ROUNDOFF * np.abs(expected).max())
-
-
-def stepped(count=5, engine="compiled"):
-    problem = load_problem(CHAIN)
-    hht = HHT(problem.system, engine=engine)
-    hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=1e-4)
-    for _ in range(count):
-        assert hht.step().name == "success"
-    return hht
-
-
-def test_steps_of_a_large_chain_call_nothing_in_python(monkeypatch):
-    calls, entry = [], Callbacks.entry
-
-    def counted(self, function, *how):
-        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
-
-    monkeypatch.setattr(Callbacks, "entry", counted)
-    hht = stepped()
-    assert "machine code, band matrix" in hht.engine_used
-    assert not hht._engine.loops.z.i[mem.CALLS_PYTHON]
-    assert calls == []
-
-
-def test_a_large_chain_moves_the_same_in_plain_loops():
-    compiled, plain = stepped(), stepped(engine="python")
-    np.testing.assert_array_equal(compiled.state.q, plain.state.q)
-    np.testing.assert_array_equal(compiled.state.v, plain.state.v)
 
 
 def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(monkeypatch):
@@ -184,21 +154,6 @@ def test_halving_the_step_of_a_bar_leaves_a_quarter_of_its_error():
     assert 3.6 < errors[0] / errors[1] < 4.4
 
 
-def test_a_bar_under_error_control_calls_nothing_in_python_after_its_start(monkeypatch):
-    calls, entry = [], Callbacks.entry
-
-    def counted(self, function, *how):
-        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
-
-    monkeypatch.setattr(Callbacks, "entry", counted)
-    monkeypatch.setattr(idle, "_idle", [])
-    _, short = bar_moved(1e-3, rtol=1e-3)
-    few = len(calls)
-    _, long = bar_moved(1e-2, rtol=1e-3)
-    assert long.counters.steps_accepted > 2 * short.counters.steps_accepted
-    assert len(calls) <= 2 * few
-
-
 class Eccentric(PlanarChain):
     """Rods whose centres of mass lie beside their middles, a fifth of a length along: M turns with them."""
 
@@ -226,13 +181,6 @@ class Swelling(System):
 
     def force(self, t, q, v):
         return jnp.cos(3.0 * jnp.arange(q.size)) - q - 0.1 * v
-
-
-class Lopsided(Swelling):
-    """The same with a mass that is not symmetric."""
-
-    def mass_matrix(self, t, q):
-        return super().mass_matrix(t, q).at[0, 1].multiply(1.5)
 
 
 def eccentric():
@@ -268,13 +216,6 @@ def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full
     for name in ("q", "v", "lam"):
         size = np.abs(getattr(full, name)).max(initial=1e-300)
         np.testing.assert_allclose(getattr(sparse, name), getattr(full, name), rtol=0.0, atol=bound * size)
-
-
-def test_a_variable_mass_without_an_inverse_by_its_entries_is_a_full_matrix():
-    with pytest.warns(UserWarning, match="mass_matrix is not symmetric"):
-        hht, found = variable_moved(swelling(Lopsided), 0.01, steps=2)
-    assert found.success
-    assert "dense matrix" in hht.engine_used
 
 
 def test_projections_of_a_large_system_make_nothing_anew(monkeypatch):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from solvers.hht.equations.formulas import third_difference
 
 SPAN = 10.0
 
@@ -107,16 +106,3 @@ def test_what_hangs_on_something_driven_is_as_exact(spring, damper, rtol, alpha)
     in_q, in_v = solution.q - np.sin(solution.t)[:, None], solution.v - np.cos(solution.t)[:, None]
     assert max(np.abs(in_q).max(), np.abs(in_v).max()) < 10 * rtol
     assert solution.counters.steps_rejected_error < 0.1 * solution.counters.steps_accepted + 10
-
-
-def test_evaluations_for_it_are_counted_and_only_stiff_steps_have_them():
-    work = {stiffness: led(Servo, stiffness, 0.0, 1e-3, 0.0)[0].counters for stiffness in (1.0, 1e8)}
-    besides = {k: c.residual_evaluations - c.newton_iterations for k, c in work.items()}
-    tried = work[1e8].steps_accepted + work[1e8].steps_rejected_error
-    assert besides[1.0] < 10 and 0 <= besides[1e8] - tried < 10
-
-
-def test_third_differences_are_those_of_cubics():
-    times = np.array([0.0, 0.3, 0.4, 1.1])
-    cubic = 2.0 - times + 3.0 * times**2 + 0.7 * times**3
-    assert third_difference(np.diff(times), cubic) == pytest.approx(0.7 * 0.7**3)

@@ -12,7 +12,7 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering.caching import Cache
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.run import functions, start
+from solvers.hht.run import functions
 from solvers.kernel import kkt
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
@@ -77,13 +77,6 @@ def test_two_systems_of_one_class_and_one_solver_twice_do_not_mix(how):
     assert solver.state.q.tobytes() == stepped[1]
     solver.solve((0.5, 0.1), [0.0, -1.0], [1.0, 0.0], steps=7)
     assert swinging(solve) == first
-
-
-def test_the_adapter_checks_options_that_compare_equal_to_those_of_an_earlier_solver():
-    problem = hb.Problem(name="x", system=Sprung(), t_span=(0.0, 0.1), q0=[1.0, 0.0], v0=[0.0, 0.0])
-    assert hb.load_solver("hht").solve(problem, hb.Request(steps=5, options={"rescale_a": True})).success
-    with pytest.raises(TypeError, match="rescale_a must be True or False; got 1"):
-        hb.load_solver("hht").solve(problem, hb.Request(steps=5, options={"rescale_a": 1}))
 
 
 def test_what_is_prepared_serves_nested_solves_and_threads_too():
@@ -200,15 +193,6 @@ def test_rows_that_are_dependent_at_a_start_are_left_out_of_a_prepared_system_to
     assert found == outcome(Crossing(), [0.0] * 3, [0.0] * 3)
 
 
-@pytest.mark.parametrize("kind", [Sprung, Declared, pytest.param(Redundant, marks=ONE_ROW_LESS), Massless])
-def test_a_new_solver_takes_the_engine_that_an_earlier_one_has_left(monkeypatch, kind):
-    system = kind()
-    solve = lambda q0: HHT(system).solve((0.0, 0.2), q0, [0.0, 0.0], step=0.01)  # noqa: E731
-    first = swinging(solve)
-    monkeypatch.setattr(start, "Engine", lambda *given, **more: pytest.fail("an engine is made again"))
-    assert swinging(solve) == first
-
-
 def test_a_derivative_that_turns_wrong_in_a_prepared_system_is_told_of_and_not_used():
     """At every solve anew, and no longer when it is right again."""
     system = Declared()
@@ -222,18 +206,6 @@ def test_a_derivative_that_turns_wrong_in_a_prepared_system_is_told_of_and_not_u
         np.testing.assert_allclose(np.frombuffer(wrong[3]), np.frombuffer(right[3]), rtol=1e-12, atol=1e-15)
     system.slanted[0] = 0.0
     assert outcome(system, [1.0, 0.0], [0.0, 0.0]) == right
-
-
-@pytest.mark.parametrize("how", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
-def test_a_start_by_machine_code_is_that_of_python_and_counts_as_much(how):
-    """Of the general path, which a projection takes; a consistent start is not moved."""
-    by_code, by_python = HHT(Linkage()), HHT(Linkage())
-    for solver, projects in ((by_code, False), (by_python, True)):
-        assert solver.init_step(0.0, *GOOD, **how, calc_initcond=projects) is Status.success
-    ours, theirs = by_code.state, by_python.state
-    for name in ("a", "f", "vdot", "lam", "inverse_mass"):
-        assert np.allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-13, atol=1e-13), name
-    assert by_code.counters == by_python.counters
 
 
 @pytest.mark.parametrize("last", range(1, 6))

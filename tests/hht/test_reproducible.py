@@ -1,10 +1,6 @@
 """Saving, copying and threads leave every bit where it was (rows R3 to R5 of the acceptance matrix)."""
 
 import ast
-import copy
-import pickle
-import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +10,7 @@ from hhtbench.protocol import System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.sources import SOURCES
-from tests.hht.scenes import ALPHAS, GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, gravity, pendulum, same_bits
+from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, gravity, pendulum
 from tests.hht.test_jacobians import STIFFNESS, stiff_force
 
 
@@ -60,32 +56,6 @@ def bits(state):
     return [np.asarray(x).tobytes() for x in (state.t, state.q, state.v, state.a, state.f, state.lam, state.mu, state.vdot)]
 
 
-def stepped(solver, count):
-    """The bits after each of ``count`` steps."""
-    result = []
-    for _ in range(count):
-        assert solver.step() is Status.success
-        result.append(bits(solver.state))
-    return result
-
-
-@pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")
-@pytest.mark.parametrize("alpha", ALPHAS)
-@pytest.mark.parametrize("scene", STEPPED)
-@pytest.mark.parametrize("save", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "deepcopy"])
-def test_a_run_that_was_saved_and_loaded_goes_on_bit_by_bit(scene, alpha, save):
-    system, q0, v0 = STEPPED[scene]
-    whole, parts = HHT(system, alpha=alpha), HHT(system, alpha=alpha)
-    for solver in (whole, parts):
-        assert solver.init_step(0.0, q0, v0, step=0.01) is Status.success
-    expected = stepped(whole, 40)
-    found = []
-    for count in (0, 1, 2, 17, 20):  # saved before the first step, after one, after two, later
-        found += stepped(parts, count)
-        parts = save(parts)
-    assert found == expected
-
-
 def test_stepping_by_hand_and_solving_give_the_same_bits():
     hht = HHT(JAX_PENDULUM, alpha=-0.3)
     solution = hht.solve((0.0, 0.25), Q0, V0, steps=16)  # 1/64: the times are exact
@@ -95,63 +65,6 @@ def test_stepping_by_hand_and_solving_give_the_same_bits():
         assert hht.state.t == solution.t[k]
         assert hht.state.q.tobytes() == solution.q[k].tobytes()
         assert hht.state.v.tobytes() == solution.v[k].tobytes()
-
-
-@pytest.mark.parametrize("scene", STEPPED)
-@pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")
-def test_copies_of_a_solver_and_of_a_solution_give_the_same_bits(scene):
-    system, q0, v0 = STEPPED[scene]
-    solver = HHT(system, alpha=-0.3)
-    solution = solver.solve((0.0, 0.1), q0, v0, step=0.01)
-    for other in (pickle.loads(pickle.dumps(solver)), copy.deepcopy(solver)):
-        assert same_bits(other.solve((0.0, 0.1), q0, v0, step=0.01), solution)
-    times = np.linspace(0.0, 0.1, 33)
-    for other in (pickle.loads(pickle.dumps(solution)), copy.deepcopy(solution)):
-        assert same_bits(other, solution)
-        assert other.status is Status.success
-        assert other.message == solution.message
-        assert other.counters == solution.counters
-        assert other(times).q.tobytes() == solution(times).q.tobytes()
-        assert other.steps_data.lam_end.tobytes() == solution.steps_data.lam_end.tobytes()
-
-
-@pytest.mark.parametrize("routes", [("jax", "jax"), ("jax", "numpy"), ("numpy", "numpy")])
-def test_two_solvers_in_two_threads_give_the_bits_of_one_after_the_other(routes):
-    def run(job):
-        return HHT(SYSTEMS[routes[job]], alpha=ALPHAS[job]).solve((0.0, 0.1), Q0, V0, step=0.01)
-
-    serial = [run(0), run(1)]
-    with ThreadPoolExecutor(2) as pool:
-        for _ in range(50):
-            assert all(same_bits(x, y) for x, y in zip(pool.map(run, (0, 1)), serial, strict=True))
-
-
-def test_a_solver_at_work_refuses_a_second_use_and_goes_on_undisturbed():
-    inside, leave = threading.Event(), threading.Event()
-
-    def force(t, q, v):
-        if t > 0.05:
-            inside.set()
-            assert leave.wait(30.0)
-        return gravity(t, q, v)
-
-    solver = HHT(pendulum(force=force))
-    expected = HHT(pendulum()).solve((0.0, 0.1), Q0, V0, step=0.01)
-    with ThreadPoolExecutor(1) as pool:
-        first = pool.submit(solver.solve, (0.0, 0.1), Q0, V0, step=0.01)
-        assert inside.wait(30.0)
-        try:
-            for use in (
-                lambda: solver.solve((0.0, 0.1), Q0, V0, step=0.01),
-                lambda: solver.init_step(0.0, Q0, V0, step=0.01),
-                lambda: solver.step(),
-            ):
-                with pytest.raises(RuntimeError, match="already solving"):
-                    use()
-        finally:
-            leave.set()
-        assert same_bits(first.result(30.0), expected)
-    assert same_bits(solver.solve((0.0, 0.1), Q0, V0, step=0.01), expected)
 
 
 def test_a_callback_that_uses_its_own_solver_is_refused():

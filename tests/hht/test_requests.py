@@ -60,33 +60,3 @@ def never(*arguments):
 def test_a_bad_request_is_refused_by_name_before_any_callback(request_, name):
     with pytest.raises((ValueError, TypeError), match=name):
         HHT(NumpySystem(force=never)).solve((0.0, 1.0), Q0, V0, **request_)
-
-
-BAD_SPANS = [
-    (0.0, np.nan),
-    (np.nan, 1.0),
-    (0.0, np.inf),
-    (-np.inf, 0.0),
-    ("0", "1"),
-    "01",
-    (0.0,),
-    (0.0, 1.0, 2.0),
-    1.0,
-    None,
-    (0.0, None),
-    (0.0, [1.0, 2.0]),
-    ([0.0, 1.0], [2.0, 3.0]),
-    (0.0, 1j),
-    (False, True),
-]
-
-
-@pytest.mark.parametrize("span", BAD_SPANS, ids=str)
-def test_a_bad_interval_is_refused_by_name_before_any_callback(span):
-    with pytest.raises((ValueError, TypeError), match="tspan"):
-        HHT(NumpySystem(force=never)).solve(span, Q0, V0, step=0.1)
-
-
-def test_an_unknown_keyword_of_solve_is_a_type_error_that_lists_the_known_ones():
-    with pytest.raises(TypeError, match=r"stepp.*known: rtol, .*max_num_steps"):
-        HHT(NumpySystem(force=never)).solve((0.0, 1.0), Q0, V0, stepp=0.1)

@@ -2,8 +2,6 @@
 
 import pickle
 import signal
-import threading
-import time
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +11,8 @@ import hhtbench as hb
 from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
-from solvers.hht.run.stepping import Onward
 from tests.hht.event_scenes import ACCURACY, FREE, begun, clock, height, wall
-from tests.hht.scenes import ALPHAS, PENDULUM, Q0, SYSTEMS, V0, Calls, Pendulum, pendulum, pendulum_at
+from tests.hht.scenes import ALPHAS, PENDULUM, Q0, SYSTEMS, V0, Pendulum, pendulum, pendulum_at
 from tests.hht.test_reproducible import bits
 
 
@@ -200,25 +197,6 @@ def test_a_failed_step_keeps_the_state_and_an_exception_too(accuracy):
     assert solver.step(0.5, "normal") is Status.success
 
 
-def test_without_events_nothing_is_looked_for_by_hand(monkeypatch):
-    monkeypatch.setattr("solvers.hht.control.controller.scan", None)
-    calls = Calls()
-    solver = begun(NumpySystem(**calls.wrap(PENDULUM)), engine="python")
-    solver.step(0.05, "normal")
-    assert solver.counters.event_evaluations == 0
-    assert solver.counters.steps_accepted == 5
-    assert solver.occurrences == ()
-
-
-def test_a_value_that_is_not_finite_in_the_look_at_the_motions_start_is_a_status():
-    """The auxiliary acceleration of a shifted start is looked up before the start, once the first step's length is known."""
-    system = NumpySystem(force=lambda t, q, v: -q if t >= 0.0 else np.nan * q)
-    solver = HHT(system, start="shifted", alpha=-0.2)
-    assert solver.init_step(0.0, [1.0], [0.0], rtol=1e-4) is Status.success
-    assert solver.step() is Status.nonfinite_callback
-    assert "force[0] = nan" in solver.message and solver.state.t == 0.0
-
-
 class Cliff(hb.System):
     """A point that falls, until its force is no number."""
 
@@ -281,31 +259,6 @@ def test_a_restart_from_the_present_state_takes_its_own_step(accuracy, h):
     for _ in range(3):
         assert solver.step() is Status.success
     assert solver.state.t == pytest.approx(t + 3 * h, abs=1e-12)
-
-
-def test_a_state_that_another_thread_reads_meanwhile_takes_no_step_back(monkeypatch):
-    """The reader is held up just before it would put down what it has read."""
-    solver, inside, honest = HHT(Pendulum()), threading.Event(), Onward.settled
-    assert solver.init_step(0.0, Q0, V0, step=0.01) is Status.success
-    for _ in range(3):
-        assert solver.step() is Status.success
-    reader = threading.Thread(target=lambda: solver.state)
-
-    def settled(self, integrator):
-        found = honest(self, integrator)
-        if threading.current_thread() is reader:
-            inside.set()
-            time.sleep(0.2)
-        return found
-
-    monkeypatch.setattr(Onward, "settled", settled)
-    reader.start()
-    assert inside.wait(10.0)
-    for _ in range(3):
-        assert solver.step() is Status.success
-    assert solver.state.t == pytest.approx(0.06)
-    reader.join()
-    assert solver.state.t == pytest.approx(0.06)
 
 
 @pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
