@@ -1,5 +1,7 @@
 """One loop, however it is run: compiled or as plain Python, with machine code or with callbacks, in every linear algebra."""
 
+import ast
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from problems.stiff_spring_pendulum import problem as stiff_spring
 from solvers.hht import HHT, Event
 from solvers.hht.equations.coefficients import REACTIONS
 from solvers.hht.run import functions, idle
+from solvers.hht.sources import SOURCES
 from solvers.hht.verify import rivals
 from tests.hht.scenes import Q0, SYSTEMS, V0
 
@@ -311,3 +314,17 @@ def test_the_matrix_of_a_step_that_ends_at_an_event_filters_the_next_error_too(l
     after = hht.state
     fall = before.q[0] + before.v[0] * after.h - 9.81 / 2 * after.h**2
     assert after.q[0] == pytest.approx(fall, abs=1e-2), "the step that met the ground was taken again, shorter"
+
+
+def test_what_is_compiled_squares_by_products():
+    """``x ** 2`` is a product in machine code and a call of pow in Python, which rounds otherwise once in a thousand."""
+    files = [file for source in SOURCES for file in (sorted(source.glob("*.py")) if source.is_dir() else [source])]
+    nodes = [(file.name, node) for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))]
+    assert len(files) > 10
+    whole = lambda node: isinstance(node, ast.Constant) and isinstance(node.value, int)  # noqa: E731
+    powers = [
+        (name, node.lineno)
+        for name, node in nodes
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and whole(node.right)
+    ]
+    assert powers == []

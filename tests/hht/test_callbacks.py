@@ -1,4 +1,4 @@
-"""Values that are not finite, everywhere or once (rows C1 to C5 of the acceptance matrix)."""
+"""What a system's functions return and raise: values that are not finite, of the wrong kind, and exceptions."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +14,9 @@ from tests.hht.scenes import (
     Q0,
     V0,
     Calls,
+    circle,
+    gravity,
+    pendulum,
     unit_mass,
 )
 
@@ -136,3 +139,61 @@ def test_the_damped_iteration_comes_back_from_where_a_force_is_undefined(system)
     v1 = solution.v[-1, 0]
     assert v1 + 0.45 * v1**2 == pytest.approx(0.55, abs=1e-12)  # the trapezoidal rule by hand
     assert solution.counters.steps_rejected_newton == 1
+
+
+def test_a_constraint_that_changes_its_length_is_refused():
+    growing = pendulum(constraint=lambda t, q: np.resize(circle(t, q), 1 if t < 0.05 else 2))
+    with pytest.raises(ValueError, match=r"constraint must return shape \(1,\).*\(2,\)"):
+        solve(growing)
+
+
+@pytest.mark.parametrize("value", [None, 1.0, np.zeros((2, 2)), (np.zeros((2, 2)),), "ab"])
+def test_force_jacobians_that_are_no_pair_are_refused(value):
+    with pytest.raises((TypeError, ValueError), match=r"force_jacobians.* must return"):
+        solve(pendulum(force_jacobians=lambda t, q, v: value))
+
+
+class Returns(System):
+    """A force of the wrong kind, chosen by a static field."""
+
+    value: object
+
+    def force(self, t, q, v):
+        return self.value
+
+
+@pytest.mark.parametrize(
+    "value", [None, 1.0, "ab", np.zeros(3), np.zeros((2, 1)), np.zeros(2, complex), (0.0, 0.0)], ids=repr
+)
+def test_a_jax_force_of_the_wrong_kind_is_refused_by_name(value):
+    with pytest.raises((TypeError, ValueError), match="force"):
+        solve(Returns(value))
+
+
+class Own(Exception):
+    """An exception of the user's."""
+
+
+class RaisesWhenTraced(System):
+    """A JAX system whose function raises when it is read."""
+
+    def force(self, t, q, v):
+        raise Own("while tracing")
+
+
+def test_an_exception_of_a_jax_function_reaches_the_caller_unchanged():
+    with pytest.raises(Own, match="while tracing") as caught:
+        solve(RaisesWhenTraced())
+    assert caught.value.partial_solution.status is Status.user_exception
+
+
+def test_a_callback_that_uses_its_own_solver_is_refused():
+    holder = []
+
+    def force(t, q, v):
+        holder[0].solve((0.0, 0.1), Q0, V0, step=0.01)
+        return gravity(t, q, v)
+
+    holder.append(HHT(pendulum(force=force)))
+    with pytest.raises(RuntimeError, match="already solving"):
+        holder[0].solve((0.0, 0.1), Q0, V0, step=0.01)

@@ -16,8 +16,7 @@ from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall
-from tests.hht.scenes import PENDULUM, Q0, SYSTEMS, V0
-from tests.hht.test_reproducible import STEPPED, bits
+from tests.hht.scenes import PENDULUM, Q0, STEPPED, SYSTEMS, V0, bits
 
 
 def stepped(solver, count):

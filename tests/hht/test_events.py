@@ -7,7 +7,7 @@ import hhtbench as hb
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import AT_REST, FREE, HOW, clock, drift, height
-from tests.hht.scenes import ALPHAS, GRAVITY, Q0, SYSTEMS, V0, pendulum_at
+from tests.hht.scenes import ALPHAS, GRAVITY, JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at, same_bits
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -148,3 +148,17 @@ def test_the_state_at_a_terminal_event_is_on_its_far_side_but_for_nothing_more_t
         falling = Event(lambda t, q, v, level=level: q[0] - level, direction=-1, terminal=True)
         solution = HHT(SYSTEMS["numpy"], events=falling).solve((0.0, 1.0), Q0, V0, step=0.05)
         assert -1e-15 < solution.q[-1, 0] - level <= 0.0
+
+
+@pytest.mark.parametrize("linsolver", ["auto", "dense", "band", "sparse"])
+@pytest.mark.parametrize("how", [{"step": 0.02}, {"rtol": 1e-3}], ids=str)
+def test_trial_steps_for_an_event_of_the_interpolant_alone_leave_no_bit_behind(how, linsolver):
+    """Dense output leaves the circle between steps, and no step's end does: the step stands, and so does its matrix."""
+    plain = HHT(JAX_PENDULUM, linsolver=linsolver).solve((0.0, 2.0), Q0, V0, **how)
+    off = np.sum(plain(np.linspace(0.0, 2.0, 2001)).q ** 2, axis=1) - 1.0
+    level = 0.3 * off[np.argmax(np.abs(off))]
+    circle = Event(lambda t, q, v: q @ q - 1.0 - level, terminal=True, samples=16)
+    watched = HHT(JAX_PENDULUM, linsolver=linsolver, events=circle).solve((0.0, 2.0), Q0, V0, **how)
+    assert watched.counters.residual_evaluations > plain.counters.residual_evaluations, "there were trials"
+    assert watched.success and not watched.t_events[0].size
+    assert same_bits(watched, plain)

@@ -12,8 +12,7 @@ from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.verify.measure import Case, refine, scaled_drift
 from tests.hht.event_scenes import impacts, wall
-from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
-from tests.hht.test_reproducible import bits
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, bits, pendulum, pendulum_at, tension_at
 
 ON = {"extrapolate_reaction": True}
 MIDDLES = np.concatenate([[0.0], np.arange(0.5, 400.0) / 400.0])  # of 400 steps in a second; the motion begins at 0

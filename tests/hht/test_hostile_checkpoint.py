@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import hhtbench as hb
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.event_scenes import ACCURACY, begun, height, wall
-from tests.hht.scenes import Q0, SYSTEMS, V0
+from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0
 from tests.hht.test_checkpoint import sealed
 
 
@@ -189,3 +190,16 @@ def test_a_forged_factorisation_is_refused_or_changes_no_motion(kept, accuracy, 
                 break
         assert other.state.t == solver.state.t
         np.testing.assert_allclose(other.state.q, solver.state.q, **close)
+
+
+@pytest.mark.parametrize("size", [2, 10**6])
+def test_a_state_of_another_length_is_refused(size):
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, step=0.01)
+    assert hht.step() is Status.success
+    before = hht.state
+    hht.restart(replace(before, factorised=replace(before.factorised, at=np.zeros(size))))
+    with pytest.raises(hb.ProblemError, match="arrays are of other lengths"):
+        hht.step()
+    hht.restart(before)
+    assert hht.step() is Status.success

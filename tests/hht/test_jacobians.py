@@ -7,16 +7,19 @@ import pytest
 
 from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT
-from tests.hht.scenes import Q0, V0, Spring, circle_jacobian, pendulum, pendulum_at, tension_at
-
-STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric, so that its transpose is another matrix [1/s^2]
-DAMPING = np.array([[3.0, 1.0], [-2.0, 5.0]])  # [1/s]
-REST = np.array([0.6, -0.9])
-
-
-def stiff_force(t, q, v):
-    stretch = q - REST
-    return -STIFFNESS @ (stretch + stretch**3) - DAMPING @ v
+from tests.hht.scenes import (
+    DAMPING,
+    Q0,
+    REST,
+    STIFFNESS,
+    V0,
+    Spring,
+    circle_jacobian,
+    pendulum,
+    pendulum_at,
+    stiff_force,
+    tension_at,
+)
 
 
 def stiff_jacobians(t, q, v):

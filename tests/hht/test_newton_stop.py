@@ -97,3 +97,35 @@ def test_iterations_of_large_systems_end_at_the_roundoff_that_is_measured(engine
     counters = HHT(chain.system, rho_inf=0.9, engine=engine).solve((0.0, 1e-3), chain.q0, chain.v0, steps=10).counters
     assert counters.jacobian_evaluations <= 12
     assert counters.newton_iterations <= 28
+
+
+MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at least, measured
+
+
+def with_steps(problem, steps):
+    return HHT(problem.system, alpha=-0.05).with_steps(problem.t_span, problem.q0, problem.v0, steps=steps)
+
+
+def test_the_pendulum_factorises_less_than_once_in_ten_steps_with_unchanged_errors_and_less_work(monkeypatch):
+    """h = 1e-3, against a new matrix for every step and for every iteration but the second."""
+    problem = hb.load_problem("jay_negrut_pendulum")
+    steps = 4000
+    kept = with_steps(problem, steps)
+    monkeypatch.setattr(functions, "NewtonOptions", lambda: NewtonOptions(other_step=-1.0, refresh_rate=0.0))
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", [])
+    fresh = with_steps(problem, steps)
+    assert fresh.counters.factorisations >= steps
+    assert kept.counters.factorisations < steps / 10
+    exact = problem.exact(4.0)
+    errors = [max(np.abs(s.q[-1] - exact.q).max(), np.abs(s.v[-1] - exact.v).max()) for s in (kept, fresh)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-6)
+    work = [s.counters.residual_evaluations + MATRIX * s.counters.factorisations for s in (kept, fresh)]
+    assert work[0] < work[1]
+
+
+def test_linear_constant_systems_are_factorised_once():
+    problem = hb.load_problem("oscillator_chain")
+    solution = HHT(problem.system).with_steps((0.0, 0.1), problem.q0, problem.v0, steps=100)
+    assert solution.counters.factorisations == 1
+    assert solution.counters.jacobian_evaluations == 1

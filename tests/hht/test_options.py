@@ -1,12 +1,18 @@
-"""The options of the integrator: stated once, checked where they are made, the same for HHT and for its specs."""
+"""Options and requests are checked by name before anything is called, the same for HHT and for its specs."""
+
+from __future__ import annotations
 
 import warnings
 from dataclasses import fields
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
+import hhtbench as hb
 from hhtbench import load_problem, load_solver
 from hhtbench.errors import ProblemError
+from hhtbench.protocol import NumpySystem
 from hhtbench.request import Request
 from solvers.hht import HHT, HHTOptions
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
@@ -85,3 +91,75 @@ def test_reductions_to_do_without_are_one_name_or_several_in_any_order():
     assert HHTOptions(without="reaction").without == ("reaction",)
     assert HHTOptions(without=["zeros", "mass", "zeros"]).without == ("mass", "zeros")
     assert HHTOptions().without == ()
+
+
+class Cam(hb.System):
+    """A free mass beside one driven from rest as t^4: v and the acceleration are zero at the start."""
+
+    def force(self, t, q, v):
+        return jnp.zeros(2)
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] - 1 - t**4])
+
+
+def test_options_in_the_wrong_place_are_refused():
+    with pytest.raises(TypeError, match="when it is made"):
+        HHT(Cam()).solve((0, 1), [1, 0], [0, 0], steps=2, options={"alpha": -0.2})
+    with pytest.raises(TypeError, match="calc_initcond"):
+        HHT(Cam(), calc_initcond=True)
+
+
+BAD_REQUESTS = [
+    ({"rtol": -1e-6}, "rtol"),
+    ({"rtol": np.nan}, "rtol"),
+    ({"rtol": np.inf}, "rtol"),
+    ({"rtol": "tight"}, "rtol"),
+    ({"rtol": [[1e-6]]}, "rtol"),
+    ({"rtol": [1e-6, -1e-6]}, "rtol"),
+    ({"rtol": [1e-6, 1e-6, 1e-6]}, "rtol"),
+    ({"rtol": 1e-6, "atol": [1e-6, 1e-6, 1e-6]}, "atol"),
+    ({"rtol": 1e-6, "atol": -1.0}, "atol"),
+    ({"rtol": 1e-6, "atol": [1e-6, np.nan]}, "atol"),
+    ({"rtol": 1e-6, "atol": "x"}, "atol"),
+    ({"rtol": 1e-6, "atol": [[1e-6]]}, "atol"),
+    ({"rtol": 0.0, "atol": 0.0}, "rtol and atol"),
+    ({"step": -0.1}, "step"),
+    ({"step": 0.0}, "step"),
+    ({"step": np.nan}, "step"),
+    ({"step": np.inf}, "step"),
+    ({"step": "0.1"}, "step"),
+    ({"steps": 0}, "steps"),
+    ({"steps": -3}, "steps"),
+    ({"steps": 2.5}, "steps"),
+    ({"steps": True}, "steps"),
+    ({"steps": []}, "steps"),
+    ({"steps": [0.5, -0.5, 1.0]}, "steps"),
+    ({"steps": [0.5, 0.6]}, "steps"),
+    ({"steps": [0.5, np.nan]}, "steps"),
+    ({"step": 0.1, "steps": 10}, "step and steps"),
+    ({"step": 0.1, "rtol": 1e-6}, "exclude"),
+    ({"rtol": 0.0}, "rtol"),
+    ({"step": 0.1, "max_num_steps": 0}, "max_num_steps"),
+    ({"step": 0.1, "max_num_steps": 1.5}, "max_num_steps"),
+    ({"step": 0.1, "max_evaluations": -1}, "max_evaluations"),
+    ({"step": 0.1, "max_seconds": 0.0}, "max_seconds"),
+    ({"step": 0.1, "max_seconds": np.nan}, "max_seconds"),
+    ({"step": 0.1, "t_eval": [0.5, 0.2]}, "t_eval"),
+    ({"step": 0.1, "t_eval": [0.5, 1.1]}, "t_eval"),
+    ({"step": 0.1, "t_eval": [-0.1, 0.5]}, "t_eval"),
+    ({"step": 0.1, "t_eval": [0.5, np.nan]}, "t_eval"),
+    ({"step": 0.1, "t_eval": []}, "t_eval"),
+    ({"step": 0.1, "t_eval": 0.5}, "t_eval"),
+    ({"step": 0.1, "t_eval": "all"}, "t_eval"),
+]
+
+
+def never(*arguments):
+    raise AssertionError("a callback was called")
+
+
+@pytest.mark.parametrize(("request_", "name"), BAD_REQUESTS, ids=[str(request) for request, _ in BAD_REQUESTS])
+def test_a_bad_request_is_refused_by_name_before_any_callback(request_, name):
+    with pytest.raises((ValueError, TypeError), match=name):
+        HHT(NumpySystem(force=never)).solve((0.0, 1.0), Q0, V0, **request_)

@@ -1,9 +1,12 @@
 """Declared patterns of large systems: no full matrices for plain callables, nor for functions that cannot be read."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import hhtbench as hb
 from hhtbench.lowering.caching import Cache
@@ -166,3 +169,45 @@ def test_a_declared_pattern_that_lacks_an_entry_is_refused_with_its_row():
 def test_a_pattern_of_the_wrong_name_or_shape_is_refused(kind, text):
     with pytest.raises(hb.ProblemError, match=text):
         HHT(kind()).solve((0.0, 1.0), jnp.ones(2), jnp.zeros(2), steps=1)
+
+
+def point_on_a_circle(**declared):
+    return hb.NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -9.81]), constraint=lambda t, q: np.array([(q @ q - 1) / 2]), **declared
+    )
+
+
+def test_a_pattern_without_a_true_entry_is_refused_with_its_rows():
+    system = point_on_a_circle(sparsity={"constraint_jacobian": np.array([[True, False]])})
+    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):
+        HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
+
+
+def patterned(patterns):
+    """A point on a circle as a JAX system that declares ``patterns``."""
+
+    class Patterned(hb.System):
+        sparsity = patterns
+
+        def force(self, t, q, v):
+            return jnp.array([0.0, -9.81])
+
+        def constraint(self, t, q):
+            return (q @ q - 1)[None] / 2
+
+    return Patterned()
+
+
+@pytest.mark.parametrize("kind", [sp.csr_matrix, sp.coo_array])
+def test_a_pattern_may_be_one_of_scipys_matrices_for_jax_systems_too(kind):
+    full, empty = kind(np.ones((1, 2), bool)), kind(np.zeros((2, 2), bool))
+    plain = HHT(point_on_a_circle()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
+    system = patterned({"constraint_jacobian": full, "force_q": empty})
+    np.testing.assert_allclose(HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=20).q, plain.q, atol=1e-9)
+    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):
+        HHT(patterned({"constraint_jacobian": kind([[True, False]])})).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
+
+
+def test_patterns_that_are_no_mapping_are_refused_for_jax_systems_too():
+    with pytest.raises(TypeError, match="sparsity must map names"):
+        HHT(patterned(5)).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)

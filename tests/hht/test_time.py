@@ -1,8 +1,11 @@
 """Intervals, steps, output times and budgets at their extremes (rows O1, O4, O5, O7, S1 to S5, S7 to S9 of the matrix)."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
+import hhtbench as hb
 from hhtbench.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at, tension_at
@@ -77,3 +80,11 @@ def test_far_from_the_origin_a_tolerance_beyond_the_times_is_named():
     assert solution.status is Status.time_resolution
     assert "times what the tolerances allow" in solution.message
     assert "shift the time origin" in solution.message
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+def test_a_run_that_fails_in_its_first_step_returns_the_reached_output_times_in_both_directions(end):
+    system = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan if t else 0.0]))
+    solution = HHT(system).solve((0.0, end), [1.0], [0.0], steps=4, t_eval=[0.0, end / 2, end])
+    assert solution.status is hb.Status.nonfinite_callback
+    assert solution.t.tolist() == [0.0]
