@@ -107,16 +107,6 @@ def test_one_value_that_is_not_finite_is_retried_wherever_it_falls(name, alpha):
         assert solution.counters.nonfinite_evaluations == (0 if only_sizes_were_read else 1), k
 
 
-@pytest.mark.parametrize("name", ["constraint", "constraint_jacobian", "mass_matrix"])
-def test_one_value_that_is_not_finite_does_not_disturb_a_projection(name):
-    calls = Calls()
-    baseline = solve(NumpySystem(**calls.wrap(WITH_MASS)), calc_initcond=True, span=(0.0, 0.01))
-    for k in range(1, calls.count[name] + 1):
-        solution = solve(replaced(name, np.nan, lambda t, count, k=k: count == k), calc_initcond=True, span=(0.0, 0.01))
-        assert solution.success, f"call {k}: {solution.message}"
-        assert np.max(np.abs(solution.q - baseline.q)) < 1e-11, k
-
-
 def drag_beyond(limit):
     """v' = -45 v^2, not a number above ``limit`` after the start."""
     return NumpySystem(force=lambda t, q, v: np.array([np.nan if t > 0.0 and v[0] > limit else -45.0 * v[0] ** 2]))

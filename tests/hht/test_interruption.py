@@ -9,31 +9,11 @@ import pytest
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
-from solvers.hht.run.engine import Engine
 from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, V0
 
 
 class Own(Exception):
     pass
-
-
-def test_an_exception_after_a_failed_trial_of_derived_derivatives_is_the_users(monkeypatch):
-    """The trial has callbacks of its own; those of the declared derivatives must come back with their addresses."""
-    trials = []
-
-    def force(t, q, v):
-        if trials and t > 0.05:
-            raise Own
-        return 100.0 * q**2
-
-    original = Engine.give_up_derivatives
-    monkeypatch.setattr(
-        Engine, "give_up_derivatives", lambda *given, **named: trials.append(original(*given, **named)) or trials[-1]
-    )
-    system = NumpySystem(force=force, force_jacobians=lambda t, q, v: (np.diag(200.0 * q), np.zeros((1, 1))))
-    with pytest.raises(Own):
-        HHT(system, first_step=1.0).solve((0.0, 0.2), [0.5], [0.0], rtol=1e-4, atol=1e-4)
-    assert trials and not any(trials)
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
 from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.run import functions, idle
-from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
+from solvers.hht.run.functions import LARGEST_STEP, layout_of
 from solvers.kernel import kkt
 from tests.lowering.xla import compiled
 
@@ -92,38 +92,6 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
     one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)
     assert not np.array_equal(many.lam, one_by_one.lam), "the same way was taken"
     np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())
-
-
-class Sorted(System):
-    """Springs between neighbours in the order of their places: no rule knows sorting."""
-
-    def force(self, t, q, v):
-        return -jnp.sort(q)
-
-
-class Filled(System):
-    """Every coordinate's motion drags every other one along."""
-
-    mass_matrix = np.eye(250) + 0.001
-
-    def force(self, t, q, v):
-        return -q
-
-
-def refusal(system, n, v=0.0):
-    place = np.linspace(0.0, 1.0, n), np.full(n, v)
-    dynamics, method = derive(system, 0.0, *place), METHODS["eliminated"]
-    with pytest.raises(NotNative) as refused:
-        SparseCode(dynamics, method, layout_of(dynamics, method), "auto")
-    return refused.value.reason
-
-
-def test_what_has_no_machine_code_says_why(monkeypatch):
-    assert "a mass that fills" in refusal(Filled(), 250)
-    assert "sort" in refusal(Sorted(), 250)
-    monkeypatch.setattr(functions, "MOST_COMPUTED", 10)
-    chain = load_problem("fput_chain(n_masses=250)")
-    assert "derivatives of" in refusal(chain.system, chain.q0.size)
 
 
 def bar_moved(tend, **accuracy):

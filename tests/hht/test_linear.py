@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from hhtbench import load_problem
 from hhtbench.lowering.compile.coloured import Pattern
@@ -204,13 +203,6 @@ def test_a_pattern_with_entries_that_vanish_serves_later_matrices(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_factorisation_tells_its_least_pivot_and_its_rank(kind):
-    """Of unit rows."""
-    factored = Factored(np.array([[4.0, 4.0], [4.0, 3.0]]), np.eye(2), kind)
-    assert (factored.ended, factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (CONVERGED, 0.25, 2)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_singular_matrix_has_no_factor(kind):
     matrix = np.diag(np.ones(5)) + np.diag(np.ones(4), 1)
     matrix[2, 2:4], matrix[3, 3] = (1.0, 2.0), 2.0
@@ -221,15 +213,3 @@ def test_a_singular_matrix_has_no_factor(kind):
 
 
 # --- which kind
-
-
-def stacked_pattern(matrix):
-    return pattern_of(sparse.vstack([sparse.csr_array(matrix), sparse.eye_array(2, matrix.shape[0])]).toarray())
-
-
-def test_the_kind_follows_size_band_and_fill():
-    size = 400
-    i, j = np.indices((size, size))
-    chain, arrow = np.abs(i - j) <= 3, (i == j) | (i == 0) | (j == 0)
-    for matrix, kind in ((chain, "band"), (arrow, "sparse"), (np.ones((size, size)), "dense")):
-        assert of_pattern(stacked_pattern(matrix), size, "auto").kind == kind

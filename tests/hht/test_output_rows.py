@@ -110,14 +110,6 @@ def test_rows_hold_both_levels_by_every_route(scene):
     assert off(problem, solution) < 1e-13
 
 
-def test_rows_at_the_ends_of_steps_keep_their_bits():
-    free = HHT(SYSTEMS["jax"]).solve((0.0, 0.8), Q0, V0, steps=20)
-    bound = HHT(SYSTEMS["jax"]).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=np.union1d(TIMES, free.t))
-    at = np.searchsorted(bound.t, free.t)
-    for name in ("q", "v", "lam"):
-        assert getattr(bound, name)[at].tobytes() == getattr(free, name).tobytes()
-
-
 def test_rows_of_methods_that_hold_positions_alone_stay_as_they_are():
     """What drifts at steps must not look better between them."""
     problem, request = of(SYSTEMS["jax"]), {"steps": 20, "t_eval": TIMES}
@@ -184,23 +176,6 @@ def test_dense_output_without_constraints_is_the_interpolant():
     assert solution(0.333, project=True).q.tobytes() == solution(0.333).q.tobytes()
     with pytest.raises(ProblemError, match="covers"):
         solution(0.9, project=True)
-
-
-def test_an_exception_of_a_constraint_while_rows_are_moved_is_raised_as_it_is():
-    raised_before = []
-
-    def constraint(t, q):
-        if abs(t - 0.415) < 1e-4 and not raised_before:
-            raised_before.append(t)
-            raise ZeroDivisionError("of the user")
-        return np.array([(q @ q - 1.0) / 2.0])
-
-    system = NumpySystem(force=gravity, constraint=constraint, constraint_jacobian=lambda t, q: q[None])
-    for times in (np.linspace(0.4, 0.43, 31), [0.415]):
-        raised_before.clear()
-        with pytest.raises(ZeroDivisionError, match="of the user") as raised:
-            HHT(system).solve((0.0, 0.8), Q0, V0, steps=20, t_eval=times)
-        assert raised.value.partial_solution.status is Status.user_exception
 
 
 AMPLITUDES = (1e-2, 1e-3, 1e-4)

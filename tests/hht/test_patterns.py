@@ -1,7 +1,5 @@
 """Declared patterns of large systems: no full matrices for plain callables, nor for functions that cannot be read."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -175,12 +173,6 @@ def point_on_a_circle(**declared):
     return hb.NumpySystem(
         force=lambda t, q, v: np.array([0.0, -9.81]), constraint=lambda t, q: np.array([(q @ q - 1) / 2]), **declared
     )
-
-
-def test_a_pattern_without_a_true_entry_is_refused_with_its_rows():
-    system = point_on_a_circle(sparsity={"constraint_jacobian": np.array([[True, False]])})
-    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):
-        HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
 
 
 def patterned(patterns):

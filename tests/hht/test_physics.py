@@ -118,36 +118,6 @@ def test_a_pendulum_calls_no_code_of_velocity_constraints(system, monkeypatch):
     assert HHT(system, alpha=-0.3).solve((0.0, 0.1), Q0, V0, step=0.05).success
 
 
-class Scleronomic(Circle):
-    """A class of its own, so that nothing of it is compiled yet."""
-
-
-def test_a_constraint_that_does_not_depend_on_time_has_no_time_derivative_taken(monkeypatch):
-    forbid(monkeypatch, JaxDynamics, ["constraint_time_derivative"])
-    assert HHT(Scleronomic()).solve((0.0, 0.1), Q0, V0, step=0.05).success
-
-
-TRACES = []
-
-
-class Counted(System):
-    """Notes how its force is read: with plain tracers, or with those that differentiate it."""
-
-    gravity: object = parameter(GRAVITY)
-
-    def force(self, t, q, v):
-        TRACES.append({type(q).__name__, type(v).__name__})
-        return jnp.stack([0.0 * self.gravity, -self.gravity])
-
-
-def test_a_force_without_stiffness_and_friction_is_never_differentiated():
-    TRACES.clear()
-    solution = HHT(Counted()).solve((0.0, 1.0), Q0, V0, step=0.01)
-    assert solution.success
-    assert 3 < len(TRACES) < 20  # its structure, then the functions of the step; nothing per step
-    assert set.union(*TRACES) == {"DynamicJaxprTracer"}
-
-
 def test_what_is_only_measured_is_never_called_and_what_is_called_is_counted():
     calls = Calls()
     declared = {**PENDULUM, "energy": lambda t, q, v: 0.0, "invariants": lambda t, q, v: {}}

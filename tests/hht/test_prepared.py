@@ -62,23 +62,6 @@ def test_a_changed_parameter_of_a_prepared_system_is_a_new_preparation(how, kind
         assert swinging(solve) == first
 
 
-@pytest.mark.parametrize("how", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
-def test_two_systems_of_one_class_and_one_solver_twice_do_not_mix(how):
-    """A failure, an exception and other requests between two equal solves leave nothing behind."""
-    solver, other = HHT(Sprung(), events=lambda t, q, v: q[1] + 0.1), HHT(Sprung(springs=np.array([1.0, 1.0])))
-    solve = lambda q0: solver.solve((0.0, 0.2), q0, [0.0, 0.0], **how)  # noqa: E731
-    first = swinging(solve)
-    assert first != swinging(lambda q0: other.solve((0.0, 0.2), q0, [0.0, 0.0], **how))
-    assert not solver.solve((0.0, 0.2), [3.0, 0.0], [0.0, 0.0], **how).success
-    assert solver.solve((0.0, 9.0), [1.0, 0.0], [0.0, 0.0], **how, max_evaluations=50).status is Status.evaluation_budget
-    assert solver.init_step(0.0, [0.0, 1.0], [0.5, 0.0], **how) is Status.success
-    stepped = [solver.step() for _ in range(3)], solver.state.q.tobytes()
-    assert swinging(solve) == first
-    assert solver.state.q.tobytes() == stepped[1]
-    solver.solve((0.5, 0.1), [0.0, -1.0], [1.0, 0.0], steps=7)
-    assert swinging(solve) == first
-
-
 def test_what_is_prepared_serves_nested_solves_and_threads_too():
     """While it is in use another one is made; all give the bits of one alone."""
     system = Sprung()
@@ -102,22 +85,6 @@ def test_a_parameter_is_an_array_of_the_systems_own_wherever_the_given_one_lies(
     system = Sprung(length=given)
     given[0] = 3.0
     assert system.length == 0.0
-
-
-def test_an_event_that_reads_a_parameter_sees_the_value_of_each_solve():
-    system = Sprung()
-    solver = HHT(system, events=lambda t, q, v: q[0] * system.springs[1] - 2.0)
-
-    def located():
-        (times,) = solver.solve((0.0, 1.0), [1.0, 0.0], [0.0, 0.0], rtol=1e-6).t_events
-        return times
-
-    first = located()
-    system.springs[1] = 4.0
-    again = located()
-    own = solver.solve((0.0, float(again[0])), [1.0, 0.0], [0.0, 0.0], rtol=1e-6)
-    assert again[0] != first[0]
-    assert own.q[-1, 0] * 4.0 == pytest.approx(2.0, abs=1e-3)
 
 
 class Linkage(hb.System):
@@ -173,24 +140,6 @@ def test_an_uneven_mass_is_told_of_at_every_start():
     system = Linkage(uneven=0.1)
     for _ in range(2):
         assert any("mass_matrix is not symmetric" in text for text in outcome(system, *GOOD)[-1])
-
-
-class Crossing(hb.System):
-    """A plane and a surface that touches it along the line q[0] = 0."""
-
-    def force(self, t, q, v):
-        return jnp.array([0.0, 0.0, 0.0])
-
-    def constraint(self, t, q):
-        return jnp.stack([q[1], q[1] + q[0] ** 2 * q[2]])
-
-
-def test_rows_that_are_dependent_at_a_start_are_left_out_of_a_prepared_system_too():
-    prepared = Crossing()
-    assert outcome(prepared, [1.0, 0.0, 0.0], [0.0] * 3)[-1] == []
-    found = outcome(prepared, [0.0] * 3, [0.0] * 3)
-    assert "redundant constraints: rank 1 of 2 rows" in found[-1][0]
-    assert found == outcome(Crossing(), [0.0] * 3, [0.0] * 3)
 
 
 def test_a_derivative_that_turns_wrong_in_a_prepared_system_is_told_of_and_not_used():

@@ -1,7 +1,5 @@
 """Intervals, steps, output times and budgets at their extremes (rows O1, O4, O5, O7, S1 to S5, S7 to S9 of the matrix)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -42,12 +42,6 @@ def test_failed_runs_count_against_the_share_and_rejections_against_theirs():
     assert verdicts(made("a", [1, 1, 1, 1, 1e-9]))["ratio/all"], "roundoff is as good as it gets"
 
 
-def test_the_plot_has_a_curve_for_every_problem_with_errors():
-    plot = control.drawn([made("a", [1, 2, 3, 4, 5]), made("b", [None] * 5)])
-    assert [curve.label for curve in plot.curves] == ["a"]
-    assert plot.slope == 1.0
-
-
 def test_a_run_measures_error_steps_and_rejections():
     found = run("jay_negrut_pendulum", Request(rtol=1e-3))
     assert found.status is Status.success
