@@ -165,14 +165,6 @@ def test_budgets_end_in_the_same_status_with_all_steps_kept(request_):
     assert_bits(compiled, plain)
 
 
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_a_time_budget_ends_either_loop_with_its_steps_kept(engine):
-    problem = hb.load_problem("jay_negrut_pendulum")
-    solution = solve(problem, None, {"engine": engine}, steps=20_000_000, t_eval=[0.0], max_seconds=0.2)
-    assert solution.status is Status.deadline
-    assert solution.counters.steps_accepted > 0
-
-
 class Vanishing(hb.System):
     """A free mass whose force is no number beyond q = 1/2."""
 

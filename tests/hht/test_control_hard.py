@@ -1,4 +1,4 @@
-"""Error control where it is hard: stops, pushes, jumps, noise, budgets and NaN end right or with a status."""
+"""Error control and forces in balance where it is hard: jumps, budgets, roundoff and rest end right or with a status."""
 
 import re
 
@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hhtbench as hb
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from problems import andrews, jay_negrut_pendulum
 from solvers.hht import HHT
-from tests.hht.scenes import JAX_PENDULUM, Q0, V0, Pendulum, pendulum, pendulum_at
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at
 
 # --- what a step must not pass over
 
@@ -166,50 +167,34 @@ def test_an_interval_far_shorter_than_a_length_that_was_given_is_no_remainder_wh
     assert np.abs(solution.q[-1, 0] - np.cos(100 * solution.t[-1])) < 1e-3
 
 
-@pytest.mark.parametrize("damping", [1e10, 1e3])
-def test_a_long_rest_after_such_a_motion_is_arrived_at(damping):
-    """A vibration of 1e6/s dies out in 2 ms, or ten seconds: at an even pace 1e15 steps more would be needed for long."""
-
-    class Quick(System):
-        def force(self, t, q, v):
-            return jnp.array([-1e12 * q[0] - damping * v[0], -1e-12 * q[1] - 1e-6 * v[1]])
-
-    solution = HHT(Quick()).solve((0.0, 1e9), [1e-2, 1.0], [0.0, 0.0], rtol=1e-3, atol=1e-3, t_eval=[0.0, 1e9])
-    assert solution.status is Status.success, solution.message
-
-
-class Shaken(System):
-    """A block on a floor that is shaken for a second, with friction that is nearly a jump; then it rests for ever."""
-
-    def force(self, t, q, v):
-        return -3.0 * jnp.tanh(v / 1e-8) + 5.0 * jnp.sin(200.0 * t) * jnp.where(t < 1.0, 1.0, 0.0)
-
-
-def test_a_rough_start_before_a_long_rest_arrives():
-    solution = HHT(Shaken()).solve((0.0, 1e6), [0.0], [1.0], rtol=1e-4, max_num_steps=20_000)
-    assert solution.status is Status.success
-    assert solution.counters.steps_rejected_newton > 0.1 * 1_000  # refused as often as what will not arrive
-
-
-def noisy(size):
-    """The weight, off by a random part of ``size`` at every call."""
-    random = np.random.default_rng(3)
-    return pendulum(force=lambda t, q, v: np.array([0.0, -9.81 * (1.0 + size * random.standard_normal())]))
-
-
-def test_a_force_with_noise_of_twice_the_tolerance_arrives_as_accurately_as_asked():
-    """It enters v with h only: half as many steps again take it in."""
-    solution = HHT(noisy(2e-5)).solve((0.0, 3.0), Q0, V0, rtol=1e-5)
-    exact = HHT(Pendulum()).solve((0.0, 3.0), Q0, V0, rtol=1e-7)
-    assert solution.status is Status.success, solution.message
-    assert np.abs(solution.q[-1] - exact.q[-1]).max() < 10 * 1e-5
-
-
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-6])
-@pytest.mark.parametrize("w", [1e8, 1e9, 1e12, 1e15])
+@pytest.mark.parametrize("w", [1e9, 1e12])
 def test_a_vibration_far_faster_than_the_interval_is_followed_from_its_start(w, rtol):
     """Errors of steps far too long, which stay while they shrink, were taken for roundoff, and that for a time's spacing."""
     spring = NumpySystem(force=lambda t, q, v: -w * w * q)
     solution = HHT(spring, alpha=-0.05).solve((0.0, 1.0), [1.0], [0.0], rtol=rtol, atol=rtol, max_num_steps=50)
     assert solution.status is Status.max_steps, solution.message
     assert abs(solution.q[-1, 0] - np.cos(w * solution.t[-1])) < rtol
+
+
+class Truss(hb.System):
+    """Two rods that hold a load, at rest."""
+
+    load: object = hb.parameter(1.0)
+    frequency: object = hb.parameter(0.0)
+
+    def force(self, t, q, v):
+        load = self.load * jnp.cos(self.frequency * (t - 0.5))
+        return jnp.stack([load, -load])
+
+    def constraint(self, t, q):
+        rod = q - jnp.array([2.0, 0.0])
+        return jnp.stack([(q @ q - 1.01) / 2.0, (rod @ rod - 1.01) / 2.0])
+
+
+@pytest.mark.parametrize("load", [1e3, 1e5, 1e7])
+@pytest.mark.parametrize("steps", [10, 20, 100])
+def test_a_structure_that_rests_under_a_load_is_no_motion_that_roundoff_moves(load, steps):
+    solution = hb.HHT(Truss(load=load)).solve((0.0, 1.0), [1.0, 0.1], [0.0, 0.0], steps=steps)
+    assert solution.success, solution.message
+    assert np.abs(solution.q - [1.0, 0.1]).max() < 1e-9

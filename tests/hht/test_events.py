@@ -90,16 +90,6 @@ def test_a_motion_goes_on_from_a_terminal_event_without_meeting_it_again():
     assert second.t[-1] > first.t[-1] + 0.1
 
 
-@pytest.mark.parametrize("span", [(0.0, 2.0), (0.0, -2.0)])
-@pytest.mark.parametrize("how", HOW, ids=str)
-def test_the_direction_is_that_of_the_function_along_the_integration(span, how):
-    rate = np.copysign(1.0, span[1])  # of the angle pi/2 at |t| = 1/2 and so on
-    waves = [Event(lambda t, q, v: np.cos(np.pi * q[0]), direction=d) for d in (-1, 0, 1)]
-    solution = HHT(AT_REST, events=waves).solve(span, [0.0], [1.0], **how)
-    for found, expected in zip(solution.t_events, ([0.5], [0.5, 1.5], [1.5]), strict=True):
-        np.testing.assert_allclose(found, rate * np.array(expected), rtol=1e-14)
-
-
 @pytest.mark.parametrize("how", HOW, ids=str)
 def test_a_numbered_occurrence_is_terminal_and_every_solve_counts_anew(how):
     wave = Event(lambda t, q, v: np.sin(np.pi * (q[0] - 0.1)), terminal=3)
@@ -133,13 +123,6 @@ def test_events_at_one_time_change_the_state_in_their_order():
     )
     assert drift([times_two, plus_one]).v[-1, 0] == pytest.approx(3.0, abs=1e-14)
     assert drift([plus_one, times_two]).v[-1, 0] == pytest.approx(4.0, abs=1e-14)
-
-
-def test_two_zeros_in_one_step_are_found_where_a_sample_lies_between():
-    pair = Event(lambda t, q, v: (q[0] - 0.42) * (q[0] - 0.43), samples=4)
-    assert drift(pair, steps=1).t_events[0].size == 0
-    found = drift(Event(pair.function, samples=199), steps=1).t_events[0]
-    np.testing.assert_allclose(found, [0.42, 0.43], rtol=1e-14)
 
 
 def test_the_state_at_a_terminal_event_is_on_its_far_side_but_for_nothing_more_than_roundoff():

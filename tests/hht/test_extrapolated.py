@@ -173,10 +173,3 @@ def test_a_mass_whose_inverse_fills_is_refused_with_the_options_that_take_it():
     assert declined.status is Status.declined
     assert 'Take b = 1, or without="zeros"' in declined.message
     assert declined.t.size == 0
-
-
-@pytest.mark.parametrize("how", [{"step": 0.1}, {"rtol": 1e-3}], ids=str)
-def test_a_system_without_constraints_moves_as_without_it(how):
-    oscillator = hb.NumpySystem(mass_matrix=[1.0], force=lambda t, q, v: -q)
-    found = [HHT(oscillator, **options).solve((0.0, 1.0), [1.0], [0.0], **how) for options in (ON, {})]
-    assert np.array_equal(found[0].q, found[1].q) and np.array_equal(found[0].v, found[1].v)

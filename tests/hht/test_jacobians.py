@@ -113,15 +113,3 @@ def test_right_derivatives_bring_no_warning():
         warnings.simplefilter("error")
         assert HHT(right).solve((0.0, 0.1), Q0, V0, step=0.01).success
         assert run(claiming(lambda x: x)).success
-
-
-def test_a_derivative_that_is_undefined_away_from_the_motion_is_not_called_wrong():
-    """It is compared at a made-up velocity, where the system need not be defined."""
-
-    def acceleration(t, q, v):
-        return np.array([v @ v if t > 0.0 or np.max(np.abs(v - V0)) < 1e-3 else np.nan])
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        solution = HHT(pendulum(constraint_acceleration=acceleration)).solve((0.0, 0.1), Q0, V0, step=0.01)
-    assert solution.success, solution.message

@@ -5,76 +5,28 @@ import numpy as np
 import pytest
 
 from hhtbench import System, load_problem
-from hhtbench.lowering import NotNative, derive, flattening, native
+from hhtbench.lowering import NotNative, derive, flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.dynamics import jax_dynamics
-from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
-from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler import native_call
 from problems.planar_chain import PlanarChain
 from solvers._projection import Projection
 from solvers.hht import HHT
-from solvers.hht.equations.coefficients import Coefficients, Method
-from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
-from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.run import functions, idle
-from solvers.hht.run.functions import LARGEST_STEP, layout_of
 from solvers.kernel import kkt
-from tests.lowering.xla import compiled
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
-ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
 BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full
 LARGE = (
     *(CHAIN, "bead_chain(n_beads=45)", "four_bars(n_windows=20)", "fekete(n_points=42)"),
     *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)", BAR),
 )
-METHODS = {
-    "eliminated": Method(coefficients=Coefficients(alpha=-0.2, b=0.0)),
-    "explicit": Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="predictor"),
-    "unknown": Method(coefficients=Coefficients(alpha=-0.2, b=0.25)),
-}
 
 
 def dynamics_of(problem):
     return derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
-
-
-def arguments_of(problem, layout):
-    """Unknowns, and the step with the state before it as the loops keep them."""
-    s, draw, h = layout.structure, np.random.default_rng(0), 0.01
-    head = [h, h, 0.7, 1.0, 0.0, 0.0, h, 1.0, 1.0, 0.0, -1.0]
-    place = problem.q0 + 1e-3 * draw.normal(size=s.n), problem.v0 + 1e-3 * draw.normal(size=s.n)
-    return draw.normal(size=layout.size), np.concatenate([head, *place, draw.normal(size=3 * s.n + s.m + s.p)])
-
-
-@pytest.mark.parametrize(
-    ("name", "reaction"),  # every method with a mass of its diagonal and with a sparse one; the other problems take turns
-    [
-        (name, reaction)
-        for i, name in enumerate(LARGE)
-        for j, reaction in enumerate(METHODS)
-        if name in (CHAIN, BAR) or i % 3 == j
-    ],
-)
-def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
-    problem, method = load_problem(name), METHODS[reaction]
-    products = matrix_free(dynamics_of(problem))
-    layout = layout_of(products, method)
-    arguments = arguments_of(problem, layout)
-    assert layout.size > LARGEST_STEP
-    pattern = find_pattern(step_residual_and_ends, products, method, layout, example=arguments)
-    for function, more in ((residual_and_end, ()), (residual_and_entries, (pattern,))):
-        shapes = tuple(np.shape(argument) for argument in arguments)
-        value = native_call(native(function, products, method, layout, *more, shapes=shapes), shapes)(*arguments)
-        flat = flat_function(function, products, method, layout, *more)
-        given = flat.parameters, *arguments
-        expected = np.asarray(compiled(jitted(flat), *given)(*given))
-        np.testing.assert_allclose(value, expected, rtol=0.0, atol=ROUNDOFF * np.abs(expected).max())
 
 
 def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(monkeypatch):

@@ -74,14 +74,6 @@ def test_every_kind_of_linear_algebra_gives_the_same_steps(name):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_kept_factor_gives_the_same_steps_as_a_fresh_one(kind):
-    problem = load_problem("planar_chain(n_links=6)")
-    kept, fresh = (stepped(problem, kind, 1e-4, 20, forget=forget) for forget in (False, True))
-    assert kept.counters.factorisations < fresh.counters.factorisations == 20
-    assert difference(kept, fresh) < SAME
-
-
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("links", [6, 40])
 def test_a_factorisation_made_again_from_a_checkpoint_has_the_same_bits(links, kind):
     problem, h = load_problem(f"planar_chain(n_links={links})"), 1e-4

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.drift import measure_drift
 from hhtbench.lowering.caching import Cache
 from solvers.hht import HHT
 from solvers.hht.run import functions, idle
@@ -13,14 +12,6 @@ from solvers.hht.step.newton import NewtonOptions
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
 LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
-HOSTILE = (
-    "bricard",
-    "andrews",
-    "knife_edge",
-    "jay_negrut_test1",
-    "redundant_pendulum",
-    "stiff_spring_pendulum(stiffness=1e8)",
-)
 
 
 def solve(name, **request):
@@ -62,17 +53,6 @@ def test_force_rows_stop_early_under_error_control_and_go_to_roundoff_in_prescri
     assert np.array_equal(prescribed_steps("simple_pendulum").q, prescribed.q)
 
 
-@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
-@pytest.mark.parametrize("name", HOSTILE)
-def test_both_constraint_levels_are_at_roundoff_at_every_controlled_step(name, rtol):
-    problem = hb.load_problem(name)
-    drift = measure_drift(problem, solve(name, rtol=rtol))
-    assert drift is not None
-    assert drift.position is None or drift.position.max() < 1e-13
-    assert drift.velocity is not None
-    assert drift.velocity.max() < 1e-12
-
-
 @pytest.mark.parametrize("stiffness", ["1e8", "1e10", "1e12"])
 def test_a_stiff_spring_that_has_turned_is_not_left_unbalanced(stiffness):
     """Seen in the imbalance alone: increments by a matrix of its old direction are small there."""
@@ -103,7 +83,7 @@ MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at leas
 
 
 def with_steps(problem, steps):
-    return HHT(problem.system, alpha=-0.05).with_steps(problem.t_span, problem.q0, problem.v0, steps=steps)
+    return HHT(problem.system, alpha=-0.05).solve(problem.t_span, problem.q0, problem.v0, steps=steps)
 
 
 def test_the_pendulum_factorises_less_than_once_in_ten_steps_with_unchanged_errors_and_less_work(monkeypatch):
@@ -126,6 +106,6 @@ def test_the_pendulum_factorises_less_than_once_in_ten_steps_with_unchanged_erro
 
 def test_linear_constant_systems_are_factorised_once():
     problem = hb.load_problem("oscillator_chain")
-    solution = HHT(problem.system).with_steps((0.0, 0.1), problem.q0, problem.v0, steps=100)
+    solution = HHT(problem.system).solve((0.0, 0.1), problem.q0, problem.v0, steps=100)
     assert solution.counters.factorisations == 1
     assert solution.counters.jacobian_evaluations == 1

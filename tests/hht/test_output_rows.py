@@ -1,6 +1,5 @@
 """Rows between steps and states at events hold both levels of the constraints, as steps do; what cannot is declared."""
 
-import pickle
 import warnings
 from dataclasses import replace
 
@@ -162,14 +161,6 @@ def test_dense_output_is_on_the_constraints_where_that_is_asked_for(route, t):
     assert at_steps.q.tobytes() == solution.q.tobytes()
 
 
-def test_a_pickled_solution_says_that_it_cannot_be_put_onto_the_constraints():
-    solution = HHT(SYSTEMS["numpy"]).solve((0.0, 0.8), Q0, V0, steps=20)
-    again = pickle.loads(pickle.dumps(solution))
-    assert again(0.333).q.tobytes() == solution(0.333).q.tobytes()
-    with pytest.raises(ValueError, match="without its system's functions"):
-        again(0.333, project=True)
-
-
 def test_dense_output_without_constraints_is_the_interpolant():
     system = NumpySystem(force=gravity)
     solution = HHT(system).solve((0.0, 0.8), Q0, V0, steps=20)
@@ -227,12 +218,3 @@ def test_rows_and_events_of_displacements_from_rest_are_on_the_constraints(ampli
     assert "constraints" not in found.message
     for q in (found.q, found.q_events[0], dense.q):
         assert np.abs(q[:, 0] ** 2 + (q[:, 1] - 1.0) ** 2 - 1.0).max() < 2e-15
-
-
-@pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 2)])
-@pytest.mark.parametrize("solver", ["hht", "scipy(method=DOP853)"])
-def test_dense_output_takes_times_of_any_shape(solver, shape):
-    problem = hb.load_problem("simple_pendulum")
-    found = hb.solve(problem, solver, rtol=1e-4, dense_output=True)
-    for project in (False, True):
-        assert found(np.full(shape, 0.5), project=project).q.shape == (*shape, 2)

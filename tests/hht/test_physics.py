@@ -11,40 +11,7 @@ from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
-from tests.hht.scenes import ALPHAS, ANGLE, GRAVITY, PENDULUM, Q0, SPEED, V0, Calls, circle, pendulum_at, tension_at
-
-
-class MasslessAngle(System):
-    """The unit pendulum with its angle as a third coordinate that has no mass: M = diag(1, 1, 0)."""
-
-    mass_matrix: object = parameter((1.0, 1.0, 0.0))
-
-    def force(self, t, q, v):
-        return jnp.stack([0.0 * t, -GRAVITY + 0.0 * t, 0.0 * t])
-
-    def constraint(self, t, q):
-        return jnp.stack([q[0] - jnp.sin(q[2]), q[1] + jnp.cos(q[2])])
-
-
-@pytest.mark.parametrize("alpha", ALPHAS)
-def test_a_singular_mass_with_a_regular_kkt_matrix_gives_the_right_motion(alpha):
-    start_q, start_v = [*Q0, ANGLE], [*V0, SPEED]
-    solution = HHT(MasslessAngle(), alpha=alpha).solve((0.0, 1.0), start_q, start_v, steps=4000)
-    assert solution.success, solution.message
-    q, v = pendulum_at(solution.t)
-    assert np.max(np.abs(solution.q[:, :2] - q)) <= 1e-6
-    assert np.max(np.abs(solution.v[:, :2] - v)) <= 1e-6
-    # the rod's pull: lam = S (sin, -cos) of the angle, S the tension m (l omega^2 + g cos)
-    pull = tension_at(solution.q[:, :2], solution.v[:, :2])
-    assert np.max(np.abs(solution.lam - pull[:, None] * solution.q[:, :2])) <= 1e-6
-
-
-@pytest.mark.parametrize("mass", [[1.0, 0.0], lambda t, q: np.diag([1.0, 0.0])], ids=["constant", "function"])
-def test_a_singular_mass_without_constraints_is_named(mass):
-    system = NumpySystem(mass_matrix=mass, force=lambda t, q, v: np.array([0.0, -GRAVITY]))
-    solution = HHT(system).solve((0.0, 0.1), Q0, V0, step=0.01)
-    assert solution.status is Status.singular_iteration_matrix
-    assert "mass matrix is singular" in solution.message
+from tests.hht.scenes import GRAVITY, PENDULUM, Q0, V0, Calls, circle
 
 
 def test_a_mass_that_becomes_singular_without_constraints_is_named():

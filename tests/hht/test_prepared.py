@@ -77,16 +77,6 @@ def test_what_is_prepared_serves_nested_solves_and_threads_too():
         assert set(pool.map(alone, range(40))) == set(inner) == {wanted}
 
 
-def test_a_parameter_is_an_array_of_the_systems_own_wherever_the_given_one_lies():
-    """NumPy's memory that lies at a multiple of 64 bytes could be shared, and change with its owner."""
-    room = np.zeros(32)
-    at = next(i for i in range(8) if room[i:].ctypes.data % 64 == 0)
-    given = room[at : at + 1]
-    system = Sprung(length=given)
-    given[0] = 3.0
-    assert system.length == 0.0
-
-
 class Linkage(hb.System):
     """Two points on rods of ``lengths`` about two pivots, the second ``apart`` from the first; masses vary with q."""
 

@@ -1,7 +1,5 @@
 """Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
-from types import SimpleNamespace
-
 import jax
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ import hhtbench as hb
 from hhtbench.result import Status
 from hhtbench.testing.extremes import scenes
 from solvers._start import Failure
-from solvers.hht import run
-from solvers.hht.run import solve
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
 
@@ -161,21 +157,9 @@ def test_a_crossing_counts_as_a_step_and_there_are_not_crossings_without_end(fai
     assert less.status is Status.max_steps
 
 
-def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failing, monkeypatch):
-    monkeypatch.setattr(solve, "CROSSED", -1_000)
-    solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
-    assert solution.status is Status.singular_iteration_matrix
-    assert "for example rows" in solution.message
-
-
 def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypatch):
     """Their least singular value is 7e-6 all along: nothing is lost there."""
     problem = scenes.leaning([[1.0, 0.0], [1.0, 1e-5]], 2.0)
     stop_runs(monkeypatch, 1.0)
     solution = hb.HHT(problem.system).solve((0.0, 2.0), problem.q0, problem.v0, rtol=1e-3)
     assert (solution.status, solution.message) == (Status.newton_failed, "no step goes on")
-
-
-def test_a_system_whose_looks_take_minutes_is_not_looked_at():
-    large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
-    assert run.singular.singular_position(large, None, [], 0.0) is None
