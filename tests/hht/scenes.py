@@ -134,11 +134,7 @@ def forget_code(monkeypatch):
 
 
 STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric, so that its transpose is another matrix [1/s^2]
-
-
 DAMPING = np.array([[3.0, 1.0], [-2.0, 5.0]])  # [1/s]
-
-
 REST = np.array([0.6, -0.9])
 
 

@@ -181,11 +181,9 @@ class Truss(hb.System):
     """Two rods that hold a load, at rest."""
 
     load: object = hb.parameter(1.0)
-    frequency: object = hb.parameter(0.0)
 
     def force(self, t, q, v):
-        load = self.load * jnp.cos(self.frequency * (t - 0.5))
-        return jnp.stack([load, -load])
+        return jnp.stack([self.load, -self.load])
 
     def constraint(self, t, q):
         rod = q - jnp.array([2.0, 0.0])

@@ -16,14 +16,8 @@ from solvers.hht.run.loops import Loops
 from solvers.kernel import memory as mem
 
 ZEROS = mem.VALUES, mem.ATTEMPT  # where they are entries, and say that nothing was seen
-
-
 WORK = [number for number in range(len(mem._floats)) if number not in ZEROS]
-
-
 SHORT = {"planar_chain(n_links=4)": 0.3, "andrews": 1e-3}  # [s]; others a second
-
-
 CASES = [
     ("jay_negrut_pendulum", {}, {"steps": 50}),
     ("jay_negrut_pendulum", {"alpha": -0.3, "extrapolate_reaction": True}, {"rtol": 1e-5}),

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem, System
 from hhtbench.result import Status
 from problems.planar_chain import PlanarChain
 from solvers.hht import HHT, Event
 from solvers.hht.verify.measure import violations
 from solvers.hht.verify.outputs import outputs
-from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0, gravity
+from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0
 
 TIMES = np.linspace(0.0, 0.8, 38)
 FEW = TIMES[::4]
@@ -159,14 +158,6 @@ def test_dense_output_is_on_the_constraints_where_that_is_asked_for(route, t):
     assert off(problem, rows) < 1e-14
     at_steps = solution(solution.t, project=True)
     assert at_steps.q.tobytes() == solution.q.tobytes()
-
-
-def test_dense_output_without_constraints_is_the_interpolant():
-    system = NumpySystem(force=gravity)
-    solution = HHT(system).solve((0.0, 0.8), Q0, V0, steps=20)
-    assert solution(0.333, project=True).q.tobytes() == solution(0.333).q.tobytes()
-    with pytest.raises(ProblemError, match="covers"):
-        solution(0.9, project=True)
 
 
 AMPLITUDES = (1e-2, 1e-3, 1e-4)

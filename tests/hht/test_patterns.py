@@ -136,16 +136,6 @@ def test_a_declared_pattern_serves_where_none_can_be_read():
     np.testing.assert_allclose(sparse.lam, full.lam, rtol=0.0, atol=1e-9 * np.abs(full.lam).max())
 
 
-class Wrong(PlanarChain):
-    """A declared pattern lacks an entry."""
-
-    @property
-    def sparsity(self):
-        pattern = JOINTS.copy()
-        pattern[7, 11] = False
-        return {"constraint_jacobian": pattern}
-
-
 class Misnamed(System):
     sparsity = {"force": np.eye(2)}  # noqa: RUF012
 
@@ -155,12 +145,6 @@ class Misnamed(System):
 
 class Misshapen(Misnamed):
     sparsity = {"force_q": np.eye(3)}  # noqa: RUF012
-
-
-def test_a_declared_pattern_that_lacks_an_entry_is_refused_with_its_row():
-    assert JOINTS[7, 11]
-    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[7\]"):
-        moved(chain(Wrong), steps=1)
 
 
 @pytest.mark.parametrize(("kind", "text"), [(Misnamed, "force_q"), (Misshapen, r"\(2, 2\)")])

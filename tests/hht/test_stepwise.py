@@ -1,6 +1,5 @@
 """Stepping by hand as SUNDIALS offers it: one step, up to a time, never past one, between steps."""
 
-import pickle
 import signal
 
 import jax.numpy as jnp
@@ -236,24 +235,6 @@ def test_steps_are_the_same_bits_whether_their_states_are_read_or_not(system, ac
     np.testing.assert_array_equal(second.interpolate(second.state.t).q, middle)
     start = first._integrator.last.t[0]
     np.testing.assert_array_equal(second.interpolate(start).v, first.interpolate(start).v)
-
-
-@pytest.mark.parametrize("accuracy", ACCURACY)
-def test_a_restart_and_a_copy_see_the_steps_that_nobody_has_read(accuracy):
-    solver, other = (begun(SYSTEMS["jax"], accuracy) for _ in range(2))
-    for _ in range(10):
-        solver.step()
-        other.step()
-        state = other.state
-    copied = pickle.loads(pickle.dumps(solver))
-    assert bits(copied.state) == bits(state)
-    solver.restart(state)
-    other.restart(state)
-    for each in (solver, other, copied):
-        for _ in range(5):
-            assert each.step() is Status.success
-    assert bits(solver.state) == bits(other.state) == bits(copied.state)
-    assert solver.counters == other.counters
 
 
 @pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)

@@ -110,22 +110,6 @@ def test_springs_that_lead_a_motion_leave_its_velocity_exact(stiffness, rtol, al
     assert solution.counters.steps_accepted < 2.0 * led(kind, 1.0, 1.0, rtol, alpha)[0].counters.steps_accepted
 
 
-@pytest.mark.parametrize("alpha", [0.0, -0.3])
-@pytest.mark.parametrize(("stiffness", "damper"), [(1e8, 0.0), (1e8, 1e8)])
-def test_the_same_on_a_ring_with_functions_in_python(stiffness, damper, alpha):
-    def force(t, q, v):
-        angle, tangent = np.arctan2(q[1], q[0]), np.array([-q[1], q[0]])
-        return tangent * (-np.sin(t) - stiffness * (angle - np.sin(t)) - damper * (tangent @ v - np.cos(t)))
-
-    ring = hb.NumpySystem(force=force, constraint=lambda t, q: np.array([(q @ q - 1.0) / 2.0]))
-    solution = hb.HHT(ring, alpha=alpha).solve((0.0, 5.0), [1.0, 0.0], [0.0, 1.0], rtol=1e-3)
-    assert solution.success, solution.message
-    angle, rate = np.sin(solution.t), np.cos(solution.t)
-    q = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    v = rate[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
-    assert max(np.abs(solution.q - q).max(), np.abs(solution.v - v).max()) < 10e-3
-
-
 class Follower(hb.System):
     """One that is driven, and one that hangs on it by a spring and a damper."""
 
