@@ -15,7 +15,6 @@ from tests.hht.scenes import (
     V0,
     Calls,
     circle,
-    gravity,
     pendulum,
     unit_mass,
 )
@@ -175,15 +174,3 @@ def test_an_exception_of_a_jax_function_reaches_the_caller_unchanged():
     with pytest.raises(Own, match="while tracing") as caught:
         solve(RaisesWhenTraced())
     assert caught.value.partial_solution.status is Status.user_exception
-
-
-def test_a_callback_that_uses_its_own_solver_is_refused():
-    holder = []
-
-    def force(t, q, v):
-        holder[0].solve((0.0, 0.1), Q0, V0, step=0.01)
-        return gravity(t, q, v)
-
-    holder.append(HHT(pendulum(force=force)))
-    with pytest.raises(RuntimeError, match="already solving"):
-        holder[0].solve((0.0, 0.1), Q0, V0, step=0.01)

@@ -1,4 +1,4 @@
-"""Reactions that depend on velocities, (H50): orders, drift, declared derivatives; what has none pays nothing."""
+"""Reactions that depend on velocities, (H50): orders, drift, declared derivatives."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Systems beyond the size of full matrices: machine code in loops without a full matrix, and which have none."""
+"""Systems beyond the size of full matrices: machine code in loops without a full matrix."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -42,15 +42,10 @@ PROBLEMS = {
 KINDS = ("dense", "band", "sparse")
 
 
-def begun(problem, kind, h):
+def stepped(problem, kind, h, count):
     hht = HHT(problem.system, alpha=-0.1, linsolver=kind)
     status = hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=h, lam_guess=problem.lam_guess)
     assert status is Status.success
-    return hht
-
-
-def stepped(problem, kind, h, count):
-    hht = begun(problem, kind, h)
     for _ in range(count):
         assert hht.step() is Status.success, hht.message
     return hht

@@ -1,4 +1,4 @@
-"""Under error control force rows stop where the error allows, (H35); the constraint rows go on to roundoff."""
+"""Under error control force rows stop where the error allows, (H35); matrices are kept while it contracts."""
 
 import numpy as np
 import pytest

@@ -8,22 +8,14 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench import load_problem, load_solver
+from hhtbench import load_solver
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem
-from hhtbench.request import Request
 from solvers.hht import HHT, HHTOptions
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
 
 KNOWN = tuple(field.name for field in fields(HHTOptions))
 MAKERS = {"HHT": lambda **o: HHT(JAX_PENDULUM, **o), "spec": lambda **o: load_solver("hht", **o)}
-
-
-@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
-@pytest.mark.parametrize("name", ["alfa", "control", "event", "rtol", "step"])
-def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
-    with pytest.raises(TypeError, match=rf"does not know {name}; known: alpha, rho_inf, .*, engine"):
-        make(**{name: 1})
 
 
 @pytest.mark.parametrize("make", [*MAKERS.values(), HHTOptions], ids=[*MAKERS, "HHTOptions"])
@@ -63,12 +55,6 @@ def test_a_warning_about_b_points_at_the_line_that_gave_it():
     assert [(w.filename, "close to the singular value" in str(w.message)) for w in caught] == [(__file__, True)]
 
 
-def test_a_request_with_an_unknown_option_is_declined_with_the_known_ones():
-    problem = load_problem("jay_negrut_pendulum")
-    reason = load_solver("hht").accepts(problem, Request(step=0.1, options={"control": "chrono"}))
-    assert reason == f"unknown option control; known: {', '.join(KNOWN)}"
-
-
 def test_only_under_error_control_the_default_start_is_trapezoidal():
     assert [HHTOptions().method(controlled=c).start for c in (False, True)] == ["f0", "trapezoidal"]
     assert [HHTOptions(start="shifted").method(controlled=c).start for c in (False, True)] == ["shifted"] * 2
@@ -83,12 +69,6 @@ def test_help_of_the_solver_names_every_option_and_where_each_is_described():
     assert [name for name in KNOWN if f"``{name}``" not in HHT.__doc__] == []
     assert "HHTOptions" in HHT.__doc__
     assert [name for name in KNOWN if name not in HHTOptions.__doc__] == []
-
-
-def test_reductions_to_do_without_are_one_name_or_several_in_any_order():
-    assert HHTOptions(without="reaction").without == ("reaction",)
-    assert HHTOptions(without=["zeros", "mass", "zeros"]).without == ("mass", "zeros")
-    assert HHTOptions().without == ()
 
 
 class Cam(hb.System):

@@ -1,4 +1,4 @@
-"""Physics extremes: a singular mass, and parts a scene does not have (rows P3 and P14 of the acceptance matrix)."""
+"""Parts that a scene does not have cost nothing (row P14 of the acceptance matrix), and a mass that becomes singular."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a solve accepts as its start: consistent data, checked inputs (rows I1 to I8 of the matrix)."""
+"""What a solve accepts as its start: consistent data; checked inputs are rows I1 to I8 of the acceptance matrix."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import ACCURACY, FREE, begun, clock, height, wall
@@ -124,25 +123,6 @@ def test_a_change_by_hand_gives_both_sides_of_the_last_step():
     assert solver.state.q[0] == solver.interpolate(0.015).q[0] == pytest.approx(2.0, abs=2e-3)
     assert solver.interpolate(0.0149).q[0] == pytest.approx(1.0, abs=2e-3)
     assert solver.occurrences[0].q[0] == pytest.approx(1.0, abs=2e-3)
-
-
-def never(*arguments):
-    raise AssertionError("a callback was called")
-
-
-@pytest.mark.parametrize(
-    ("how", "text"),
-    [
-        ({"step": 0.0}, "step"),
-        ({"step": 0.1, "rtol": 1e-3}, "exclude"),
-        ({"rtol": 0.0}, "rtol"),
-        ({"rtol": -1}, "rtol"),
-    ],
-    ids=str,
-)
-def test_a_start_with_wrong_steps_or_tolerances_is_refused_before_any_callback(how, text):
-    with pytest.raises(hb.ProblemError, match=text):
-        HHT(NumpySystem(force=never)).init_step(0.0, Q0, V0, **how)
 
 
 def test_steps_by_hand_without_a_step_or_tolerances_take_plain_accuracy_and_say_so():

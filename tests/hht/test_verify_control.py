@@ -48,9 +48,3 @@ def test_a_run_measures_error_steps_and_rejections():
     assert 1e-4 < found.error < 1e-2
     assert found.ratio == pytest.approx(found.error / 1e-3)
     assert found.steps >= found.accepted > 50
-
-
-def test_a_problem_that_the_method_does_not_take_is_declined():
-    found = run("knife_edge", Request(steps=10), extrapolate_reaction=True)
-    assert found.status is Status.declined
-    assert (found.error, found.steps) == (None, 0)
