@@ -55,14 +55,16 @@ def test_a_warning_about_b_points_at_the_line_that_gave_it():
     assert [(w.filename, "close to the singular value" in str(w.message)) for w in caught] == [(__file__, True)]
 
 
+def test_close_to_one_half_the_failure_names_b():
+    with pytest.warns(UserWarning, match="1/2"):
+        solution = HHT(JAX_PENDULUM, b=0.5 + 1e-12).solve((0, 1), Q0, V0, steps=10)
+    assert not solution.success
+    assert "b is close to" in solution.message
+
+
 def test_only_under_error_control_the_default_start_is_trapezoidal():
     assert [HHTOptions().method(controlled=c).start for c in (False, True)] == ["f0", "trapezoidal"]
     assert [HHTOptions(start="shifted").method(controlled=c).start for c in (False, True)] == ["shifted"] * 2
-    hht = HHT(JAX_PENDULUM)
-    hht.init_step(0.0, Q0, V0, step=0.1)
-    assert hht._engine.method.start == "f0"
-    hht.init_step(0.0, Q0, V0, rtol=1e-3)
-    assert hht._engine.method.start == "trapezoidal"
 
 
 def test_help_of_the_solver_names_every_option_and_where_each_is_described():

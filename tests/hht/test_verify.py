@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from solvers.hht.equations import known
-from solvers.hht.verify import figures, paper
+from solvers.hht.verify import conditioning, figures, paper
 from solvers.hht.verify.measure import Case, refine
 from solvers.hht.verify.study import ALPHAS
 from tests.hht.scenes import forget_code
@@ -82,3 +82,8 @@ def test_a_wrong_weight_is_seen_as_a_lost_order(monkeypatch, factor):
     forget_code(monkeypatch)
     found = refine(TEST1, (50, 100, 200), alpha=-0.15, b=0.0).orders()
     assert min(found["q"], found["v"]) < 1.5
+
+
+@pytest.mark.parametrize("name", ["jay_negrut_pendulum", "knife_edge"])
+def test_newton_s_matrix_is_as_well_conditioned_in_short_steps_as_in_long_ones(name):
+    assert conditioning.conditions(name, {"alpha": -0.3})[0].passed
